@@ -1,0 +1,66 @@
+"""What every source delivers: readings, in batches, with the source's own clock."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from enum import StrEnum
+from typing import NamedTuple, Protocol
+
+
+class Quality(StrEnum):
+    """How far a reading can be believed."""
+
+    GOOD = "good"
+    UNCERTAIN = "uncertain"
+    BAD = "bad"
+
+
+class Fault(StrEnum):
+    """Why a reading is bad; counted by kind for every zone."""
+
+    NON_NUMERIC = "non_numeric"
+    NOT_FINITE = "not_finite"
+    OUT_OF_RANGE = "out_of_range"
+    OUT_OF_ORDER = "out_of_order"
+    DUPLICATED = "duplicated"
+    NAIVE_TIMESTAMP = "naive_timestamp"
+    BAD_TIMESTAMP = "bad_timestamp"
+
+
+class Reading(NamedTuple):
+    """One value of one channel.
+
+    `channel` is the id of the binding that asked for it ("zone/channel"), `time` is UTC in seconds since 1970 (NaN
+    if the timestamp itself was refused), `value` is in the network's unit for that channel (NaN when bad). A missing
+    cell is no reading at all.
+    """
+
+    channel: str
+    time: float
+    value: float
+    quality: Quality = Quality.GOOD
+    fault: Fault | None = None
+
+
+class Batch(NamedTuple):
+    """Readings that arrived together.
+
+    `now` is the source's clock in UTC seconds: readings up to it have been delivered. It is -inf while unknown.
+    """
+
+    readings: list[Reading]
+    now: float
+
+
+class Source(Protocol):
+    """A source of readings. One object per `[sources.<name>]` table."""
+
+    name: str
+
+    def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """Deliver batches in order, from UTC time `start` on (None: from the beginning); ends when the source does."""
+        ...
+
+    async def close(self) -> None:
+        """Release what the source holds; safe to call twice."""
+        ...

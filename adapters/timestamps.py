@@ -1,0 +1,153 @@
+"""Timestamps of recorded telemetry to UTC, with the clock changes of local time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import NamedTuple
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+import numpy as np
+import numpy.typing as npt
+
+from adapters.cells import Array, Cells, Status
+from adapters.errors import SourceConfigError
+
+EARLIEST = 0.0
+LATEST = datetime(2100, 1, 1, tzinfo=UTC).timestamp()
+"""Telemetry is dated in [EARLIEST, LATEST); outside it are loggers' sentinels and milliseconds taken for seconds."""
+
+_EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - wall-clock time counts from a wall-clock epoch
+_DAY = 86400.0
+
+
+class Moments(NamedTuple):
+    """Parsed timestamps, parallel arrays of shape (n,).
+
+    `seconds` since 1970 are UTC, or wall-clock time where `naive`; NaN where a timestamp could not be parsed.
+    """
+
+    seconds: Array
+    naive: npt.NDArray[np.bool_]
+
+
+Parser = Callable[[str], tuple[float, bool]]
+"""Seconds since 1970, and whether they are wall-clock time; ValueError if the text is no timestamp."""
+
+
+def timestamp_parser(pattern: str) -> Parser:
+    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern.
+
+    Raises SourceConfigError for a pattern that cannot be parsed or does not hold a full date.
+    """
+    if pattern == "iso8601":
+        return lambda text: _seconds(datetime.fromisoformat(text))
+    if pattern == "epoch":
+        return lambda text: (float(text), False)
+    probe = datetime(2001, 2, 3, 4, 5, 6, tzinfo=UTC)
+    try:
+        parsed = datetime.strptime(probe.strftime(pattern), pattern)  # noqa: DTZ007 - the zone is applied later
+    except ValueError:
+        parsed = None
+    if parsed is None or parsed.date() != probe.date():
+        raise SourceConfigError(
+            f"timestamp format '{pattern}' is not usable; use 'iso8601', 'epoch' or a strptime pattern "
+            "with year, month and day such as '%d.%m.%Y %H:%M:%S'"
+        )
+    return lambda text: _seconds(datetime.strptime(text, pattern))  # noqa: DTZ007
+
+
+def _seconds(moment: datetime) -> tuple[float, bool]:
+    if moment.tzinfo is None:
+        return (moment - _EPOCH).total_seconds(), True
+    return moment.timestamp(), False
+
+
+def time_zone(name: str) -> ZoneInfo:
+    """The time zone called `name`; SourceConfigError if there is none."""
+    try:
+        return ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):  # OSError: a name that is a folder of zones, such as "Europe"
+        raise SourceConfigError(
+            f"time zone '{name}' is unknown; use an IANA name such as 'Europe/Berlin' or 'UTC'"
+        ) from None
+
+
+def parse_timestamps(cells: Sequence[str], parser: Parser) -> Moments:
+    """Parse every cell; one that is no timestamp becomes NaN."""
+    seconds, naive = np.full(len(cells), np.nan), np.zeros(len(cells), dtype=np.bool_)
+    for i, cell in enumerate(cells):
+        try:
+            seconds[i], naive[i] = parser(cell.strip())
+        except (ValueError, OverflowError):
+            continue
+    return Moments(seconds, naive)
+
+
+def to_utc(moments: Moments, zone: ZoneInfo | None) -> Cells:
+    """UTC seconds of the timestamps of one file, in file order, with status GOOD, NAIVE_TIMESTAMP or BAD_TIMESTAMP."""
+    times = moments.seconds.copy()
+    plausible = (times >= EARLIEST - _DAY) & (times < LATEST + _DAY)
+    local = moments.naive & plausible
+    if zone is not None:
+        times[local] = local_to_utc(times[local], zone)
+    status = np.zeros(times.size, dtype=np.uint8)
+    status[~((times >= EARLIEST) & (times < LATEST))] = Status.BAD_TIMESTAMP
+    if zone is None:
+        status[local] = Status.NAIVE_TIMESTAMP
+    times[status != Status.GOOD] = np.nan
+    return Cells(times, status)
+
+
+def local_to_utc(local: Array, zone: ZoneInfo) -> Array:
+    """UTC seconds of wall-clock seconds `local` (n,), which stand in the order of the file.
+
+    The hour that autumn repeats is told apart by that order (`_second_pass`). A wall-clock time that spring skips
+    becomes NaN.
+    """
+    hours, hour_of = np.unique(np.floor(local / 3600.0), return_inverse=True)
+    utc = local - np.array([_steady_offset(zone, hour) for hour in hours], dtype=np.float64)[hour_of]
+    changing = np.flatnonzero(np.isnan(utc))
+    if changing.size:
+        near = local[changing]
+        first, second = (np.array([_offset(zone, time, fold) for time in near]) for fold in (0, 1))
+        repeated = np.flatnonzero(first > second)
+        backwards = bool(local[-1] < local[0])
+        later = np.zeros(near.size, dtype=np.bool_)
+        later[repeated] = _second_pass(near[repeated], backwards)
+        utc[changing] = near - np.where(later, second, first)
+        utc[changing[first < second]] = np.nan
+    return utc
+
+
+def _steady_offset(zone: ZoneInfo, hour: float) -> float:
+    """The UTC offset in s all through a wall-clock hour; NaN if it changes or is ambiguous anywhere in it."""
+    offsets = {_offset(zone, hour * 3600.0 + within, fold) for within in (0.0, 3599.999999) for fold in (0, 1)}
+    return offsets.pop() if len(offsets) == 1 else np.nan
+
+
+def _offset(zone: ZoneInfo, local: float, fold: int) -> float:
+    moment = (_EPOCH + timedelta(seconds=local)).replace(fold=fold, tzinfo=zone)
+    return (moment.utcoffset() or timedelta(0)).total_seconds()
+
+
+def _second_pass(local: Array, backwards: bool) -> npt.NDArray[np.bool_]:
+    """Which of the repeated wall-clock times belong to the second pass.
+
+    The second pass begins where local time steps back furthest, so that a record or two out of order does not pass for
+    the clock change. Without any step back there was one pass only, taken to be the first. `backwards` says that the
+    file runs from new to old.
+    """
+    later = np.zeros(local.size, dtype=np.bool_)
+    order = np.argsort(local, kind="stable")
+    # Clock changes are months apart: times more than a day apart belong to different ones.
+    change = np.empty(local.size, dtype=np.intp)
+    change[order] = np.cumsum(np.diff(local[order], prepend=local[order[:1]]) > _DAY)
+    for one in np.unique(change):
+        rows = np.flatnonzero(change == one)
+        if backwards:
+            rows = rows[::-1]
+        steps = np.diff(local[rows])
+        if steps.size and steps.min() < 0:
+            later[rows[steps.argmin() + 1 :]] = True
+    return later

@@ -1,0 +1,62 @@
+"""Units of telemetry, and how a value in one becomes a value in another."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import NamedTuple
+
+from adapters.errors import SourceConfigError
+
+
+class Affine(NamedTuple):
+    """The conversion `value * scale + offset`."""
+
+    scale: float
+    offset: float
+
+
+IDENTITY = Affine(1.0, 0.0)
+
+# Every unit in terms of the first one of its dimension.
+_DIMENSIONS: dict[str, dict[str, Affine]] = {
+    "temperature": {"degC": IDENTITY, "K": Affine(1.0, -273.15), "degF": Affine(5 / 9, -160 / 9)},
+    "power": {
+        "W": IDENTITY,
+        "kW": Affine(1e3, 0.0),
+        "MW": Affine(1e6, 0.0),
+        "BTU/h": Affine(1055.05585262 / 3600, 0.0),
+    },
+    "irradiance": {"W/m2": IDENTITY, "kW/m2": Affine(1e3, 0.0)},
+    "dimensionless": {"1": IDENTITY, "%": Affine(0.01, 0.0)},
+}
+
+# Wider than any building: what lies outside is a broken sensor or a wrong unit, not weather.
+_VALID_RANGES = {"degC": (-60.0, 80.0), "W": (-1e6, 1e6), "W/m2": (-20.0, 2000.0)}
+
+
+def conversion(from_unit: str, to_unit: str) -> Affine:
+    """The conversion from `from_unit` to `to_unit`.
+
+    A unit that is not known here (a user's own heat-input unit) converts to itself only. Raises SourceConfigError with
+    the units that would do.
+    """
+    if from_unit == to_unit:
+        return IDENTITY
+    for dimension, units in _DIMENSIONS.items():
+        if to_unit not in units:
+            continue
+        if from_unit not in units:
+            raise SourceConfigError(
+                f"unit '{from_unit}' cannot be converted to {to_unit}; the units of {dimension} are {', '.join(units)}"
+            )
+        source, target = units[from_unit], units[to_unit]
+        return Affine(source.scale / target.scale, (source.offset - target.offset) / target.scale)
+    raise SourceConfigError(
+        f"unit '{from_unit}' cannot be converted to '{to_unit}'; give the channel in {to_unit}, "
+        "with 'scale' and 'offset' where needed"
+    )
+
+
+def default_valid_range(unit: str) -> tuple[float, float]:
+    """Lowest and highest believable value of a channel in `unit`, when the configuration does not say."""
+    return _VALID_RANGES.get(unit, (-inf, inf))

@@ -1,0 +1,45 @@
+"""The online estimators by name. A new one is one file and one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from estimator import options as rbpf_options
+from estimator.errors import OptionsError
+from estimator.network import Network
+from estimator.rbpf import RBPF
+
+
+class _Entry(NamedTuple):
+    resolve: Callable[[Network, float, Mapping[str, object]], Mapping[str, object]]
+    build: Callable[[Network, float, Mapping[str, object]], RBPF]
+
+
+def _resolve_rbpf(network: Network, period: float, given: Mapping[str, object]) -> Mapping[str, object]:
+    return rbpf_options.as_mapping(rbpf_options.resolve(network, period, given))
+
+
+def _build_rbpf(network: Network, period: float, given: Mapping[str, object]) -> RBPF:
+    return RBPF(network, period, rbpf_options.resolve(network, period, given))
+
+
+ESTIMATORS: dict[str, _Entry] = {"rbpf": _Entry(_resolve_rbpf, _build_rbpf)}
+
+
+def resolve_options(
+    estimator: str, network: Network, period: float, given: Mapping[str, object]
+) -> Mapping[str, object]:
+    """The options in force, defaults filled; OptionsError names the estimator or option that does not exist or fit."""
+    return _entry(estimator).resolve(network, period, given)
+
+
+def build(estimator: str, network: Network, period: float, given: Mapping[str, object]) -> RBPF:
+    """The estimator called `estimator` for `network` at `period` s with options `given`."""
+    return _entry(estimator).build(network, period, given)
+
+
+def _entry(estimator: str) -> _Entry:
+    if estimator not in ESTIMATORS:
+        raise OptionsError(f"unknown estimator '{estimator}'; the estimators are {', '.join(ESTIMATORS)}")
+    return ESTIMATORS[estimator]

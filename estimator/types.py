@@ -1,0 +1,114 @@
+"""What an online estimator takes and gives: the protocol behind which RBPF, EKF and UKF stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.network import Network
+
+Array = npt.NDArray[np.float64]
+
+
+class Outcome(StrEnum):
+    """What an update did with its sample."""
+
+    ASSIMILATED = "assimilated"
+    MISSING = "missing"
+    """No output was measured: nothing was updated."""
+    VANISHED = "vanished"
+    """Every particle weight underflowed (an outlier, a stuck sensor): the prior was kept."""
+
+
+class Mixture(NamedTuple):
+    """A Gaussian mixture over the outputs: `weights` (N,), `means` and `sds` (n_y, N) in degC and K."""
+
+    weights: Array
+    means: Array
+    sds: Array
+
+    def mean(self) -> Array:
+        """Mean of every output, shape (n_y,)."""
+        return self.means @ self.weights
+
+    def sd(self) -> Array:
+        """Standard deviation of every output, shape (n_y,)."""
+        spread = self.sds**2 + (self.means - self.mean()[:, None]) ** 2
+        return np.sqrt(spread @ self.weights)
+
+
+class Posterior(NamedTuple):
+    """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,)."""
+
+    state: Any
+    outcome: Outcome
+    log_likelihood: float
+    """log p(y_k | y_1:k-1); NaN when nothing was assimilated."""
+    alpha_quantiles: Array
+    """(B, 3): .025, .5 and .975 quantiles of alpha_k."""
+    cdf: Array
+    """(B,): F_k, where the median of alpha_k stands in its own history."""
+    gate: float
+    """g_k, the smallest over blocks; 0 where nothing was learned."""
+    regime: str
+    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks."""
+    effective_sample_size: float
+    resampled: bool
+    floored: bool
+    """Whether the parameter covariance had collapsed and was held at its floor."""
+    parameters: Array
+    """(n_theta,): posterior mean of each log parameter, exponentiated; fixed ones at their value."""
+
+
+class ParameterSummary(NamedTuple):
+    """Posterior quantiles, at `levels` (n_levels,), of theta, time constants and the heat-loss coefficient."""
+
+    levels: Array
+    parameters: Array
+    """(n_theta, n_levels) in each parameter's own unit."""
+    time_constants: Array
+    """(n_x, n_levels) in seconds, fastest first."""
+    heat_loss: Array
+    """(n_levels,) in W/K, seen from the first measured node to all boundaries in steady state."""
+
+
+class Estimator(Protocol):
+    """An online estimator of one zone. Every method is pure: the states passed in are never changed."""
+
+    network: Network
+    period: float
+    """Sampling period in s."""
+    blocks: tuple[str, ...]
+    """Names of the volatility blocks."""
+
+    @property
+    def state_type(self) -> type[Any]:
+        """The NamedTuple of arrays that is the estimator's state."""
+
+    def start(self, seed: int, outputs: Array, inputs: Array) -> Any:
+        """State at the first sample: outputs (n_y,) and inputs (n_u,) measured there."""
+
+    def restart(self, state: Any, outputs: Array, inputs: Array) -> Any:
+        """State at the first sample after a gap: thermal states wide again, parameters and volatility kept."""
+
+    def predict(self, state: Any, inputs: Array) -> Any:
+        """State one period on, under `inputs` (n_u,) held over the step. Nothing is learned."""
+
+    def predictive(self, state: Any) -> Mixture:
+        """Distribution of the outputs (n_y,) at the state's time."""
+
+    def quantile(self, mixture: Mixture, level: float, output: int = 0) -> float:
+        """The `level` quantile of one output [degC]."""
+
+    def update(self, state: Any, outputs: Array) -> Posterior:
+        """Learn from `outputs` (n_y,); NaN marks a missing one."""
+
+    def forecast(self, state: Any, plan: Array) -> Iterator[Mixture]:
+        """The outputs at the state's time and then after each row of `plan` (h, n_u): h + 1 mixtures."""
+
+    def parameters(self, state: Any, levels: Array) -> ParameterSummary:
+        """Posterior quantiles of the parameters and of what follows from them."""

@@ -1,0 +1,50 @@
+import math
+
+import pytest
+
+from adapters.errors import SourceConfigError
+from adapters.units import Affine, conversion, default_valid_range
+
+
+@pytest.mark.parametrize(
+    ("value", "from_unit", "to_unit", "expected"),
+    [
+        (293.15, "K", "degC", 20.0),
+        (20.0, "degC", "K", 293.15),
+        (68.0, "degF", "degC", 20.0),
+        (20.0, "degC", "degF", 68.0),
+        (0.0, "degF", "K", 255.3722222),
+        (1.5, "kW", "W", 1500.0),
+        (0.002, "MW", "kW", 2.0),
+        (3412.141633, "BTU/h", "W", 1000.0),
+        (0.4, "kW/m2", "W/m2", 400.0),
+        (35.0, "%", "1", 0.35),
+    ],
+)
+def test_values_convert(value, from_unit, to_unit, expected):
+    scale, offset = conversion(from_unit, to_unit)
+    assert value * scale + offset == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("unit", ["degF", "kW", "W/m2", "persons"])
+def test_a_unit_converts_to_itself_without_touching_a_digit(unit):
+    assert conversion(unit, unit) == Affine(1.0, 0.0)
+
+
+def test_a_wrong_unit_gets_the_units_of_the_dimension():
+    with pytest.raises(SourceConfigError, match=r"'kWh' cannot be converted to W; .*power are W, kW, MW, BTU/h"):
+        conversion("kWh", "W")
+    with pytest.raises(SourceConfigError, match=r"temperature are degC, K, degF"):
+        conversion("W", "degC")
+
+
+def test_a_users_own_unit_converts_to_nothing_else():
+    with pytest.raises(SourceConfigError, match=r"'kW' cannot be converted to 'persons'; give the channel in persons"):
+        conversion("kW", "persons")
+
+
+def test_valid_ranges_are_those_of_the_unit_and_open_otherwise():
+    assert default_valid_range("degC") == (-60.0, 80.0)
+    assert default_valid_range("W") == (-1e6, 1e6)
+    assert default_valid_range("W/m2") == (-20.0, 2000.0)
+    assert default_valid_range("persons") == (-math.inf, math.inf)

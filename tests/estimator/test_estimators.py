@@ -1,0 +1,133 @@
+"""One list of checks, run over every online estimator."""
+
+import io
+
+import numpy as np
+import pytest
+
+from estimator.presets import PRESETS, network
+from estimator.registry import ESTIMATORS, build
+
+PERIOD = 300.0
+SMALL = {"rbpf": {"particles": 120}}
+
+
+def make(name, preset="ecolar-6r4c"):
+    return build(name, network(preset), PERIOD, SMALL.get(name, {}))
+
+
+def inputs_of(estimator, step=0):
+    boundaries = len(estimator.network.boundaries)
+    return np.array([5.0] * boundaries + [500.0 * (step % 3 == 0)] * (len(estimator.network.inputs) - boundaries))
+
+
+def run(estimator, state, steps, first=0):
+    rng = np.random.default_rng(first)
+    outputs = []
+    for step in range(first, first + steps):
+        state = estimator.predict(state, inputs_of(estimator, step))
+        posterior = estimator.update(state, np.array([20 + 0.1 * rng.standard_normal()]))
+        outputs.append(posterior)
+        state = posterior.state
+    return state, outputs
+
+
+def start(estimator, seed=1):
+    return estimator.start(seed, np.array([20.0]), inputs_of(estimator))
+
+
+def assert_same_bits(left, right):
+    assert left._fields == right._fields
+    for name, a, b in zip(left._fields, left, right, strict=True):
+        assert a.dtype == b.dtype
+        assert a.tobytes() == b.tobytes(), name
+
+
+def check_same_seed_same_bits(estimator):
+    assert_same_bits(run(estimator, start(estimator), 12)[0], run(estimator, start(estimator), 12)[0])
+
+
+def check_another_seed_other_draws(estimator):
+    left, right = start(estimator, 1), start(estimator, 2)
+    assert any(not np.array_equal(a, b) for a, b in zip(left[2:], right[2:], strict=True))
+
+
+def check_the_state_survives_npz_and_goes_on_with_the_same_bits(estimator):
+    state, _ = run(estimator, start(estimator), 7)
+    file = io.BytesIO()
+    np.savez(file, **state._asdict())
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as stored:
+        back = estimator.state_type(**{name: stored[name] for name in stored.files})
+    assert_same_bits(run(estimator, state, 5, first=7)[0], run(estimator, back, 5, first=7)[0])
+
+
+def check_nothing_passed_in_is_changed(estimator):
+    state, _ = run(estimator, start(estimator), 5)
+    before = [array.tobytes() for array in state]
+    levels = np.array([0.1, 0.9])
+    estimator.predict(state, inputs_of(estimator))
+    estimator.update(state, np.array([20.0]))
+    estimator.restart(state, np.array([20.0]), inputs_of(estimator))
+    estimator.predictive(state)
+    estimator.parameters(state, levels)
+    list(estimator.forecast(state, np.tile(inputs_of(estimator), (4, 1))))
+    assert [array.tobytes() for array in state] == before
+
+
+def check_predicting_twice_gives_the_same(estimator):
+    state, _ = run(estimator, start(estimator), 5)
+    assert_same_bits(estimator.predict(state, inputs_of(estimator)), estimator.predict(state, inputs_of(estimator)))
+
+
+def check_a_forecast_begins_with_the_standing_one_and_repeats(estimator):
+    state, _ = run(estimator, start(estimator), 5)
+    plan = np.tile(inputs_of(estimator), (3, 1))
+    first, second = (list(estimator.forecast(state, plan)) for _ in range(2))
+    assert_same_bits(first[0], estimator.predictive(state))
+    for left, right in zip(first, second, strict=True):
+        assert_same_bits(left, right)
+
+
+def check_a_missing_output_is_tolerated(estimator):
+    state = estimator.predict(start(estimator), inputs_of(estimator))
+    posterior = estimator.update(state, np.array([np.nan]))
+    assert np.isnan(posterior.log_likelihood)
+    mixture = estimator.predictive(estimator.predict(posterior.state, inputs_of(estimator)))
+    assert np.isfinite(mixture.mean()).all()
+    assert np.isfinite(mixture.sd()).all()
+
+
+def check_outliers_never_poison_the_state(estimator):
+    state = start(estimator)
+    for y in (1e9, -1e9, 20.0, 1e300, 20.0):
+        posterior = estimator.update(estimator.predict(state, inputs_of(estimator)), np.array([y]))
+        state = posterior.state
+    for name, array in zip(state._fields, state, strict=True):
+        assert np.isfinite(array.astype(float)).all(), name
+
+
+def check_quantiles_increase_with_the_level(estimator):
+    mixture = estimator.predictive(estimator.predict(start(estimator), inputs_of(estimator)))
+    quantiles = [estimator.quantile(mixture, level) for level in (0.01, 0.1, 0.5, 0.9, 0.99)]
+    assert quantiles == sorted(quantiles)
+    assert len(set(quantiles)) == 5
+
+
+CHECKS = [value for name, value in list(globals().items()) if name.startswith("check_")]
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_estimator(name, check):
+    check(make(name))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("name", ESTIMATORS)
+def test_every_estimator_runs_every_network(name, preset):
+    estimator = make(name, preset)
+    state, posteriors = run(estimator, start(estimator), 6)
+    assert all(np.isfinite(p.log_likelihood) for p in posteriors)
+    assert posteriors[-1].parameters.shape == (len(estimator.network.parameters),)
+    assert np.isfinite(estimator.predictive(state).sd()).all()
