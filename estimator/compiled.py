@@ -7,6 +7,7 @@ import numpy as np
 from estimator import kernels
 from estimator.assembly import Indices, topology
 from estimator.kalman import Assimilated
+from estimator.kernel_propagate import propagate
 from estimator.liu_west import Kernel
 from estimator.network import Network
 from estimator.space import ParameterSpace
@@ -25,7 +26,7 @@ class CompiledSteps:
         """Kalman prediction (Algorithm 1, line 9)."""
         shape, space = self._topology, self._space
         out_mean, out_covariance = np.empty_like(mean), np.empty_like(covariance)
-        kernels.propagate(
+        propagate(
             shape.capacitance, shape.edges, shape.heat, shape.heat_gain,
             space.lower, space.upper, space.logit, space.free, space.fixed,
             self._period, inputs, coordinates, mean, covariance, noise, out_mean, out_covariance,

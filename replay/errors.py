@@ -1,0 +1,9 @@
+"""Errors of the recorded and simulated periods, one tree with one base."""
+
+
+class ReplayError(Exception):
+    """Base of every error replay raises on purpose; its text is one sentence naming the place and the remedy."""
+
+
+class WeatherFileError(ReplayError):
+    """A weather file that cannot be read or is not on the grid it has to be on."""

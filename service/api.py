@@ -1,0 +1,95 @@
+"""The REST interface of the daemon, and the live page on top of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.openapi.utils import get_openapi
+from prometheus_client import CollectorRegistry
+from prometheus_client.exposition import choose_encoder
+from starlette.middleware.gzip import GZipMiddleware
+
+from service import api_pages, api_problems
+from service.api_models import HealthPayload, ReadyPayload
+from service.api_problems import RETRY_SECONDS, Problem, RequestRefused, documented
+from service.api_zones import zone_routes
+from service.payloads import to_json
+from service.view import ZoneView
+
+_DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate of every zone.
+
+Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in degC, their differences and standard
+deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
+
+
+def create_app(
+    site: str, zones: Mapping[str, ZoneView], metrics_registry: CollectorRegistry, *, version: str = "unknown"
+) -> FastAPI:
+    """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
+
+    It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
+    """
+    # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
+    app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
+    api_problems.install(app)
+    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.include_router(zone_routes(site, zones))
+    _add_operations(app, zones, metrics_registry, version)
+    api_pages.install(app)
+    app.openapi = lambda: _document(app)  # type: ignore[method-assign]
+    return app
+
+
+def _add_operations(
+    app: FastAPI, zones: Mapping[str, ZoneView], metrics_registry: CollectorRegistry, version: str
+) -> None:
+    started = time.monotonic()
+
+    @app.get("/healthz", tags=["operations"], response_model=HealthPayload, summary="The process is alive")
+    async def healthz() -> Response:
+        payload = HealthPayload(version=version, uptime_s=time.monotonic() - started)
+        return Response(to_json(payload), media_type="application/json")
+
+    @app.get(
+        "/readyz",
+        tags=["operations"],
+        response_model=ReadyPayload,
+        responses=documented(500, 503),
+        summary="Every zone is fed and fresh",
+    )
+    async def readyz() -> Response:
+        statuses = {zone.id: zone.status() for zone in zones.values()}
+        behind = [
+            {"id": zone, "state": status.state, "reason": status.reason}
+            for zone, status in statuses.items()
+            if status.state != "running"
+        ]
+        if behind:
+            sentences = [f"zone '{zone['id']}' is {zone['state']}: {zone['reason']}" for zone in behind]
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, sentences, retry_after=RETRY_SECONDS, zones=behind)
+        payload = ReadyPayload(zones={zone: status.state for zone, status in statuses.items()})
+        return Response(to_json(payload), media_type="application/json")
+
+    @app.get(
+        "/metrics",
+        tags=["operations"],
+        response_class=Response,
+        responses={200: {"description": "Prometheus exposition", "content": {"text/plain": {}}}},
+        summary="Metrics for Prometheus",
+    )
+    async def metrics(request: Request) -> Response:
+        encode, media_type = choose_encoder(request.headers.get("accept", ""))
+        return Response(encode(metrics_registry), headers={"Content-Type": media_type})
+
+
+def _document(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, with the schema of the problems that FastAPI cannot see."""
+    if app.openapi_schema is None:
+        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+        document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        app.openapi_schema = document
+    return app.openapi_schema

@@ -1,0 +1,38 @@
+"""The pages for people: the live view at / and the API's documentation at /docs, both without anything from outside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI, Response
+from fastapi.responses import FileResponse
+from plotly.offline import get_plotlyjs
+from starlette.staticfiles import StaticFiles
+
+_STATIC = Path(__file__).parent / "static"
+_DAY_SECONDS = 86400
+
+# plotly.js writes style attributes and draws its own images; everything else comes from this host.
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+def install(app: FastAPI) -> None:
+    """Add the pages and what they load to `app`."""
+
+    @app.get("/", include_in_schema=False)
+    async def live() -> FileResponse:
+        return FileResponse(_STATIC / "index.html", headers=_HEADERS)
+
+    @app.get("/docs", include_in_schema=False)
+    async def documentation() -> FileResponse:
+        return FileResponse(_STATIC / "docs.html", headers=_HEADERS)
+
+    @app.get("/static/plotly.min.js", include_in_schema=False)
+    def plotly() -> Response:
+        headers = {"Cache-Control": f"max-age={_DAY_SECONDS}"}
+        return Response(get_plotlyjs(), media_type="text/javascript", headers=headers)
+
+    app.mount("/static", StaticFiles(directory=_STATIC), name="static")

@@ -1,0 +1,60 @@
+"""From a horizon and planned inputs to the steps and rows that a zone forecasts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from estimator.network import Network
+from service.api_problems import invalid
+from service.durations import format_duration
+
+MAX_STEPS = 2016
+"""A week of 5 min steps."""
+
+_ROUNDING = 1e-6
+
+
+def steps_in(horizon: float, period: float) -> int:
+    """How many periods (s) make up `horizon` (s); RequestRefused if none, no whole number, or too many."""
+    steps = round(horizon / period)
+    if steps < 1 or abs(steps * period - horizon) > _ROUNDING:
+        near = format_duration(max(1, steps) * period)
+        raise invalid(
+            [
+                f"horizon {format_duration(horizon)} is not a whole number of the zone's periods of "
+                f"{format_duration(period)}; {near} would be"
+            ]
+        )
+    if steps > MAX_STEPS:
+        raise invalid(
+            [
+                f"horizon {format_duration(horizon)} has {steps} steps of {format_duration(period)}; "
+                f"at most {MAX_STEPS} are forecast at once, that is {format_duration(MAX_STEPS * period)}"
+            ]
+        )
+    return steps
+
+
+def full_plan(
+    inputs: Mapping[str, float | Sequence[float]], network: Network, steps: int, period: float
+) -> dict[str, list[float]]:
+    """`steps` values for every channel of `inputs`; RequestRefused with one sentence per mistake."""
+    mistakes = []
+    plan = {}
+    for channel, values in inputs.items():
+        if channel not in network.inputs:
+            mistakes.append(
+                f"field 'inputs.{channel}' is not an input of this zone; its inputs are {', '.join(network.inputs)}"
+            )
+        elif isinstance(values, int | float):
+            plan[channel] = [float(values)] * steps
+        elif len(values) != steps:
+            mistakes.append(
+                f"field 'inputs.{channel}' has {len(values)} values, but the horizon has {steps} steps of "
+                f"{format_duration(period)}; give {steps} values, or one number for all"
+            )
+        else:
+            plan[channel] = [float(value) for value in values]
+    if mistakes:
+        raise invalid(mistakes)
+    return plan

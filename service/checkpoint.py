@@ -1,0 +1,222 @@
+"""Checkpoints: the state of a zone on disk, whole or not at all.
+
+One uncompressed NumPy `.npz` per checkpoint, `<directory>/<zone>/<step>.npz`, never pickle. It is written to a
+temporary file, fsynced, renamed, and its directory fsynced, so that a crash leaves either the old set or the new one.
+Beside the arrays it holds a header (format version, fingerprint, step, meta) and a digest over all of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import CheckpointError, StateMismatch
+
+FORMAT_VERSION = 1
+_HEADER = "header"
+_DIGEST = "digest"
+_ARRAY = "array."
+_TEMPORARY = ".tmp"
+
+# What zipfile and numpy raise on damaged bytes; OSError is not among them, since reading the file comes first.
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    ValueError,
+    KeyError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    TypeError,
+    OverflowError,
+)
+
+_log = logging.getLogger(__name__)
+
+
+class Checkpoint(NamedTuple):
+    """The state of a zone after sample number `step`.
+
+    `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
+    dtype but object; `meta` is what JSON can hold.
+    """
+
+    fingerprint: str
+    step: int
+    arrays: Mapping[str, npt.NDArray[Any]]
+    meta: Mapping[str, object]
+
+
+class CheckpointStore:
+    """Checkpoints of all zones under `directory`, the newest `keep` of each. Every method may raise CheckpointError."""
+
+    def __init__(self, directory: Path, keep: int = 3) -> None:
+        self._directory = directory
+        self._keep = keep
+
+    def save(self, zone: str, checkpoint: Checkpoint) -> Path:
+        """Write `checkpoint`, durable on return, and remove the oldest ones; returns its file."""
+        folder = self._directory / zone
+        target = folder / f"{checkpoint.step:012d}.npz"
+        content = _encode(checkpoint)
+        temporary = target.with_name(f"{target.name}{_TEMPORARY}")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _remove_leftovers(folder)
+            with temporary.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
+            for old in _newest_first(folder)[self._keep :]:
+                old.unlink()
+            _sync(folder)
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoint {target} cannot be written ({error.strerror}); "
+                "free space on its disk and make its folder writable"
+            ) from error
+        return target
+
+    def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
+        """The newest valid checkpoint of `zone`, None if there is none.
+
+        A damaged one is renamed to `.corrupt`, said in the log, and the one before it is used. StateMismatch if the
+        valid one has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
+        """
+        folder = self._directory / zone
+        try:
+            if not folder.is_dir():
+                return None
+            _remove_leftovers(folder)
+            for path in _newest_first(folder):
+                checkpoint = self._read(path)
+                if checkpoint is None:
+                    continue
+                if checkpoint.fingerprint != fingerprint:
+                    raise StateMismatch(
+                        f"zone '{zone}': the stored state in {folder} belongs to another network or other estimator "
+                        "options; restore the configuration it was made with, or give that state up with "
+                        f"`thermogate run CONFIG --reset {zone}`"
+                    )
+                return checkpoint
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoints in {folder} cannot be read ({error.strerror}); make the folder readable and writable"
+            ) from error
+        return None
+
+    def reset(self, zone: str) -> Path | None:
+        """Set the checkpoints of `zone` aside in a folder of their own, which is returned; None if there are none."""
+        folder = self._directory / zone
+        try:
+            files = [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else []
+            if not files:
+                return None
+            aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
+            aside.mkdir()
+            for path in files:
+                path.rename(aside / path.name)
+            _sync(aside)
+            _sync(folder)
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoints in {folder} cannot be set aside ({error.strerror}); make the folder writable"
+            ) from error
+        return aside
+
+    def _read(self, path: Path) -> Checkpoint | None:
+        content = path.read_bytes()
+        try:
+            return _decode(content, path)
+        except _DAMAGE as error:
+            aside = path.with_name(f"{path.name}.corrupt")
+            path.replace(aside)
+            _sync(path.parent)
+            _log.warning(
+                "checkpoint %s is damaged (%s); set aside as %s, using the one before", path, error, aside.name
+            )
+            return None
+
+
+def _encode(checkpoint: Checkpoint) -> bytes:
+    for name, array in checkpoint.arrays.items():
+        if array.dtype.hasobject:
+            raise CheckpointError(f"array '{name}' of a checkpoint holds Python objects, which are never stored")
+    header = {
+        "format": FORMAT_VERSION,
+        "fingerprint": checkpoint.fingerprint,
+        "step": checkpoint.step,
+        "meta": dict(checkpoint.meta),
+    }
+    parts = {_HEADER: np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+    parts |= {f"{_ARRAY}{name}": np.asarray(array) for name, array in checkpoint.arrays.items()}
+    buffer = io.BytesIO()
+    np.savez(buffer, **parts, **{_DIGEST: _digest(parts)})  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def _decode(content: bytes, path: Path) -> Checkpoint:
+    parts: dict[str, npt.NDArray[Any]] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for member in archive.namelist():
+            # Reading the member whole checks its CRC before NumPy believes the shape it claims.
+            parts[member.removesuffix(".npy")] = np.lib.format.read_array(
+                io.BytesIO(archive.read(member)), allow_pickle=False
+            )
+    header = json.loads(parts[_HEADER].tobytes())
+    if header["format"] > FORMAT_VERSION:
+        raise CheckpointError(
+            f"the checkpoint {path} has format {header['format']} of a newer Thermogate (this one reads "
+            f"{FORMAT_VERSION}); upgrade Thermogate or use another state_dir"
+        )
+    digest = parts.pop(_DIGEST)
+    if not np.array_equal(digest, _digest(parts)):
+        raise ValueError("its content does not match its digest")
+    arrays = {name.removeprefix(_ARRAY): array for name, array in parts.items() if name.startswith(_ARRAY)}
+    return Checkpoint(header["fingerprint"], header["step"], arrays, header["meta"])
+
+
+def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+    """SHA-256 over names, dtypes, shapes and bytes, shape (32,)."""
+    digest = hashlib.sha256()
+    for name in sorted(parts):
+        array = parts[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return np.frombuffer(digest.digest(), dtype=np.uint8)
+
+
+def _newest_first(folder: Path) -> list[Path]:
+    return sorted(
+        (path for path in folder.glob("*.npz") if path.stem.isdigit()), key=lambda p: int(p.stem), reverse=True
+    )
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what a crash in the middle of a write left behind."""
+    for path in folder.glob(f"*{_TEMPORARY}"):
+        path.unlink()
+
+
+def _sync(folder: Path) -> None:
+    """Make renames in `folder` durable."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

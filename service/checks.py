@@ -1,0 +1,147 @@
+"""Checks across the tables of a configuration: names must meet, units convert, files be there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from adapters.errors import SourceError
+from adapters.units import conversion
+from estimator.errors import NetworkError, OptionsError
+from estimator.network import Network
+from estimator.registry import ESTIMATORS, resolve_options
+from service.aggregation import AGGREGATES
+from service.config_models import ChannelConfig, CsvConfig, ZoneConfig
+from service.config_types import shown, suggestion
+from service.problems import Place, Problems
+from service.sources import SOURCE_KINDS, Binding
+
+
+@dataclass(frozen=True)
+class ZoneDraft:
+    """What could be read of one zone; each part is there or not independently of the others.
+
+    `names` are the channels as written (None: not even those), `channels` those among them that could be read.
+    """
+
+    place: Place
+    table: ZoneConfig | None
+    network: Network | None
+    names: tuple[str, ...] | None
+    channels: Mapping[str, ChannelConfig]
+
+
+def check_ids(raw_zones: Sequence[Any], problems: Problems) -> None:
+    """No two zones share an id."""
+    first: dict[str, int] = {}
+    for index, zone in enumerate(raw_zones):
+        name = zone.get("id") if isinstance(zone, dict) else None
+        if isinstance(name, str) and first.setdefault(name, index) != index:
+            sentence = f"{shown(name)} is already the id of zones[{first[name]}]; give every zone an id of its own"
+            problems.add(("zones", index, "id"), sentence)
+
+
+def check_zone(draft: ZoneDraft, source_names: Sequence[str], problems: Problems) -> None:
+    """Channels and network fit each other, every channel has its source, unit and aggregate, and the options hold."""
+    if draft.network is not None:
+        _check_channel_names(draft, draft.network, problems)
+        if draft.table is not None:
+            _check_estimator(draft.place, draft.table, draft.network, problems)
+    for name, channel in draft.channels.items():
+        place = (*draft.place, "channels", name)
+        if source_names and channel.source not in source_names:
+            known = suggestion(channel.source, source_names, "the sources are")
+            problems.add((*place, "source"), f"there is no source {shown(channel.source)}; {known}")
+        if channel.aggregate not in AGGREGATES:
+            known = suggestion(channel.aggregate, AGGREGATES, "the aggregates are")
+            problems.add((*place, "aggregate"), f"{shown(channel.aggregate)} is not known; {known}")
+        wrong_unit = _unit_problem(draft.network, name, channel)
+        if wrong_unit:
+            problems.add((*place, "unit"), wrong_unit)
+
+
+def check_sources(tables: Mapping[str, CsvConfig], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Every source can be opened and has the columns that the zones ask of it."""
+    for name, table in tables.items():
+        bindings = [binding for draft in drafts for binding in _bindings(name, draft)]
+        try:
+            problems.sentences += SOURCE_KINDS[table.kind].build(name, table, bindings).check()
+        except SourceError as error:
+            problems.add(("sources", name), str(error))
+
+
+def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: Problems) -> None:
+    """Every source is named by some channel, be that channel otherwise right or wrong."""
+    used = set()
+    for zone in raw_zones:
+        channels = zone.get("channels") if isinstance(zone, dict) else None
+        for channel in channels.values() if isinstance(channels, dict) else ():
+            used.add(str(channel.get("source")) if isinstance(channel, dict) else None)
+    for name in source_names:
+        if name not in used:
+            problems.add(("sources", name), "is not used by any zone; remove it, or name it as the source of a channel")
+
+
+def _bindings(source: str, draft: ZoneDraft) -> list[Binding]:
+    network = draft.network
+    if network is None:
+        return []
+    zone = draft.table.id if draft.table is not None else f"zones[{draft.place[-1]}]"
+    return [
+        Binding(f"{zone}/{name}", channel, network.channel_unit(name))
+        for name, channel in draft.channels.items()
+        if channel.source == source and name in network.channels and not _unit_problem(network, name, channel)
+    ]
+
+
+def _check_channel_names(draft: ZoneDraft, network: Network, problems: Problems) -> None:
+    place = (*draft.place, "channels")
+    if draft.names is None:
+        return
+    for name in draft.names:
+        if name not in network.channels:
+            known = suggestion(name, network.channels, "its channels are")
+            problems.add((*place, name), f'network "{network.name}" has no such channel; {known}')
+    for name in network.channels:
+        if name not in draft.names:
+            line = f'{name} = {{ source = "...", column = "...", unit = "{network.channel_unit(name)}" }}'
+            problems.add((*place, name), f'is missing; network "{network.name}" needs it, so add a line such as {line}')
+
+
+def _unit_problem(network: Network | None, name: str, channel: ChannelConfig) -> str | None:
+    if network is None:
+        return None
+    try:
+        conversion(channel.unit, network.channel_unit(name))
+    except SourceError as error:
+        return str(error)
+    except NetworkError:
+        return None
+    return None
+
+
+def _check_estimator(place: Place, zone: ZoneConfig, network: Network, problems: Problems) -> None:
+    if zone.estimator not in ESTIMATORS:
+        known = suggestion(zone.estimator, ESTIMATORS, "the estimators are")
+        problems.add((*place, "estimator"), f"there is no estimator {shown(zone.estimator)}; {known}")
+        return
+    given = dict(zone.estimator_options)
+    while wrong := _options_problem(zone, network, given):
+        culprits = [
+            name
+            for name in given
+            if _options_problem(zone, network, {other: given[other] for other in given if other != name}) != wrong
+        ]
+        problems.add((*place, "estimator_options", *culprits[:1]), wrong)
+        if not culprits:
+            return
+        given = {name: value for name, value in given.items() if name not in culprits}
+
+
+def _options_problem(zone: ZoneConfig, network: Network, given: Mapping[str, object]) -> str | None:
+    try:
+        resolve_options(zone.estimator, network, zone.period, given)
+    except OptionsError as error:
+        return str(error)
+    return None

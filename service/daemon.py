@@ -1,0 +1,136 @@
+"""`thermogate run`: everything started in order, stopped in order.
+
+One asyncio loop does all I/O; estimator steps run in a thread pool (the compiled kernels release the GIL). On
+SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import signal
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib.metadata import version
+
+from service.api import create_app
+from service.config_models import Config
+from service.errors import ServiceError
+from service.feeding import feed
+from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
+from service.http_server import HttpServer
+from service.logs import configure_logging
+from service.metrics import Metrics
+from service.publisher import Publisher
+from service.routing import Router
+from service.sources import build_source
+from service.store import Store
+from service.zone import Plumbing, Zone
+
+DRAIN_SECONDS = 3.0
+"""How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
+
+_log = logging.getLogger(__name__)
+
+
+def run_daemon(config: Config, *, reset: Sequence[str] = (), duration: float | None = None) -> int:
+    """Run until SIGTERM or SIGINT, or for `duration` s; 0 after an orderly stop.
+
+    `reset` names zones whose stored state is set aside first. Raises ServiceError where the start fails.
+    """
+    configure_logging()
+    unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]
+    if unknown:
+        known = ", ".join(zone.id for zone in config.zones)
+        raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
+    asyncio.run(Daemon(config).run(reset, duration))
+    return 0
+
+
+class Daemon:
+    """A running daemon; `run` is its whole life."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._stopping = asyncio.Event()
+
+    async def run(self, reset: Sequence[str], duration: float | None) -> None:
+        """Start, serve until asked to stop, stop."""
+        loop = asyncio.get_running_loop()
+        for signum in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(signum, self._stopping.set)
+        if duration is not None:
+            loop.call_later(duration, self._stopping.set)
+        store = Store(self._config.site.state_dir)
+        pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator")
+        publisher: Publisher | None = None
+        try:
+            for name in reset:
+                await store.forget(name)
+            if self._config.zenoh.enabled:
+                publisher = await asyncio.to_thread(
+                    Publisher.open, self._config.zenoh, self._config.site.id, [zone.id for zone in self._config.zones]
+                )
+            await self._serve(store, pool, publisher)
+        finally:
+            if publisher is not None:
+                await asyncio.to_thread(publisher.close)
+            pool.shutdown(wait=True, cancel_futures=True)
+            store.close()
+        _log.info("stopped")
+
+    async def _serve(self, store: Store, pool: ThreadPoolExecutor, publisher: Publisher | None) -> None:
+        zones: dict[str, Zone] = {}
+        metrics = Metrics(zones)
+        plumbing = Plumbing(store, pool, metrics, publisher, self._config.site.checkpoint_every)
+        for table in self._config.zones:
+            zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
+        last = dict(zip(zones, await asyncio.gather(*(zone.prepare() for zone in zones.values())), strict=True))
+        for table in self._config.zones:
+            zones[table.id].align(make_alignment(table, last[table.id]))
+        server = HttpServer(
+            create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate")), self._config.http
+        )
+        serving = asyncio.create_task(server.run())
+        workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
+        feeding: list[asyncio.Task[None]] = []
+        stop = asyncio.create_task(self._stopping.wait())
+        try:
+            await server.started(serving)
+            if publisher is not None and self._config.zenoh.await_subscriber > 0:
+                await asyncio.to_thread(publisher.await_subscriber, self._config.zenoh.await_subscriber)
+            feeding = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
+            await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            stop.cancel()
+            for task in feeding:
+                task.cancel()
+            await asyncio.gather(*feeding, return_exceptions=True)
+            await _drain(zones, workers)
+            await server.stop(serving)
+
+    async def _feed(self, name: str, zones: Mapping[str, Zone], last: Mapping[str, int | None]) -> None:
+        """Run one source from where the zones it feeds stopped."""
+        source = build_source(name, self._config)
+        tables = zones_of(name, self._config)
+        nexts = [None if (time := last[zone.id]) is None else time + zone.period for zone in tables]
+        start = None if None in nexts else min(time for time in nexts if time is not None)
+        try:
+            await feed(source, Router(name, channels_of(name, self._config)), zones, start)
+        finally:
+            await source.close()
+
+
+async def _drain(zones: Mapping[str, Zone], workers: Sequence[asyncio.Task[None]]) -> None:
+    """Let the zones empty their mailboxes and write their checkpoints, within DRAIN_SECONDS."""
+    closing = [asyncio.create_task(zone.close_mailbox()) for zone in zones.values()]
+    _, late = await asyncio.wait([*workers, *closing], timeout=DRAIN_SECONDS)
+    for task in late:
+        task.cancel()
+    if late:
+        _log.warning("stopping before every mailbox was empty; the journal holds the rest for the next start")
+    for result in await asyncio.gather(*workers, *closing, return_exceptions=True):
+        if isinstance(result, Exception):
+            raise result

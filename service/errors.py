@@ -1,0 +1,25 @@
+"""Errors of the daemon, one tree with one base."""
+
+
+class ServiceError(Exception):
+    """Base of every error the service raises on purpose; its text is one sentence naming the place and the remedy."""
+
+
+class ConfigError(ServiceError):
+    """A mistake in the configuration. `problems` holds one sentence per mistake, each beginning with its place."""
+
+    def __init__(self, problems: list[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = problems
+
+
+class JournalError(ServiceError):
+    """The journal cannot be opened or written."""
+
+
+class CheckpointError(ServiceError):
+    """A checkpoint that cannot be read, or that belongs to something else."""
+
+
+class StateMismatch(CheckpointError):
+    """The stored state of a zone was made with another network or other structural options."""

@@ -1,0 +1,48 @@
+"""One task per source: its batches, split by zone, aligned and accepted; its failures retried."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from math import isfinite
+
+from adapters.errors import SourceConfigError, SourceError
+from adapters.reading import Source
+from service.routing import Router
+from service.zone import Zone
+
+FIRST_PAUSE = 1.0
+LONGEST_PAUSE = 30.0
+
+_log = logging.getLogger(__name__)
+
+
+async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start: float | None) -> None:
+    """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures.
+
+    What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
+    """
+    pause, position = FIRST_PAUSE, start
+    while True:
+        try:
+            async for batch in source.batches(position):
+                for delivery in router.split(batch):
+                    await zones[delivery.zone].deliver(source.name, delivery.readings, delivery.now)
+                if isfinite(batch.now):
+                    position = batch.now
+                pause = FIRST_PAUSE
+            break
+        except SourceConfigError as error:
+            _log.error("source '%s' stays off: %s", source.name, error)
+            return
+        except SourceError as error:
+            _log.error("source '%s': %s; trying again in %.0f s", source.name, error, pause)
+        except Exception as error:
+            # Whatever else goes wrong in one source must not take the others down.
+            _log.error("source '%s' failed: %r; trying again in %.0f s", source.name, error, pause, exc_info=error)
+        await asyncio.sleep(pause)
+        pause = min(2 * pause, LONGEST_PAUSE)
+    for name in router.zones:
+        await zones[name].end(source.name)
+    _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)

@@ -1,0 +1,59 @@
+"""What a zone's configuration amounts to: its worker, its alignment, and the fingerprint of its state.
+
+The daemon and `thermogate replay` both build their zones here, so that a recorded period runs through the same code.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+
+from estimator import registry
+from service import snapshot
+from service.alignment import Alignment
+from service.config_models import Config, ZoneConfig
+from service.networks import build_network
+from service.worker import WorkerSettings, ZoneWorker
+
+
+def make_worker(zone: ZoneConfig) -> ZoneWorker:
+    """A fresh worker of `zone`."""
+    estimator = registry.build(zone.estimator, build_network(zone), zone.period, zone.estimator_options)
+    return ZoneWorker(estimator, WorkerSettings(zone.seed, zone.levels, zone.max_gap, zone.hold_inputs))
+
+
+def make_alignment(zone: ZoneConfig, resume_after: int | None = None) -> Alignment:
+    """The alignment of `zone`, going on after the sample at `resume_after` if there is one."""
+    # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
+    bridged = max(zone.max_gap, ceil(zone.hold_inputs / zone.period)) + 1
+    return Alignment(
+        build_network(zone),
+        zone.period,
+        {channel: table.aggregate for channel, table in zone.channels.items()},
+        sources={table.source for table in zone.channels.values()},
+        zone=zone.id,
+        lateness=zone.lateness,
+        idle_limit=bridged,
+        resume_after=resume_after,
+    )
+
+
+def fingerprint(zone: ZoneConfig) -> str:
+    """What a stored state of `zone` belongs to."""
+    network = build_network(zone)
+    options = registry.resolve_options(zone.estimator, network, zone.period, zone.estimator_options)
+    return snapshot.fingerprint(network, zone.period, zone.estimator, options)
+
+
+def zones_of(source: str, config: Config) -> tuple[ZoneConfig, ...]:
+    """The zones that `source` feeds."""
+    return tuple(zone for zone in config.zones if any(table.source == source for table in zone.channels.values()))
+
+
+def channels_of(source: str, config: Config) -> list[str]:
+    """Ids "zone/channel" of the readings that `source` delivers."""
+    return [
+        f"{zone.id}/{channel}"
+        for zone in config.zones
+        for channel, table in zone.channels.items()
+        if table.source == source
+    ]

@@ -1,0 +1,75 @@
+"""uvicorn inside the daemon's own event loop, started and stopped by us."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+from collections.abc import Iterator
+
+import uvicorn
+from fastapi import FastAPI
+
+from service.config_models import HttpConfig
+from service.errors import ServiceError
+
+SHUTDOWN_SECONDS = 1
+
+_log = logging.getLogger(__name__)
+
+
+class _QuietServer(uvicorn.Server):
+    """uvicorn without its signal handlers: SIGTERM and SIGINT are the daemon's."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+class HttpServer:
+    """REST on the configured address. `run` serves until `stop`."""
+
+    def __init__(self, app: FastAPI, config: HttpConfig) -> None:
+        """Binds the address; ServiceError if that is impossible."""
+        family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            self._socket.bind((config.host, config.port))
+        except OSError as error:
+            self._socket.close()
+            raise ServiceError(
+                f"http: {config.host}:{config.port} cannot be used ({error.strerror}); "
+                "choose another http.port, or 0 for any free one"
+            ) from error
+        host, port = self._socket.getsockname()[:2]
+        self.url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+        self._server = _QuietServer(
+            uvicorn.Config(
+                app,
+                log_config=None,
+                access_log=False,
+                lifespan="off",
+                timeout_graceful_shutdown=SHUTDOWN_SECONDS,
+                server_header=False,
+            )
+        )
+
+    async def run(self) -> None:
+        """Serve until `stop`."""
+        await self._server.serve(sockets=[self._socket])
+
+    async def started(self, serving: asyncio.Task[None]) -> None:
+        """Wait until requests are answered; `serving` is the task of `run`, whose failure is raised."""
+        while not self._server.started:
+            if serving.done():
+                serving.result()
+                raise ServiceError(f"http: the server on {self.url} ended at once")
+            await asyncio.sleep(0.01)
+        _log.info("serving on %s", self.url)
+
+    async def stop(self, serving: asyncio.Task[None]) -> None:
+        """Finish open requests, for a second at most, and close."""
+        self._server.should_exit = True
+        await serving

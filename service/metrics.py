@@ -1,0 +1,77 @@
+"""Metrics for Prometheus, in a registry of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from service.records import Update
+from service.rendering import clock
+from service.view import STATES, ZoneView
+
+_UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
+
+
+class Metrics:
+    """The daemon's metrics. `observe` takes every update; what a zone's status tells is read at scrape time."""
+
+    def __init__(self, zones: Mapping[str, ZoneView]) -> None:
+        self.registry = CollectorRegistry()
+        zone, registry = ["zone"], self.registry
+        self._samples = Counter("thermogate_samples", "Samples processed", zone, registry=registry)
+        self._seconds = Histogram(
+            "thermogate_update_seconds", "Wall time of one update", zone, buckets=_UPDATE_BUCKETS, registry=registry
+        )
+        self._alpha = Gauge("thermogate_alpha_median", "Median of the volatility", ["zone", "block"], registry=registry)
+        self._gate = Gauge("thermogate_gate", "Learning gate, 0 to 1", zone, registry=registry)
+        self._n_eff = Gauge("thermogate_n_eff", "Effective sample size, particles", zone, registry=registry)
+        self._width = Gauge(
+            "thermogate_interval_width_kelvin",
+            "Width of the published interval of the first output, at the first level",
+            zone,
+            registry=registry,
+        )
+        registry.register(_StatusCollector(zones))
+
+    def observe(self, zone: str, update: Update) -> None:
+        """Take in one update."""
+        self._samples.labels(zone).inc()
+        self._seconds.labels(zone).observe(update.step_seconds)
+        for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
+            self._alpha.labels(zone, block).set(median)
+        self._gate.labels(zone).set(update.gate.value)
+        self._n_eff.labels(zone).set(update.effective_sample_size)
+        for interval in update.forecast.outputs[0].intervals[:1]:
+            self._width.labels(zone).set(interval.upper - interval.lower)
+
+
+class _StatusCollector(Collector):
+    """What the zones' statuses say at the moment of the scrape."""
+
+    def __init__(self, zones: Mapping[str, ZoneView]) -> None:
+        self._zones = zones
+
+    def collect(self) -> Iterable[Metric]:
+        faults = CounterMetricFamily("thermogate_faults", "Bad readings by kind", labels=["zone", "kind"])
+        age = GaugeMetricFamily(
+            "thermogate_last_sample_age_seconds", "Age of the last sample on the zone's clock", labels=["zone"]
+        )
+        state = GaugeMetricFamily(
+            "thermogate_zone_state", "1 for the state that the zone is in", labels=["zone", "state"]
+        )
+        for zone in self._zones.values():
+            status = zone.status()
+            for kind, count in status.faults.items():
+                faults.add_metric([zone.id, kind], count)
+            if status.last_sample_time is not None:
+                age.add_metric([zone.id], clock(status) - status.last_sample_time)
+            for name in STATES:
+                state.add_metric([zone.id, name], float(status.state == name))
+        return (faults, age, state)
+
+    def describe(self) -> Iterable[Metric]:
+        """Nothing: asking the zones is for scrapes, not for registration."""
+        return ()

@@ -1,0 +1,188 @@
+"""Forecasts, volatility, gate and status of every zone on Zenoh.
+
+The daemon owns one session that listens and connects only where the configuration says. Each zone has four keys,
+`thermogate/<site>/<zone>/{forecast,volatility,gate,status}`, whose last value also answers queries, and a liveliness
+token `.../alive`. Nothing here waits for a subscriber: where the network is congested, messages are dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import zenoh
+
+from service.errors import ServiceError
+from service.payloads import to_json
+from service.records import Update
+from service.rendering import forecast_payload, gate_payload, status_payload, volatility_payload
+from service.view import ZoneStatus
+
+TOPICS = ("forecast", "volatility", "gate", "status")
+_POLL_SECONDS = 0.02
+_CLOSE_SECONDS = 2.0
+
+_log = logging.getLogger(__name__)
+
+
+class ZenohSettings(Protocol):
+    """What the publisher needs from the `[zenoh]` table: mode, and the locators to listen on and to connect to."""
+
+    @property
+    def mode(self) -> str: ...
+
+    @property
+    def listen(self) -> Sequence[str]: ...
+
+    @property
+    def connect(self) -> Sequence[str]: ...
+
+
+class Publisher:
+    """An open session with its publishers, queryables and tokens. Methods may be called from any thread."""
+
+    def __init__(self, session: zenoh.Session, site: str, zones: Sequence[str]) -> None:
+        self._session = session
+        self._site = site
+        self._closed = False
+        self._last: dict[str, bytes] = {}
+        keys = [f"thermogate/{site}/{zone}" for zone in zones]
+        self._publishers = {
+            f"{key}/{topic}": session.declare_publisher(
+                f"{key}/{topic}",
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+            )
+            for key in keys
+            for topic in TOPICS
+        }
+        # A direct callback needs no thread of its own, so none can keep the process alive.
+        self._queryables = [
+            session.declare_queryable(f"{key}/{topic}", zenoh.handlers.Callback(self._answer, indirect=False))
+            for key in keys
+            for topic in TOPICS
+        ]
+        self._tokens = [session.liveliness().declare_token(f"{key}/alive") for key in keys]
+
+    @classmethod
+    def open(cls, settings: ZenohSettings, site: str, zones: Sequence[str]) -> Publisher:
+        """Open the session; ServiceError if an address is taken or no router can be reached."""
+        try:
+            session = zenoh.open(_session_config(settings))
+        except zenoh.ZError as error:
+            raise ServiceError(_opening_failed(settings, error)) from error
+        try:
+            return cls(session, site, zones)
+        except zenoh.ZError as error:
+            session.close()
+            raise ServiceError(
+                f"[zenoh]: the keys of site '{site}' cannot be declared ({_first_line(error)})"
+            ) from error
+
+    def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
+        """Put everything that `update` brought; ServiceError if the session has failed. Nothing after `close`."""
+        self._put(zone, "forecast", to_json(forecast_payload(self._site, zone, update)))
+        self._put(zone, "volatility", to_json(volatility_payload(self._site, zone, update)))
+        self._put(zone, "gate", to_json(gate_payload(self._site, zone, update)))
+        self.publish_status(zone, status, update)
+
+    def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
+        """Put the status alone, with what became of the last sample if `update` is given."""
+        self._put(zone, "status", to_json(status_payload(self._site, zone, status, update)))
+
+    def await_subscriber(self, timeout: float) -> bool:
+        """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
+        deadline = time.monotonic() + timeout
+        forecasts = [publisher for key, publisher in self._publishers.items() if key.endswith("/forecast")]
+        while not self._closed:
+            if all(_matches(publisher) for publisher in forecasts):
+                return True
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(_POLL_SECONDS)
+        return False
+
+    def close(self) -> None:
+        """Undeclare everything and close the session, within two seconds; safe to call twice."""
+        if self._closed:
+            return
+        self._closed = True
+        closing = threading.Thread(target=self._undeclare, name="zenoh-close", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_SECONDS)
+        if closing.is_alive():
+            _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
+
+    def _put(self, zone: str, topic: str, payload: bytes) -> None:
+        key = f"thermogate/{self._site}/{zone}/{topic}"
+        self._last[key] = payload
+        if self._closed:
+            return
+        try:
+            self._publishers[key].put(payload)
+        except zenoh.ZError as error:
+            # A close in another thread may undeclare the publisher under this put.
+            if not self._closed:
+                raise ServiceError(f"[zenoh]: {key} cannot be published ({_first_line(error)})") from error
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """Reply with the last value of every key the query asks for; with nothing before the first."""
+        with query:
+            for key, payload in tuple(self._last.items()):
+                if query.key_expr.intersects(key):
+                    query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def _undeclare(self) -> None:
+        undeclare: list[Callable[[], object]] = [
+            *(token.undeclare for token in self._tokens),
+            *(queryable.undeclare for queryable in self._queryables),
+            *(publisher.undeclare for publisher in self._publishers.values()),
+            self._session.close,
+        ]
+        for step in undeclare:
+            try:
+                step()
+            except zenoh.ZError as error:
+                _log.debug("while closing Zenoh: %s", error)
+
+
+def _session_config(settings: ZenohSettings) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in {
+        "mode": settings.mode,
+        # Without this line a peer would listen on every address of the machine.
+        "listen/endpoints": list(settings.listen),
+        "connect/endpoints": list(settings.connect),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": bool(settings.connect),
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def _opening_failed(settings: ZenohSettings, error: zenoh.ZError) -> str:
+    text = _first_line(error)
+    if "in use" in text:
+        return (
+            f"zenoh.listen: an address of {', '.join(settings.listen)} is in use by another process; "
+            "choose another port or stop that process"
+        )
+    if settings.mode == "client":
+        connect = ", ".join(settings.connect) or "nothing"
+        return f"zenoh.connect: no Zenoh router answers at {connect}; start it or correct the address ({text})"
+    return f"[zenoh]: the session cannot be opened ({text}); check mode, listen and connect"
+
+
+def _first_line(error: Exception) -> str:
+    """The message without the place in Zenoh's own source code."""
+    return str(error).splitlines()[0].split(" at /")[0].strip()
+
+
+def _matches(publisher: zenoh.Publisher) -> bool:
+    status = publisher.matching_status
+    # Declared as bool, but it is a MatchingStatus, which is always true.
+    return bool(getattr(status, "matching", status))

@@ -1,0 +1,87 @@
+"""A zone worker as named arrays and JSON, for its checkpoint, and back.
+
+What comes back continues bit for bit: the estimator's arrays and the held inputs are stored as they are, the rest of
+the worker (counters, the latest update) as JSON, in which a float reads back as the same float.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter
+from pydantic.dataclasses import dataclass
+
+from adapters.reading import Quality
+from estimator.network import Network
+from service.checkpoint import Checkpoint
+from service.records import Update
+from service.worker import Held, Progress, ZoneWorker
+
+_HELD_VALUES = "held_values"
+_HELD_TIMES = "held_times"
+_ESTIMATOR = "estimator."
+
+_STRUCTURAL_OPTIONS = (
+    "particles",
+    "coordinates",
+    "volatility_blocks",
+    "alpha_min",
+    "alpha_max",
+    "histogram_bins",
+)
+"""Options that decide what the stored arrays mean; the others may change between two starts."""
+
+
+@dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
+class _Meta:
+    """The part of a worker that is not arrays."""
+
+    held_qualities: tuple[Quality, ...]
+    progress: Progress
+    latest: Update
+
+
+_META = TypeAdapter(_Meta)
+
+
+def fingerprint(network: Network, period: float, estimator: str, options: Mapping[str, object]) -> str:
+    """What a stored state belongs to: network, period, estimator and its structural options, as a SHA-256."""
+    described = {
+        "network": asdict(network),
+        "period": float(period),
+        "estimator": estimator,
+        "options": {name: options[name] for name in _STRUCTURAL_OPTIONS if name in options},
+    }
+    # Descriptions may be reworded without making the state another one.
+    del described["network"]["description"]  # type: ignore[attr-defined]
+    return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
+
+
+def take(worker: ZoneWorker, mark: str) -> Checkpoint | None:
+    """The checkpoint of a worker whose fingerprint is `mark`; None before its first update."""
+    held, progress, state, latest = worker.held, worker.progress, worker.state, worker.latest
+    if state is None or latest is None:
+        return None
+    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in state._asdict().items()}
+    arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
+    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, latest)))
+    return Checkpoint(mark, int(progress.last_time or 0), arrays, meta)
+
+
+def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
+    """Put a fresh `worker` where the checkpoint was taken."""
+    meta = _META.validate_json(json.dumps(checkpoint.meta))
+    stored: dict[str, Any] = {
+        name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
+    }
+    worker.resume(
+        worker.estimator.state_type(**stored),
+        Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
+        meta.progress,
+        meta.latest,
+    )

@@ -1,0 +1,278 @@
+"""One zone's estimator at work: samples in, updates out, synchronous and deterministic.
+
+On sample k the worker scores the standing forecast against y_k, assimilates y_k, and propagates to t_(k+1) under u_k
+held over the step; what it publishes is exactly what the next sample scores. The daemon and `thermogate replay` run
+this same worker.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adapters.reading import Quality
+from estimator.network import Network
+from estimator.types import Array, Estimator, Mixture, Outcome, ParameterSummary, Posterior
+from service.records import (
+    Forecast,
+    Gate,
+    InputUsed,
+    Interval,
+    OutputForecast,
+    Sample,
+    Score,
+    Update,
+    Volatility,
+)
+from service.view import Fan, FanStep
+
+VANISHED_LIMIT = 6
+"""After this many samples in a row that no particle explains, the thermal states start anew (a sensor was moved, a
+room was re-fitted); parameters and volatility are kept."""
+
+STARTED = "started"
+
+
+class WorkerSettings(NamedTuple):
+    """How a zone treats its samples."""
+
+    seed: int
+    levels: tuple[float, ...]
+    """Levels of the published intervals; the first is the one that is scored."""
+    max_gap: int
+    """Steps without a measured output that prediction bridges."""
+    hold_inputs: float
+    """Age in s up to which a missing input keeps its last value."""
+
+
+class Held(NamedTuple):
+    """The last measured inputs (n_u,), the UTC s when their intervals ended (NaN: never), and their qualities."""
+
+    values: Array
+    times: Array
+    qualities: tuple[Quality, ...]
+
+
+class Progress(NamedTuple):
+    """How far a worker has come."""
+
+    last_time: int | None = None
+    """Time of the last sample, UTC s."""
+    samples: int = 0
+    segment: int = 0
+    missing: int = 0
+    """Steps in a row without a measured output."""
+    vanished: int = 0
+    """Samples in a row that no particle explained."""
+    stalled: str | None = None
+    """Why there is no standing forecast, or None."""
+
+
+class ZoneWorker:
+    """The state of one zone between two samples, and `step`, which takes it over one."""
+
+    def __init__(self, estimator: Estimator, settings: WorkerSettings) -> None:
+        self.estimator = estimator
+        self.settings = settings
+        width = len(estimator.network.inputs)
+        self.held = Held(np.full(width, np.nan), np.full(width, np.nan), (Quality.BAD,) * width)
+        self.state: Any = None
+        """The estimator's state, predicted to the next sample; None before the first."""
+        self.progress = Progress()
+        self.latest: Update | None = None
+
+    @property
+    def network(self) -> Network:
+        """The zone's network."""
+        return self.estimator.network
+
+    @property
+    def period(self) -> int:
+        """Sampling period in s."""
+        return int(self.estimator.period)
+
+    def resume(self, state: Any, held: Held, progress: Progress, latest: Update) -> None:
+        """Go on from where another worker of this zone stood."""
+        self.state, self.held, self.progress, self.latest = state, held, progress, latest
+
+    def step(self, sample: Sample) -> Update | None:
+        """Take one sample; None where it could not be used (`stalled` then says why).
+
+        Samples come in strictly increasing time. Intervals that are missing altogether count as samples without
+        readings.
+        """
+        last = self.progress.last_time
+        if last is not None:
+            if sample.time <= last:
+                raise ValueError(f"sample {sample.time} does not follow {last}")
+            self._bridge(last, sample.time)
+        return self._step(sample)
+
+    def fan(self, levels: Sequence[float], plan: Sequence[Mapping[str, float]]) -> Fan | None:
+        """The standing forecast and `len(plan)` steps beyond it; a row of `plan` names the inputs that are not held.
+
+        Volatility is sampled along every particle's path. None where there is no standing forecast.
+        """
+        state, standing = self.state, self.latest
+        if state is None or standing is None or self.progress.stalled:
+            return None
+        held = np.array([used.value for used in standing.forecast.inputs])
+        rows = np.tile(held, (len(plan), 1))
+        for row, changes in zip(rows, plan, strict=True):
+            for channel, value in changes.items():
+                row[self.network.inputs.index(channel)] = value
+        first = standing.forecast.valid_time
+        steps = tuple(
+            FanStep(first + ahead * self.period, self._outputs(mixture, levels))
+            for ahead, mixture in enumerate(self.estimator.forecast(state, rows))
+        )
+        return Fan(standing.time, standing.forecast.issue_time, steps, standing.forecast.inputs, standing)
+
+    def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+        """Posterior quantiles of the parameters; None before the first sample."""
+        return None if self.state is None else self.estimator.parameters(self.state, np.array(levels))
+
+    def _bridge(self, last: int, until: int) -> None:
+        """Step through the whole missing intervals between two samples, as far as they can be bridged."""
+        empty = Sample(
+            0,
+            np.full(len(self.network.measured), np.nan),
+            np.full(len(self.network.inputs), np.nan),
+            (Quality.BAD,) * len(self.network.measured),
+            (Quality.BAD,) * len(self.network.inputs),
+        )
+        for when in range(last + self.period, until, self.period):
+            if self.progress.stalled:
+                break
+            self._step(empty._replace(time=when))
+
+    def _step(self, sample: Sample) -> Update | None:
+        began = time.perf_counter()
+        before, end = self.progress, sample.time + self.period
+        continues = before.last_time == sample.time - self.period and not before.stalled
+        measured = not np.isnan(sample.outputs).all()
+        missing = 0 if measured else before.missing + 1
+        self.held = _hold(self.held, sample, end)
+        stalled = self._unusable_inputs(end)
+        if stalled is None and not measured and (missing > self.settings.max_gap or not continues):
+            stalled = f"no measurement of {', '.join(self.network.measured)} for {missing} steps of {self.period} s"
+        self.progress = before._replace(last_time=sample.time, missing=missing, stalled=stalled)
+        if stalled is not None:
+            return None
+        posterior, score = self._assimilate(sample, continues)
+        self.state = self.estimator.predict(posterior.state, self.held.values)
+        self.progress = self.progress._replace(samples=before.samples + 1)
+        self.latest = self._update(sample, posterior, score, began)
+        return self.latest
+
+    def _assimilate(self, sample: Sample, continues: bool) -> tuple[Posterior, Score | None]:
+        """Score and assimilate y_k, or begin a segment with it."""
+        if continues and self.latest is not None:
+            posterior = self.estimator.update(self.state, sample.outputs)
+            vanished = self.progress.vanished + 1 if posterior.outcome is Outcome.VANISHED else 0
+            self.progress = self.progress._replace(vanished=vanished)
+            if vanished < VANISHED_LIMIT:
+                return posterior, _score(self.latest.forecast, sample, self.settings.levels[0])
+        self.progress = self.progress._replace(vanished=0, segment=self.progress.segment + 1)
+        inputs = self.held.values
+        if self.state is None:
+            state = self.estimator.start(self.settings.seed, sample.outputs, inputs)
+        else:
+            state = self.estimator.restart(self.state, sample.outputs, inputs)
+        # The states start at y itself, so y has nothing more to teach: the update is one without outputs.
+        return self.estimator.update(state, np.full(len(sample.outputs), np.nan)), None
+
+    def _unusable_inputs(self, now: int) -> str | None:
+        """Why the inputs cannot carry a prediction at UTC time `now`, or None."""
+        for channel, value, when in zip(self.network.inputs, self.held.values, self.held.times, strict=True):
+            if np.isnan(value):
+                return f"no reading of {channel} yet"
+            if now - when > self.settings.hold_inputs:
+                return (
+                    f"{channel} is {now - when:.0f} s old, older than hold_inputs = {self.settings.hold_inputs:.0f} s"
+                )
+        return None
+
+    def _update(self, sample: Sample, posterior: Posterior, score: Score | None, began: float) -> Update:
+        lower, median, upper = (tuple(map(float, column)) for column in posterior.alpha_quantiles.T)
+        return Update(
+            time=sample.time,
+            segment=self.progress.segment,
+            outcome=STARTED if score is None else str(posterior.outcome),
+            y=tuple(map(float, sample.outputs)),
+            score=score,
+            volatility=Volatility(self.estimator.blocks, lower, median, upper, tuple(map(float, posterior.cdf))),
+            gate=Gate(posterior.gate, posterior.regime),
+            effective_sample_size=posterior.effective_sample_size,
+            resampled=posterior.resampled,
+            floored=posterior.floored,
+            log_likelihood=posterior.log_likelihood,
+            parameters=tuple(map(float, posterior.parameters)),
+            forecast=self._forecast(sample.time),
+            step_seconds=time.perf_counter() - began,
+        )
+
+    def _forecast(self, sample_time: int) -> Forecast:
+        mixture = self.estimator.predictive(self.state)
+        issue = sample_time + self.period
+        inputs = tuple(
+            InputUsed(channel, value, self.network.channel_unit(channel), issue - when, quality, issue > when)
+            for channel, value, when, quality in zip(
+                self.network.inputs,
+                self.held.values.tolist(),
+                self.held.times.tolist(),
+                self.held.qualities,
+                strict=True,
+            )
+        )
+        return Forecast(sample_time, issue, issue, self._outputs(mixture, self.settings.levels), inputs)
+
+    def _outputs(self, mixture: Mixture, levels: Sequence[float]) -> tuple[OutputForecast, ...]:
+        mean, sd = mixture.mean(), mixture.sd()
+        return tuple(
+            OutputForecast(
+                output=name,
+                mean=float(mean[index]),
+                median=self.estimator.quantile(mixture, 0.5, index),
+                sd=float(sd[index]),
+                intervals=tuple(
+                    Interval(
+                        level,
+                        self.estimator.quantile(mixture, 0.5 - level / 2, index),
+                        self.estimator.quantile(mixture, 0.5 + level / 2, index),
+                    )
+                    for level in levels
+                ),
+            )
+            for index, name in enumerate(self.network.measured)
+        )
+
+
+def _hold(held: Held, sample: Sample, end: int) -> Held:
+    """The held inputs after a sample whose interval ended at `end`."""
+    measured = ~np.isnan(sample.inputs)
+    return Held(
+        np.where(measured, sample.inputs, held.values),
+        np.where(measured, float(end), held.times),
+        tuple(
+            new if fresh else old
+            for fresh, new, old in zip(measured, sample.input_quality, held.qualities, strict=True)
+        ),
+    )
+
+
+def _score(forecast: Forecast, sample: Sample, level: float) -> Score:
+    """The published forecast against y_k, at its first level."""
+    intervals = [output.intervals[0] for output in forecast.outputs]
+    return Score(
+        y=tuple(map(float, sample.outputs)),
+        mean=tuple(output.mean for output in forecast.outputs),
+        sd=tuple(output.sd for output in forecast.outputs),
+        lower=tuple(interval.lower for interval in intervals),
+        upper=tuple(interval.upper for interval in intervals),
+        residual=tuple(float(y) - output.mean for y, output in zip(sample.outputs, forecast.outputs, strict=True)),
+        level=level,
+    )

@@ -1,0 +1,307 @@
+"""One zone inside the daemon: its mailbox, its worker, and what happens when the worker fails.
+
+A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
+zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
+into the journal, so that nothing is lost and no other zone waits. A sample on which the zone fails
+repeatedly is marked in the journal and passed over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from typing import NamedTuple, Protocol
+
+from adapters.reading import Reading
+from estimator.types import ParameterSummary
+from service import snapshot
+from service.alignment import Alignment
+from service.errors import ServiceError, StateMismatch
+from service.journal import HistoryRow
+from service.metrics import Metrics
+from service.records import Sample, Update
+from service.store import Store
+from service.view import Fan, ZoneStatus
+from service.worker import ZoneWorker
+
+MAILBOX = 16
+ATTEMPTS = 3
+FIRST_PAUSE = 1.0
+LONGEST_PAUSE = 60.0
+
+_log = logging.getLogger(__name__)
+
+
+class Announcer(Protocol):
+    """Where updates and states of zones are announced, called from worker threads; may raise ServiceError."""
+
+    def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
+        """A sample was assimilated."""
+
+    def publish_status(self, zone: str, status: ZoneStatus) -> None:
+        """A zone changed without a new update."""
+
+
+class Plumbing(NamedTuple):
+    """What all zones share."""
+
+    store: Store
+    pool: Executor
+    metrics: Metrics
+    announcer: Announcer | None
+    checkpoint_every: float
+    """Wall-clock s between two checkpoints of a zone."""
+
+
+class Zone:
+    """A running zone; also what REST, metrics and the publisher see of it (`service.view.ZoneView`)."""
+
+    def __init__(
+        self, name: str, estimator: str, fingerprint: str, make_worker: Callable[[], ZoneWorker], plumbing: Plumbing
+    ) -> None:
+        self.id = name
+        self.estimator = estimator
+        self._alignment: Alignment | None = None
+        self._fingerprint = fingerprint
+        self._make_worker = make_worker
+        self._plumbing = plumbing
+        self._worker = make_worker()
+        self.network = self._worker.network
+        self.period = float(self._worker.period)
+        self._mailbox: asyncio.Queue[Sample | None] = asyncio.Queue(MAILBOX)
+        self._failure: str | None = None
+        self._at: int | None = None
+        """Time of the sample that is being assimilated; None between two."""
+        self._saved = time.monotonic()
+        self._clock: float | None = None
+
+    def status(self) -> ZoneStatus:
+        """How the zone is doing."""
+        progress, alignment = self._worker.progress, self._alignment
+        if self._failure is not None:
+            state, reason = "failed", self._failure
+        elif progress.stalled is not None and self._worker.latest is not None:
+            state, reason = "stalled", progress.stalled
+        elif self._worker.latest is None:
+            state, reason = "waiting", progress.stalled or "no complete sample yet"
+        elif alignment is not None and alignment.ended:
+            state, reason = "stalled", "its recording has come to an end; the last forecast stands"
+        else:
+            state, reason = "running", ""
+        return ZoneStatus(
+            state=state,
+            reason=reason,
+            last_sample_time=progress.last_time,
+            samples=progress.samples,
+            segment=progress.segment,
+            faults={str(fault): count for fault, count in alignment.faults.items()} if alignment else {},
+            last_good=dict(alignment.last_good) if alignment else {},
+            now=self._clock,
+        )
+
+    def latest(self) -> Update | None:
+        """The newest update."""
+        return self._worker.latest
+
+    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
+        """The standing forecast and `steps` beyond it, under `plan`."""
+        rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
+        worker = self._worker
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, worker.fan, levels, rows)
+
+    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+        """Posterior quantiles of the parameters."""
+        worker = self._worker
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, worker.parameters, levels)
+
+    async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """History rows, oldest first."""
+        return await self._plumbing.store.history(self.id, start, end, limit)
+
+    async def restore(self) -> int | None:
+        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.
+
+        Raises StateMismatch where the stored state belongs to another network.
+        """
+        store, loop = self._plumbing.store, asyncio.get_running_loop()
+        worker = self._make_worker()
+        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
+        if checkpoint is not None:
+            snapshot.restore(worker, checkpoint)
+        replayed = 0
+        while samples := await store.samples_after(self.id, worker.progress.last_time):
+            for sample in samples:
+                await self._step(worker, sample)
+            replayed += len(samples)
+        self._worker = worker
+        if checkpoint is not None or replayed:
+            _log.info(
+                "zone '%s' goes on after %d samples, %d replayed from the journal",
+                self.id,
+                worker.progress.samples,
+                replayed,
+            )
+        return await store.last_sample_time(self.id)
+
+    def align(self, alignment: Alignment) -> None:
+        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`."""
+        self._alignment = alignment
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Readings of `source`, and its clock: the samples that close by them are accepted."""
+        assert self._alignment is not None
+        await self.accept(self._alignment.add(source, readings, now), now)
+
+    async def end(self, source: str) -> None:
+        """`source` has come to its end."""
+        assert self._alignment is not None
+        await self.accept(self._alignment.end(source), self._clock)
+
+    async def accept(self, samples: Iterable[Sample], clock: float | None) -> None:
+        """Make samples durable and hand them to the worker; `clock` is a recording's own time, None when live."""
+        self._clock = clock
+        for sample in samples:
+            await self._append(sample)
+            # While the zone is failed the journal alone takes samples; the recovery reads them from there.
+            if self._failure is None:
+                await self._mailbox.put(sample)
+
+    async def prepare(self) -> int | None:
+        """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
+        leaves the zone failed, to be retried by `run`."""
+        try:
+            return await self.restore()
+        except StateMismatch:
+            raise
+        except Exception as error:
+            self._fail(error, FIRST_PAUSE)
+            return await self._plumbing.store.last_sample_time(self.id)
+
+    async def _append(self, sample: Sample) -> None:
+        """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
+        pause = FIRST_PAUSE
+        while True:
+            try:
+                await self._plumbing.store.append(self.id, sample)
+                return
+            except ServiceError as error:
+                _log.error("zone '%s' cannot accept samples: %s", self.id, error)
+                await asyncio.sleep(pause)
+                pause = min(2 * pause, LONGEST_PAUSE)
+
+    async def close_mailbox(self) -> None:
+        """No sample follows: `run` ends when the mailbox is empty."""
+        await self._mailbox.put(None)
+
+    async def run(self) -> None:
+        """Serve the mailbox, in order, until it is closed; then write a checkpoint."""
+        pause, failed_on, attempts = FIRST_PAUSE, None, 0
+        while True:
+            try:
+                if self._failure is not None:
+                    await self._recover()
+                    pause = FIRST_PAUSE
+                await self._serve()
+                return
+            except StateMismatch:
+                raise
+            except Exception as error:
+                attempts = attempts + 1 if failed_on == self._at else 1
+                failed_on, self._at = self._at, None
+                self._fail(error, pause)
+                if failed_on is not None and attempts >= ATTEMPTS:
+                    await self._pass_over(failed_on, error)
+                if await self._closed_within(pause):
+                    return
+                pause = min(2 * pause, LONGEST_PAUSE)
+
+    async def _serve(self) -> None:
+        while (sample := await self._mailbox.get()) is not None:
+            last = self._worker.progress.last_time
+            # After a recovery the mailbox may still hold what the journal has already brought.
+            if last is None or sample.time > last:
+                await self._step(self._worker, sample)
+                if time.monotonic() - self._saved >= self._plumbing.checkpoint_every:
+                    await self._save()
+        await self._save()
+
+    async def _step(self, worker: ZoneWorker, sample: Sample) -> None:
+        loop, store = asyncio.get_running_loop(), self._plumbing.store
+        self._at = sample.time
+        update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
+        self._at = None
+        if update is not None:
+            await store.record(self.id, update)
+
+    def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
+        """In a worker thread: one step, and its publication while the worker is the zone's own."""
+        update = worker.step(sample)
+        if worker is self._worker:
+            if update is not None:
+                self._plumbing.metrics.observe(self.id, update)
+            self._announce(update)
+        return update
+
+    def _announce(self, update: Update | None) -> None:
+        """Tell the announcer; that it cannot be reached must not stop the zone."""
+        announcer = self._plumbing.announcer
+        if announcer is None:
+            return
+        try:
+            if update is not None:
+                announcer.publish(self.id, update, self.status())
+            else:
+                announcer.publish_status(self.id, self.status())
+        except ServiceError as error:
+            _log.warning("zone '%s': %s", self.id, error)
+
+    async def _save(self) -> None:
+        checkpoint = snapshot.take(self._worker, self._fingerprint)
+        self._saved = time.monotonic()
+        if checkpoint is None:
+            return
+        await self._plumbing.store.flush()
+        loop, store = asyncio.get_running_loop(), self._plumbing.store
+        try:
+            await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
+        except ServiceError as error:
+            # The journal still holds everything since the last good checkpoint.
+            _log.error("zone '%s': %s", self.id, error)
+
+    def _fail(self, error: Exception, pause: float) -> None:
+        self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
+        while not self._mailbox.empty():
+            if self._mailbox.get_nowait() is None:
+                self._mailbox.put_nowait(None)
+                break
+        _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
+        self._announce(None)
+
+    async def _recover(self) -> None:
+        await self.restore()
+        # From here on samples come through the mailbox again; those accepted until now are read once more.
+        self._failure = None
+        while samples := await self._plumbing.store.samples_after(self.id, self._worker.progress.last_time):
+            for sample in samples:
+                await self._step(self._worker, sample)
+        _log.info("zone '%s' has recovered", self.id)
+
+    async def _pass_over(self, when: int, error: Exception) -> None:
+        """Mark the sample at `when` as one that is not to be assimilated."""
+        reason = f"failed {ATTEMPTS} times: {error}"
+        _log.error("zone '%s' passes over its sample at %d, which %s", self.id, when, reason)
+        try:
+            await self._plumbing.store.skip(self.id, when, reason)
+        except ServiceError as failure:
+            _log.error("zone '%s': %s", self.id, failure)
+
+    async def _closed_within(self, pause: float) -> bool:
+        """Wait for `pause` s; True if the mailbox was closed meanwhile."""
+        try:
+            async with asyncio.timeout(pause):
+                return await self._mailbox.get() is None
+        except TimeoutError:
+            return False

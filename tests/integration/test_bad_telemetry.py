@@ -1,0 +1,143 @@
+"""Bad telemetry is counted by kind and shown; it never crashes a zone, never poisons a state, never reaches a neighbour."""
+
+import json
+import math
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from harness import Daemon, thermogate
+
+CONFIG = """
+[site]
+id = "bad"
+
+[sources.clean]
+kind = "csv"
+files = ["clean.csv"]
+timestamp = { column = "time" }
+
+[sources.dirty]
+kind = "csv"
+files = ["dirty.csv"]
+timestamp = { column = "time" }
+
+[[zones]]
+id = "clean"
+period = "5min"
+network = "tite"
+[zones.estimator_options]
+particles = 200
+[zones.channels]
+T_i = { source = "clean", column = "T_i", unit = "degC" }
+T_out = { source = "clean", column = "T_out", unit = "degC" }
+u_heat = { source = "clean", column = "u_heat", unit = "W" }
+
+[[zones]]
+id = "dirty"
+period = "5min"
+network = "tite"
+[zones.estimator_options]
+particles = 200
+[zones.channels]
+T_i = { source = "dirty", column = "T_i", unit = "degC" }
+T_out = { source = "dirty", column = "T_out", unit = "degC" }
+u_heat = { source = "dirty", column = "u_heat", unit = "W" }
+"""
+
+FAULTS = {
+    20: {"T_i": "warm"},
+    21: {"T_i": "nan"},
+    22: {"T_out": "inf"},
+    23: {"T_i": "-273"},
+    24: {"T_i": "1e308"},
+    25: {"time": "2025-01-01 02:05:00"},
+    26: {"time": "yesterday"},
+    27: {"T_i": ""},
+    28: {"u_heat": "-inf"},
+    30: {"T_i": "79.9"},
+}
+"""Row number to the cells it gets instead; 79.9 degC is in range, but no particle explains it."""
+
+KINDS = {
+    "non_numeric": 1,
+    "not_finite": 3,
+    "out_of_range": 2,
+    "naive_timestamp": 3,
+    "bad_timestamp": 3,
+    "duplicated": 3,
+}
+
+
+def rows(count, changes):
+    begin = datetime(2025, 1, 1, tzinfo=UTC)
+    yield "time,T_i,T_out,u_heat"
+    for k in range(count):
+        cells = {
+            "time": (begin + timedelta(minutes=5 * k)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "T_i": f"{20 + math.sin(k / 15):.3f}",
+            "T_out": f"{3 + math.cos(k / 40):.2f}",
+            "u_heat": "1500" if k % 6 < 2 else "0",
+        } | changes.get(k, {})
+        yield ",".join(cells.values())
+        if changes and k == 35:
+            yield ",".join(cells.values())
+
+
+@pytest.fixture
+def config(tmp_path):
+    (tmp_path / "clean.csv").write_text("\n".join(rows(60, {})) + "\n")
+    (tmp_path / "dirty.csv").write_text("\n".join(rows(60, FAULTS)) + "\n")
+    path = tmp_path / "bad.toml"
+    path.write_text(CONFIG)
+    return path
+
+
+def test_every_kind_is_counted_and_the_zone_goes_on(config, tmp_path):
+    with Daemon(config, tmp_path / "log", {"site.state_dir": str(tmp_path / "state")}) as daemon:
+        daemon.wait_until_ended()
+        dirty = daemon.get("/zones/dirty")[1]["status"]
+        clean = daemon.get("/zones/clean")[1]["status"]
+        history, neighbour = daemon.history("dirty"), daemon.history("clean")
+        status, forecast = daemon.get("/zones/dirty/forecast")
+        code, _ = daemon.terminate()
+        log = daemon.log()
+    assert code == 0
+    assert "Traceback" not in log
+    assert dirty["faults"] == KINDS
+    assert clean["faults"] == {}
+    assert status == 200
+    assert forecast["mean"] == pytest.approx(neighbour[-1]["y"], abs=1.0)
+    assert len(neighbour) == 60
+    assert len(history) == 60, "missing outputs and held inputs are bridged"
+    for row in history[1:]:
+        assert math.isfinite(row["mean"])
+        assert 0 < row["sd"] < 50
+    # The row that no particle explains is flagged, not learned from.
+    assert history[30]["log_likelihood"] is None
+    assert history[30]["gate"] == 0
+    assert history[31]["log_likelihood"] is not None
+
+
+def test_replay_counts_the_same(config, tmp_path):
+    done = thermogate("replay", config, "--out", tmp_path / "out", "--zone", "dirty")
+    assert done.returncode == 0, done.stderr
+    zones = json.loads((tmp_path / "out" / "summary.json").read_text())["zones"]
+    assert list(zones) == ["dirty"]
+    assert zones["dirty"]["faults"] == KINDS
+
+
+def test_a_recording_that_vanishes_under_the_daemon_is_reported_and_retried(config, tmp_path):
+    """Only its own zone waits; the file comes back and the zone goes on."""
+    checked = (tmp_path / "dirty.csv").read_text()
+    (tmp_path / "later.csv").write_text(checked)
+    settings = {"site.state_dir": str(tmp_path / "state"), "sources.dirty.files": ["dirty.csv", "later.csv"]}
+    settings["sources.dirty.pace"] = 6000
+    with Daemon(config, tmp_path / "log", settings) as daemon:
+        daemon.wait(lambda zones: zones["dirty"]["samples"] >= 1)
+        (tmp_path / "later.csv").unlink()
+        daemon.wait(lambda zones: "trying again" in daemon.log(), timeout=60)
+        assert daemon.get("/zones/clean")[1]["status"]["samples"] == 60
+        (tmp_path / "later.csv").write_text(checked)
+        daemon.wait_until_ended(60)
+        assert "later.csv" in daemon.log()
+        assert "Traceback" not in daemon.log()

@@ -1,0 +1,115 @@
+"""Stopped or killed in mid-replay, the daemon goes on as if it had never stopped."""
+
+import csv
+import signal
+import time
+
+import pytest
+from harness import EXAMPLES, Daemon, overrides, thermogate
+
+CONFIG = EXAMPLES / "building-67.toml"
+ZONE = "building-67"
+COLUMNS = ("y", "mean", "lower", "upper", "sd", "alpha_median", "cdf", "gate", "n_eff", "log_likelihood")
+
+
+def settings(tmp_path):
+    return {
+        "site.state_dir": str(tmp_path / "state"),
+        "zones.0.estimator_options.particles": 500,
+        # About 60 samples a second: slow enough to be caught in the middle.
+        "sources.simulation.pace": 36000,
+    }
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(tmp_path_factory):
+    out = tmp_path_factory.mktemp("replay")
+    done = thermogate("replay", CONFIG, "--out", out, *overrides({"zones.0.estimator_options.particles": 500}))
+    assert done.returncode == 0, done.stderr
+    with (out / ZONE / "updates.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 432
+    return rows
+
+
+def assert_same_history(daemon, rows):
+    history = daemon.history(ZONE)
+    assert [entry["time"] for entry in history] == [row["time"] for row in rows]
+    for entry, row in zip(history, rows, strict=True):
+        for name in COLUMNS:
+            assert entry[name] == (float(row[name]) if row[name] else None), (row["time"], name)
+
+
+def caught_in_the_middle(daemon, least):
+    daemon.wait(lambda zones: zones[ZONE]["samples"] >= least)
+    samples = daemon.get(f"/zones/{ZONE}")[1]["status"]["samples"]
+    assert samples < 432
+    return samples
+
+
+@pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT])
+def test_an_orderly_stop_takes_under_five_seconds_and_the_next_start_goes_on(signum, uninterrupted, tmp_path):
+    with Daemon(CONFIG, tmp_path / "first.log", settings(tmp_path)) as daemon:
+        samples = caught_in_the_middle(daemon, 60)
+        code, seconds = daemon.terminate(signum)
+        assert code == 0, daemon.log()
+        assert seconds < 5
+        assert "Traceback" not in daemon.log()
+    assert list((tmp_path / "state" / "checkpoints" / ZONE).glob("*.npz"))
+    with Daemon(CONFIG, tmp_path / "second.log", settings(tmp_path)) as daemon:
+        first = daemon.get(f"/zones/{ZONE}")[1]["status"]["samples"]
+        assert first >= samples, "the zone starts where it stopped, before any new sample"
+        assert "0 replayed from the journal" in daemon.log()
+        assert daemon.get(f"/zones/{ZONE}/forecast")[0] == 200, "its standing forecast is served at once"
+        daemon.wait_until_ended()
+        assert_same_history(daemon, uninterrupted)
+
+
+def test_killed_at_several_moments_it_still_ends_with_the_same_bits(uninterrupted, tmp_path):
+    for number, least in enumerate((20, 90, 200)):
+        with Daemon(CONFIG, tmp_path / f"{number}.log", settings(tmp_path)) as daemon:
+            caught_in_the_middle(daemon, least)
+            time.sleep(0.013 * number)
+            daemon.kill()
+    with Daemon(CONFIG, tmp_path / "last.log", settings(tmp_path)) as daemon:
+        daemon.wait_until_ended()
+        assert "replayed from the journal" in daemon.log()
+        assert_same_history(daemon, uninterrupted)
+
+
+def test_a_second_daemon_on_the_same_state_is_refused(tmp_path):
+    with Daemon(CONFIG, tmp_path / "first.log", settings(tmp_path)) as first:
+        first.url()
+        with Daemon(CONFIG, tmp_path / "second.log", settings(tmp_path)) as second:
+            assert second.process.wait(timeout=30) == 1
+            assert "another thermogate already runs on site.state_dir" in second.log()
+            assert "Traceback" not in second.log()
+        assert first.get("/healthz")[0] == 200
+
+
+def test_a_taken_port_is_one_sentence(tmp_path):
+    with Daemon(CONFIG, tmp_path / "first.log", settings(tmp_path)) as first:
+        port = int(first.url().rsplit(":", 1)[1])
+        other = settings(tmp_path) | {"http.port": port, "site.state_dir": str(tmp_path / "other")}
+        with Daemon(CONFIG, tmp_path / "second.log", other) as second:
+            assert second.process.wait(timeout=30) == 1
+            assert f"127.0.0.1:{port} cannot be used" in second.log()
+            assert "Traceback" not in second.log()
+
+
+def test_a_changed_network_is_refused_until_its_zone_is_reset(tmp_path):
+    with Daemon(CONFIG, tmp_path / "first.log", settings(tmp_path)) as daemon:
+        caught_in_the_middle(daemon, 30)
+        assert daemon.terminate()[0] == 0
+    changed = settings(tmp_path)
+    table = ("--set", 'zones.0.network={ preset = "building-67", fixed = ["C_s"] }')
+    with Daemon(CONFIG, tmp_path / "second.log", changed, *table) as daemon:
+        assert daemon.process.wait(timeout=30) in (1, 2)
+        assert f"--reset {ZONE}" in daemon.log()
+        assert "Traceback" not in daemon.log()
+    with Daemon(CONFIG, tmp_path / "third.log", changed, *table, "--reset", ZONE) as daemon:
+        daemon.wait(lambda zones: zones[ZONE]["samples"] >= 5)
+        assert daemon.history(ZONE)[0]["segment"] == 1
+        assert daemon.terminate()[0] == 0
+    # What was there is set aside, not deleted.
+    assert list((tmp_path / "state" / "checkpoints").rglob("*.npz"))

@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from replay.scores import coverage, mean_width, rmse, winkler
+
+NAN = np.nan
+# inside, on the bound, below by .5, above by .25, three incomplete rows
+Y = np.array([20.0, 21.0, 19.5, 22.25, NAN, 20.0, 20.0])
+LOWER = np.array([19.0, 20.0, 20.0, 21.0, 19.0, NAN, 19.0])
+UPPER = np.array([21.0, 21.0, 22.0, 22.0, 21.0, 21.0, NAN])
+
+
+def test_rmse_by_hand() -> None:
+    assert rmse(np.array([3.0, NAN, -4.0])) == pytest.approx(np.sqrt(12.5))
+
+
+def test_coverage_counts_the_bounds_as_inside() -> None:
+    assert coverage(Y, LOWER, UPPER) == 0.5
+
+
+def test_mean_width_by_hand() -> None:
+    assert mean_width(LOWER[:4], UPPER[:4]) == 1.5
+    assert mean_width(np.array([0.0, NAN]), np.array([2.0, 5.0])) == 2.0
+
+
+def test_winkler_by_hand() -> None:
+    # widths 2, 1, 2, 1; the penalty factor is 2 / .05 = 40
+    assert winkler(Y, LOWER, UPPER, 0.95) == pytest.approx((2 + 1 + (2 + 40 * 0.5) + (1 + 40 * 0.25)) / 4)
+    assert winkler(Y, LOWER, UPPER, 0.5) == pytest.approx((2 + 1 + (2 + 4 * 0.5) + (1 + 4 * 0.25)) / 4)
+
+
+def test_winkler_is_smallest_at_the_true_quantiles() -> None:
+    y = np.random.default_rng(1).standard_normal(200_000)
+    scores = {half: winkler(y, np.full_like(y, -half), np.full_like(y, half), 0.95) for half in (1.7, 1.96, 2.2)}
+    assert min(scores, key=lambda half: scores[half]) == 1.96
+
+
+def test_without_a_complete_row_the_score_is_nan() -> None:
+    nothing = np.array([NAN, NAN])
+    assert np.isnan(rmse(nothing))
+    assert np.isnan(coverage(nothing, nothing, nothing))
+    assert np.isnan(mean_width(nothing, nothing))
+    assert np.isnan(winkler(nothing, nothing, nothing, 0.9))
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 95.0])
+def test_winkler_refuses_a_level_that_is_none(level: float) -> None:
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        winkler(Y, LOWER, UPPER, level)

@@ -1,0 +1,76 @@
+"""A sound two-zone configuration for the tests of configuration and command line to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+HEADER = "Timestamp,Living,Bedroom,Outside,Power1,Power2,Sun"
+
+
+def sound(folder: Path) -> dict[str, Any]:
+    """Tables of a configuration that passes, with its recording in `folder`."""
+    (folder / "log.csv").write_text(f"{HEADER}\n2025-05-03 00:00:00,20.5,19.5,10.0,0.4,0.2,0\n", encoding="utf-8")
+    return {
+        "site": {"id": "house"},
+        "sources": {
+            "log": {
+                "kind": "csv",
+                "files": ["log.csv"],
+                "timestamp": {"column": "Timestamp", "format": "iso8601", "zone": "Europe/Berlin"},
+            }
+        },
+        "zones": [
+            {
+                "id": "living",
+                "period": "5min",
+                "network": "tite",
+                "channels": {
+                    "T_i": {"source": "log", "column": "Living", "unit": "degC"},
+                    "T_out": {"source": "log", "column": "Outside", "unit": "degC"},
+                    "u_heat": {"source": "log", "columns": ["Power1", "Power2"], "unit": "kW"},
+                },
+            },
+            {
+                "id": "bedroom",
+                "period": "10min",
+                "network": {"preset": "titeth", "solar": True},
+                "channels": {
+                    "T_i": {"source": "log", "column": "Bedroom", "unit": "degC"},
+                    "T_out": {"source": "log", "column": "Outside", "unit": "degC"},
+                    "u_heat": {"source": "log", "column": "Power1", "unit": "kW"},
+                    "I_sol": {"source": "log", "column": "Sun", "unit": "W/m2"},
+                },
+            },
+        ],
+    }
+
+
+def inline_network() -> dict[str, Any]:
+    """The tables of a sound inline network with a learned aperture and a split heater."""
+    return {
+        "name": "attic",
+        "measured": ["T_air"],
+        "boundaries": ["T_out"],
+        "capacitances": {"T_air": {"lower": 1e5, "upper": 1e7}, "T_wall": {"name": "C_w", "value": 4e6}},
+        "conductances": [
+            {"name": "g_air_wall", "between": ["T_air", "T_wall"], "lower": 10, "upper": 5000},
+            {"name": "g_wall_out", "between": ["T_wall", "T_out"], "lower": 5, "upper": 500, "nominal": 60},
+        ],
+        "heat_inputs": [
+            {"channel": "u_heat", "node": "T_air", "gain": {"name": "f_air", "lower": 0.02, "upper": 0.98}},
+            {"channel": "u_heat", "node": "T_wall", "gain": {"rest_of": "f_air"}},
+            {"channel": "I_sol", "node": "T_air", "unit": "W/m2", "gain": {"name": "A_w", "value": 4.5}},
+            {"channel": "n_people", "node": "T_air", "unit": "people", "gain": 80},
+        ],
+        "initial": {"T_wall": {"source": "T_out", "sd": 4.0}},
+    }
+
+
+def write(folder: Path, tables: dict[str, Any]) -> Path:
+    """`tables` as a configuration file in `folder`."""
+    path = folder / "house.toml"
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    return path

@@ -1,0 +1,280 @@
+"""A zone in the daemon: samples journaled before they are used, failures retried, poison passed over, nothing lost."""
+
+import asyncio
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+
+import pytest
+from zone_samples import PERIOD, comparable, sample, worker
+
+import service.zone
+from service.alignment import Alignment
+from service.errors import JournalError, ServiceError, StateMismatch
+from service.metrics import Metrics
+from service.store import Store
+from service.zone import ATTEMPTS, Plumbing, Zone
+
+
+class Announced:
+    """An announcer that remembers, and can be told to fail."""
+
+    def __init__(self):
+        self.updates, self.states, self.broken = [], [], False
+
+    def publish(self, zone, update, status):
+        if self.broken:
+            raise ServiceError("[zenoh]: the session is gone")
+        self.updates.append((zone, update))
+        self.states.append(status.state)
+
+    def publish_status(self, zone, status):
+        self.states.append(status.state)
+
+
+class Poisoned:
+    """A worker whose step fails on chosen samples, a chosen number of times each."""
+
+    def __init__(self, inner, failures):
+        object.__setattr__(self, "_inner", inner)
+        object.__setattr__(self, "_failures", failures)
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def step(self, item):
+        if self._failures.get(item.time, 0) > 0:
+            self._failures[item.time] -= 1
+            raise RuntimeError(f"cannot step over {item.time}")
+        return self._inner.step(item)
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch):
+    monkeypatch.setattr(service.zone, "FIRST_PAUSE", 0.01)
+    monkeypatch.setattr(service.zone, "LONGEST_PAUSE", 0.02)
+
+
+@asynccontextmanager
+async def plumbing(folder, announcer=None, checkpoint_every=1e9):
+    store, pool = Store(folder), ThreadPoolExecutor(2)
+    try:
+        yield Plumbing(store, pool, Metrics({}), announcer, checkpoint_every)
+    finally:
+        pool.shutdown()
+        store.close()
+
+
+def make(shared, failures=None, name="z", mark="mark"):
+    return Zone(name, "rbpf", mark, lambda: worker() if failures is None else Poisoned(worker(), failures), shared)
+
+
+async def fed(zone, items):
+    await zone.prepare()
+    running = asyncio.create_task(zone.run())
+    await zone.accept(items, None)
+    return running
+
+
+async def finished(zone, running):
+    await zone.close_mailbox()
+    async with asyncio.timeout(30):
+        await running
+
+
+async def caught_up(zone, items):
+    async with asyncio.timeout(30):
+        while zone.status().last_sample_time != items[-1].time or zone.status().state != "running":
+            await asyncio.sleep(0.005)
+
+
+def straight(items):
+    alone = worker()
+    return [comparable(alone.step(item)) for item in items]
+
+
+def test_samples_go_through_in_order_and_are_announced(tmp_path):
+    async def scenario():
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = make(shared)
+            items = [sample(k) for k in range(40)]
+            await finished(zone, await fed(zone, items))
+            assert [comparable(update) for _, update in announcer.updates] == straight(items)
+            assert zone.status().state == "running"
+            assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
+            assert list((tmp_path / "checkpoints" / "z").glob("*.npz"))
+
+    asyncio.run(scenario())
+
+
+def test_a_new_zone_goes_on_where_the_old_one_stopped(tmp_path):
+    items = [sample(k) for k in range(60)]
+
+    async def first():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await finished(zone, await fed(zone, items[:33]))
+
+    async def second(expected_last):
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = make(shared)
+            assert await zone.prepare() == expected_last
+            assert zone.latest().time == expected_last
+            running = asyncio.create_task(zone.run())
+            await zone.accept(items[33:], None)
+            await finished(zone, running)
+            return [comparable(update) for _, update in announcer.updates]
+
+    asyncio.run(first())
+    # Without its checkpoints the whole journal is replayed; the result is the same.
+    for path in (tmp_path / "checkpoints").rglob("*.npz"):
+        path.unlink()
+    assert asyncio.run(second(items[32].time)) == straight(items)[33:]
+
+
+def test_a_step_that_fails_once_is_retried_and_nothing_is_lost(tmp_path):
+    async def scenario():
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            items = [sample(k) for k in range(40)]
+            zone = make(shared, {items[20].time: 1})
+            running = await fed(zone, items)
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert "failed" in announcer.states
+            assert comparable(zone.latest()) == straight(items)[-1]
+            rows = await zone.history(None, None, 100)
+            assert [row.time for row in rows] == [item.time for item in items]
+
+    asyncio.run(scenario())
+
+
+def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path, caplog):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            items = [sample(k) for k in range(30)]
+            failures = {items[10].time: 10**6}
+            zone = make(shared, failures)
+            running = await fed(zone, items)
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert 10**6 - failures[items[10].time] >= ATTEMPTS
+            rows = await zone.history(None, None, 100)
+            assert items[10].time not in [row.time for row in rows]
+            assert rows[-1].time == items[-1].time
+            # The same as if that interval had never come.
+            assert comparable(zone.latest()) == straight(items[:10] + items[11:])[-1]
+
+    with caplog.at_level(logging.ERROR):
+        asyncio.run(scenario())
+    assert f"passes over its sample at {10 * PERIOD}" in caplog.text
+
+
+def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(service.zone, "FIRST_PAUSE", 0.3)
+    monkeypatch.setattr(service.zone, "LONGEST_PAUSE", 0.3)
+
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            items = [sample(k) for k in range(60)]
+            sick, well = make(shared, {items[0].time: 1}, "sick"), make(shared, None, "well")
+            tasks = [await fed(sick, items[:1]), await fed(well, items[:1])]
+            async with asyncio.timeout(10):
+                while sick.status().state != "failed":
+                    await asyncio.sleep(0.005)
+                # More than its mailbox holds, and no one waits for it.
+                await sick.accept(items[1:], None)
+                await well.accept(items[1:], None)
+            assert sick.status().state == "failed"
+            assert "cannot step over 0" in sick.status().reason
+            await caught_up(sick, items)
+            for zone, task in zip((sick, well), tasks, strict=True):
+                await finished(zone, task)
+            assert comparable(sick.latest()) == comparable(well.latest())
+
+    asyncio.run(scenario())
+
+
+def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
+    async def scenario():
+        announcer = Announced()
+        announcer.broken = True
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = make(shared)
+            await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
+            assert zone.status().samples == 5
+            assert zone.status().state == "running"
+
+    asyncio.run(scenario())
+    assert "the session is gone" in caplog.text
+
+
+def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path, monkeypatch, caplog):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            real, failures = shared.store.append, [JournalError("the journal failed (disk full); free space")] * 3
+
+            async def failing(name, item):
+                if failures:
+                    raise failures.pop()
+                return await real(name, item)
+
+            monkeypatch.setattr(shared.store, "append", failing)
+            await finished(zone, await fed(zone, [sample(0), sample(1)]))
+            assert zone.status().samples == 2
+
+    asyncio.run(scenario())
+    assert caplog.text.count("disk full") == 3
+
+
+def test_checkpoints_are_written_while_running(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path, checkpoint_every=0.0) as shared:
+            zone = make(shared)
+            running = await fed(zone, [sample(k) for k in range(10)])
+            async with asyncio.timeout(10):
+                while zone.status().samples < 10:
+                    await asyncio.sleep(0.01)
+            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) == 3
+            await finished(zone, running)
+
+    asyncio.run(scenario())
+
+
+def test_the_state_of_another_network_is_refused(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
+            with pytest.raises(StateMismatch, match="--reset z"):
+                await make(shared, mark="other").prepare()
+            await shared.store.forget("z")
+            assert await make(shared, mark="other").prepare() is None
+
+    asyncio.run(scenario())
+
+
+def test_a_zone_says_what_it_waits_for(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            assert (zone.status().state, zone.latest(), await zone.fan(3, (0.9,), None)) == ("waiting", None, None)
+            assert await zone.parameters((0.5,)) is None
+            running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
+            async with asyncio.timeout(10):
+                while zone.latest() is None:
+                    await asyncio.sleep(0.01)
+            fan = await zone.fan(2, (0.9,), {"u_heat": [0.0, 500.0]})
+            assert len(fan.steps) == 3
+            assert (await zone.parameters((0.5,))).parameters.shape == (10, 1)
+            zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
+            assert zone.status().state == "running"
+            await zone.end("only")
+            assert zone.status().state == "stalled"
+            assert "come to an end" in zone.status().reason
+            await finished(zone, running)
+
+    asyncio.run(scenario())
