@@ -28,6 +28,13 @@ coverage: $(VENV)/.ready  ## the tests with line coverage of the four packages, 
 	$(BIN)/coverage combine -q
 	$(BIN)/coverage report
 
+replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's 20,000 particles, minutes each
+	$(BIN)/python -m replay.ecolar var/ecolar
+	for period in spring autumn; do \
+	  $(BIN)/thermogate replay deploy/examples/ecolar.toml --out var/ecolar/$$period \
+	    --set "sources.recording.files=[\"$(CURDIR)/var/ecolar/ecolar-$$period-SYNTHETIC.csv\"]" || exit 1; \
+	done
+
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -14,3 +14,5 @@ def configure_logging(level: int = logging.INFO) -> None:
     formatter.converter = time.gmtime
     handler.setFormatter(formatter)
     logging.basicConfig(level=level, handlers=[handler], force=True)
+    # The daemon says itself where it serves and when it stops.
+    logging.getLogger("uvicorn").setLevel(logging.WARNING)

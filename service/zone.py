@@ -219,6 +219,8 @@ class Zone:
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     async def _serve(self) -> None:
+        # What was restored is announced, so that a late joiner need not wait for the next sample.
+        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
         while (sample := await self._mailbox.get()) is not None:
             last = self._worker.progress.last_time
             # After a recovery the mailbox may still hold what the journal has already brought.

@@ -1,4 +1,4 @@
-"""Bad telemetry is counted by kind and shown; it never crashes a zone, never poisons a state, never reaches a neighbour."""
+"""Bad telemetry is counted by kind and shown; it crashes no zone, poisons no state and reaches no neighbour."""
 
 import json
 import math

@@ -16,10 +16,7 @@ RECORDING = os.environ.get("THERMOGATE_ECOLAR_CSV")
 PERIODS = {"spring": ("2025-05-02T22", "2025-06-01T21"), "autumn": ("2025-10-02T22", "2025-11-20T22")}
 DAYS = {"spring": 30, "autumn": 49}
 
-if RECORDING:
-    CASES = {"recording": Path(RECORDING)}
-else:
-    CASES = {period: None for period in PERIODS}
+CASES = {"recording": Path(RECORDING)} if RECORDING else dict.fromkeys(PERIODS)
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -1,6 +1,7 @@
 """The worker: what is published is what is scored, and every kind of gap has its defined outcome."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ def test_the_first_sample_starts_a_segment_and_is_not_scored():
 
 def test_the_forecast_that_was_published_is_the_one_that_is_scored():
     updates = run(worker(), 20)
-    for before, after in zip(updates, updates[1:], strict=False):
+    for before, after in pairwise(updates):
         (published,) = before.forecast.outputs
         score = after.score
         assert before.forecast.valid_time == after.time
