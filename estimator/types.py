@@ -33,12 +33,16 @@ class Mixture(NamedTuple):
 
     def mean(self) -> Array:
         """Mean of every output, shape (n_y,)."""
-        return self.means @ self.weights
+        return self._weighted(self.means)
 
     def sd(self) -> Array:
         """Standard deviation of every output, shape (n_y,)."""
         spread = self.sds**2 + (self.means - self.mean()[:, None]) ** 2
-        return np.sqrt(spread @ self.weights)
+        return np.sqrt(self._weighted(spread))
+
+    def _weighted(self, rows: Array) -> Array:
+        # A sum of NumPy's own: a matrix product may depend on how many threads its library takes.
+        return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
 
 
 class Posterior(NamedTuple):

@@ -97,7 +97,8 @@ class Zone:
             last_sample_time=progress.last_time,
             samples=progress.samples,
             segment=progress.segment,
-            faults={str(fault): count for fault, count in alignment.faults.items()} if alignment else {},
+            # Copied in one go: the event loop may count on while a worker thread asks.
+            faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
             last_good=dict(alignment.last_good) if alignment else {},
             now=self._clock,
         )
@@ -131,11 +132,7 @@ class Zone:
         checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
         if checkpoint is not None:
             snapshot.restore(worker, checkpoint)
-        replayed = 0
-        while samples := await store.samples_after(self.id, worker.progress.last_time):
-            for sample in samples:
-                await self._step(worker, sample)
-            replayed += len(samples)
+        replayed = await self._catch_up(worker)
         self._worker = worker
         if checkpoint is not None or replayed:
             _log.info(
@@ -228,6 +225,8 @@ class Zone:
                 await self._step(self._worker, sample)
                 if time.monotonic() - self._saved >= self._plumbing.checkpoint_every:
                     await self._save()
+        # A source that was stopped between journal and mailbox leaves its last sample in the journal alone.
+        await self._catch_up(self._worker)
         await self._save()
 
     async def _step(self, worker: ZoneWorker, sample: Sample) -> None:
@@ -286,10 +285,17 @@ class Zone:
         await self.restore()
         # From here on samples come through the mailbox again; those accepted until now are read once more.
         self._failure = None
-        while samples := await self._plumbing.store.samples_after(self.id, self._worker.progress.last_time):
-            for sample in samples:
-                await self._step(self._worker, sample)
+        await self._catch_up(self._worker)
         _log.info("zone '%s' has recovered", self.id)
+
+    async def _catch_up(self, worker: ZoneWorker) -> int:
+        """Step `worker` through what the journal holds beyond it; how many samples that were."""
+        caught_up = 0
+        while samples := await self._plumbing.store.samples_after(self.id, worker.progress.last_time):
+            for sample in samples:
+                await self._step(worker, sample)
+            caught_up += len(samples)
+        return caught_up
 
     async def _pass_over(self, when: int, error: Exception) -> None:
         """Mark the sample at `when` as one that is not to be assimilated."""
