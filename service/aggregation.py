@@ -20,8 +20,12 @@ _ALL = slice(None)
 
 
 def _mean(values: Sequence[float]) -> float:
+    try:
+        mean = fsum(values) / len(values)
+    except OverflowError:
+        mean = fsum(value / len(values) for value in values)
     # Rounding must not carry the mean of equal readings past them.
-    return min(max(fsum(values) / len(values), min(values)), max(values))
+    return min(max(mean, min(values)), max(values))
 
 
 def _only(values: Sequence[float]) -> float:

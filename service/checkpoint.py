@@ -49,7 +49,7 @@ _log = logging.getLogger(__name__)
 
 
 class Checkpoint(NamedTuple):
-    """The state of a zone after sample number `step`.
+    """The state of a zone after the sample at `step`, in UTC seconds.
 
     `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
     dtype but object; `meta` is what JSON can hold.
@@ -108,11 +108,7 @@ class CheckpointStore:
                 if checkpoint is None:
                     continue
                 if checkpoint.fingerprint != fingerprint:
-                    raise StateMismatch(
-                        f"zone '{zone}': the stored state in {folder} belongs to another network or other estimator "
-                        "options; restore the configuration it was made with, or give that state up with "
-                        f"`thermogate run CONFIG --reset {zone}`"
-                    )
+                    raise StateMismatch(zone, folder)
                 return checkpoint
         except OSError as error:
             raise CheckpointError(

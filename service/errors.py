@@ -21,5 +21,12 @@ class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
 
 
-class StateMismatch(CheckpointError):
-    """The stored state of a zone was made with another network or other structural options."""
+class StateMismatch(ServiceError):
+    """The stored state of `zone`, in `place`, was made with another network or other structural options."""
+
+    def __init__(self, zone: str, place: object) -> None:
+        super().__init__(
+            f"zone '{zone}': the stored state in {place} belongs to another network or other estimator options; "
+            f"restore the configuration it was made with, or give that state up with "
+            f"`thermogate run CONFIG --reset {zone}`"
+        )

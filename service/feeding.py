@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Mapping
-from math import isfinite
+from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Source
@@ -30,19 +30,29 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
                 for delivery in router.split(batch):
                     await zones[delivery.zone].deliver(source.name, delivery.readings, delivery.now)
                 if isfinite(batch.now):
-                    position = batch.now
-                pause = FIRST_PAUSE
+                    # Were it asked again, it is for what comes after this.
+                    position = nextafter(batch.now, inf)
+                    pause = FIRST_PAUSE
             break
         except SourceConfigError as error:
-            _log.error("source '%s' stays off: %s", source.name, error)
+            _log.error("%s; it stays off", error)
+            await _tell(zones, router, source.name, str(error))
             return
         except SourceError as error:
-            _log.error("source '%s': %s; trying again in %.0f s", source.name, error, pause)
+            reason = str(error)
         except Exception as error:
             # Whatever else goes wrong in one source must not take the others down.
-            _log.error("source '%s' failed: %r; trying again in %.0f s", source.name, error, pause, exc_info=error)
+            reason = f"sources.{source.name} failed: {error!r}"
+            _log.debug("%s", reason, exc_info=error)
+        _log.error("%s; trying again in %.0f s", reason, pause)
+        await _tell(zones, router, source.name, reason)
         await asyncio.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE)
     for name in router.zones:
         await zones[name].end(source.name)
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
+
+
+async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
+    for name in router.zones:
+        await zones[name].source_failed(source, reason)

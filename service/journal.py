@@ -32,6 +32,7 @@ CREATE TABLE samples (
     output_quality TEXT NOT NULL, input_quality TEXT NOT NULL, skipped TEXT,
     PRIMARY KEY (zone, time)
 ) WITHOUT ROWID;
+CREATE TABLE zones (zone TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE history (
     zone TEXT NOT NULL, time INTEGER NOT NULL, y REAL, mean REAL, lower REAL, upper REAL, sd REAL, residual REAL,
     alpha_lower REAL, alpha_median REAL, alpha_upper REAL, cdf REAL, gate REAL, n_eff REAL, resampled INTEGER,
@@ -117,6 +118,16 @@ class Journal:
             raise
         return cls(connection, path)
 
+    def claim(self, zone: str, fingerprint: str) -> bool:
+        """Whether the samples of `zone` belong to `fingerprint`; a zone without samples takes it over."""
+        with self._transaction() as cursor:
+            stored = cursor.execute("SELECT fingerprint FROM zones WHERE zone = ?", (zone,)).fetchone()
+            used = cursor.execute("SELECT 1 FROM samples WHERE zone = ? LIMIT 1", (zone,)).fetchone()
+            if stored is not None and used is not None:
+                return bool(stored[0] == fingerprint)
+            cursor.execute("INSERT OR REPLACE INTO zones VALUES (?, ?)", (zone, fingerprint))
+            return True
+
     def append(self, zone: str, sample: Sample) -> bool:
         """Store `sample`, durable on return with the history recorded so far; False if its time is already stored."""
         row = (
@@ -193,7 +204,7 @@ class Journal:
         """Set aside all of `zone`: its rows stay in the file under a name that no zone can have."""
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self._transaction() as cursor:
-            for table in ("samples", "history"):
+            for table in ("samples", "history", "zones"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
 
     def close(self) -> None:

@@ -119,7 +119,7 @@ def demo_requests(config: Config) -> list[str]:
         return [*lines, "The port is chosen now and said in the log below; Ctrl-C stops."]
     return [
         *lines,
-        f"Open {url}/docs, or ask:",
+        f"Open {url}/ for the live page, {url}/docs for the API, or ask:",
         f"  curl '{url}/zones'",
         f"  curl '{url}/zones/{zone}/forecast?level=0.5&level=0.95'",
         f"  curl '{url}/zones/{zone}/parameters'",

@@ -50,15 +50,21 @@ _META = TypeAdapter(_Meta)
 
 
 def fingerprint(network: Network, period: float, estimator: str, options: Mapping[str, object]) -> str:
-    """What a stored state belongs to: network, period, estimator and its structural options, as a SHA-256."""
+    """What a stored state belongs to: network, period, estimator and its structural options, as a SHA-256.
+
+    Names and descriptions, starting rules and the bounds of fixed parameters may change without making it another one.
+    """
     described = {
-        "network": asdict(network),
+        "nodes": dict(network.capacitances),
+        "boundaries": list(network.boundaries),
+        "conductances": [asdict(edge) for edge in network.conductances],
+        "heat_inputs": [asdict(heat) for heat in network.heat_inputs],
+        "measured": list(network.measured),
+        "parameters": [(p.name, p.lower, p.upper) if p.free else (p.name, p.nominal) for p in network.parameters],
         "period": float(period),
         "estimator": estimator,
         "options": {name: options[name] for name in _STRUCTURAL_OPTIONS if name in options},
     }
-    # Descriptions may be reworded without making the state another one.
-    del described["network"]["description"]  # type: ignore[attr-defined]
     return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
 

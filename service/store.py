@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from service.checkpoint import CheckpointStore
-from service.errors import ServiceError
+from service.errors import ServiceError, StateMismatch
 from service.journal import HistoryRow, Journal
 from service.records import Sample, Update
 
@@ -30,10 +30,16 @@ class Store:
 
     def __init__(self, state_dir: Path) -> None:
         """Opens both and takes the lock. Raises ServiceError with the remedy where that fails."""
+        self.path = state_dir
         self._lock: int | None = _lock(state_dir)
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._journal = Journal.open(state_dir / "journal.sqlite3")
         self.checkpoints = CheckpointStore(state_dir / "checkpoints")
+
+    async def claim(self, zone: str, fingerprint: str) -> None:
+        """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
+        if not await self._run(self._journal.claim, zone, fingerprint):
+            raise StateMismatch(zone, self.path)
 
     async def append(self, zone: str, sample: Sample) -> bool:
         """Make an accepted sample durable; False if it already was."""

@@ -175,7 +175,7 @@ class ZoneWorker:
             vanished = self.progress.vanished + 1 if posterior.outcome is Outcome.VANISHED else 0
             self.progress = self.progress._replace(vanished=vanished)
             if vanished < VANISHED_LIMIT:
-                return posterior, _score(self.latest.forecast, sample, self.settings.levels[0])
+                return posterior, _score(self.latest.forecast, sample)
         self.progress = self.progress._replace(vanished=0, segment=self.progress.segment + 1)
         inputs = self.held.values
         if self.state is None:
@@ -264,7 +264,7 @@ def _hold(held: Held, sample: Sample, end: int) -> Held:
     )
 
 
-def _score(forecast: Forecast, sample: Sample, level: float) -> Score:
+def _score(forecast: Forecast, sample: Sample) -> Score:
     """The published forecast against y_k, at its first level."""
     intervals = [output.intervals[0] for output in forecast.outputs]
     return Score(
@@ -274,5 +274,5 @@ def _score(forecast: Forecast, sample: Sample, level: float) -> Score:
         lower=tuple(interval.lower for interval in intervals),
         upper=tuple(interval.upper for interval in intervals),
         residual=tuple(float(y) - output.mean for y, output in zip(sample.outputs, forecast.outputs, strict=True)),
-        level=level,
+        level=intervals[0].level,
     )

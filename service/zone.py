@@ -41,8 +41,8 @@ class Announcer(Protocol):
     def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
         """A sample was assimilated."""
 
-    def publish_status(self, zone: str, status: ZoneStatus) -> None:
-        """A zone changed without a new update."""
+    def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
+        """A zone changed without a new update; `update` is its latest one."""
 
 
 class Plumbing(NamedTuple):
@@ -73,6 +73,8 @@ class Zone:
         self.period = float(self._worker.period)
         self._mailbox: asyncio.Queue[Sample | None] = asyncio.Queue(MAILBOX)
         self._failure: str | None = None
+        self._trouble: dict[str, str] = {}
+        """Why a source does not deliver, by its name."""
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
         self._saved = time.monotonic()
@@ -83,6 +85,8 @@ class Zone:
         progress, alignment = self._worker.progress, self._alignment
         if self._failure is not None:
             state, reason = "failed", self._failure
+        elif self._trouble:
+            state, reason = "stalled", next(iter(self._trouble.values()))
         elif progress.stalled is not None and self._worker.latest is not None:
             state, reason = "stalled", progress.stalled
         elif self._worker.latest is None:
@@ -128,6 +132,7 @@ class Zone:
         Raises StateMismatch where the stored state belongs to another network.
         """
         store, loop = self._plumbing.store, asyncio.get_running_loop()
+        await store.claim(self.id, self._fingerprint)
         worker = self._make_worker()
         checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
         if checkpoint is not None:
@@ -150,12 +155,24 @@ class Zone:
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         assert self._alignment is not None
+        self._trouble.pop(source, None)
         await self.accept(self._alignment.add(source, readings, now), now)
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
         assert self._alignment is not None
-        await self.accept(self._alignment.end(source), self._clock)
+        clock, last = self._clock, self._worker.progress.last_time
+        # A recording that had ended before this start brings no time of its own any more.
+        if clock is None and last is not None:
+            clock = last + self.period
+        self._trouble.pop(source, None)
+        await self.accept(self._alignment.end(source), clock)
+        await self._announce_status()
+
+    async def source_failed(self, source: str, reason: str) -> None:
+        """`source` does not deliver for now, and why."""
+        self._trouble[source] = reason
+        await self._announce_status()
 
     async def accept(self, samples: Iterable[Sample], clock: float | None) -> None:
         """Make samples durable and hand them to the worker; `clock` is a recording's own time, None when live."""
@@ -246,6 +263,9 @@ class Zone:
             self._announce(update)
         return update
 
+    async def _announce_status(self) -> None:
+        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, None)
+
     def _announce(self, update: Update | None) -> None:
         """Tell the announcer; that it cannot be reached must not stop the zone."""
         announcer = self._plumbing.announcer
@@ -255,7 +275,7 @@ class Zone:
             if update is not None:
                 announcer.publish(self.id, update, self.status())
             else:
-                announcer.publish_status(self.id, self.status())
+                announcer.publish_status(self.id, self.status(), self._worker.latest)
         except ServiceError as error:
             _log.warning("zone '%s': %s", self.id, error)
 

@@ -265,3 +265,14 @@ def test_close_twice(journal: Journal) -> None:
     journal.record("living", make_update(0))
     journal.close()
     journal.close()
+
+
+def test_the_samples_of_a_zone_belong_to_one_fingerprint(journal: Journal) -> None:
+    assert journal.claim("z", "first")
+    assert journal.claim("z", "second"), "without samples nothing stands against a change"
+    journal.append("z", make_sample(0))
+    assert journal.claim("z", "second")
+    assert not journal.claim("z", "first")
+    assert journal.claim("other", "first")
+    journal.forget("z")
+    assert journal.claim("z", "first")

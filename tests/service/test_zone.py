@@ -28,7 +28,7 @@ class Announced:
         self.updates.append((zone, update))
         self.states.append(status.state)
 
-    def publish_status(self, zone, status):
+    def publish_status(self, zone, status, update=None):
         self.states.append(status.state)
 
 
@@ -279,5 +279,55 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
             assert zone.status().state == "stalled"
             assert "come to an end" in zone.status().reason
             await finished(zone, running)
+
+    asyncio.run(scenario())
+
+
+def test_samples_without_a_checkpoint_belong_to_their_network_too(tmp_path):
+    """Killed before its first checkpoint, a zone must not meet another network's samples in the journal."""
+
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await zone.prepare()
+            await shared.store.append("z", sample(0))
+            with pytest.raises(StateMismatch, match="--reset z"):
+                await make(shared, mark="other").prepare()
+            assert await make(shared).prepare() == 0
+
+    asyncio.run(scenario())
+
+
+def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tmp_path):
+    async def scenario():
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = make(shared)
+            running = await fed(zone, [sample(0)])
+            zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z"))
+            await zone.source_failed("bms", "sources.bms: the file is gone; put it back")
+            assert zone.status().state == "stalled"
+            assert "the file is gone" in zone.status().reason
+            assert announcer.states[-1] == "stalled"
+            await zone.deliver("bms", [], 0.0)
+            await finished(zone, running)
+            assert zone.status().state == "running"
+
+    asyncio.run(scenario())
+
+
+def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await finished(zone, await fed(zone, [sample(0), sample(1)]))
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = make(shared)
+            await zone.prepare()
+            zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
+            await zone.end("only")
+            assert zone.status().now == 2 * PERIOD
+            assert announcer.states == ["stalled"]
 
     asyncio.run(scenario())

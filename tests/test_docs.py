@@ -1,0 +1,369 @@
+"""The documentation says what the code does: examples run, tables name what there is, links lead somewhere."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from integration.harness import EXAMPLES, Daemon, free_port
+from pydantic import BaseModel
+
+from adapters.reading import Fault, Quality
+from adapters.units import conversion, default_valid_range
+from estimator import options, presets
+from estimator.types import Outcome
+from service import api_models, api_problems, config_models, network_models, payloads
+from service.aggregation import AGGREGATES, default_aggregate
+from service.cli import main
+from service.config import load
+from service.errors import ConfigError
+from service.metrics import Metrics
+from service.networks import resolve
+from service.show import effective_toml
+from service.view import STATES
+from service.worker import STARTED
+
+ROOT = Path(__file__).parents[1]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
+
+# Heading in configuration.md to the model that its first table describes.
+TABLES: dict[str, type[BaseModel]] = {
+    "`[site]`": config_models.SiteConfig,
+    "`[http]`": config_models.HttpConfig,
+    "`[zenoh]`": config_models.ZenohConfig,
+    "`[sources.<name>]`": config_models.CsvConfig,
+    "`timestamp`": config_models.TimestampConfig,
+    "`[[zones]]`": config_models.ZoneConfig,
+    "`[zones.channels]`": config_models.ChannelConfig,
+    "A preset with changes": network_models.PresetConfig,
+    "Bounds": network_models.BoundsConfig,
+    "`solar`": network_models.SolarConfig,
+    "`initial`": network_models.InitialConfig,
+    "An inline network": network_models.InlineConfig,
+    "`capacitances`": network_models.CapacitanceConfig,
+    "`conductances`": network_models.ConductanceConfig,
+    "`heat_inputs`": network_models.HeatInputConfig,
+    "`gain`": network_models.GainConfig,
+}
+
+
+class Block(NamedTuple):
+    """A fenced block: its language, the HTML comment before it, its text, and the block after it."""
+
+    name: str
+    language: str
+    mark: str
+    text: str
+    after: str
+
+
+def blocks(language: str) -> list[Any]:
+    found = []
+    for name, text in TEXT.items():
+        matches = list(re.finditer(r"(?:<!-- (.*?) -->\n)?```(\w+)\n(.*?)```", text, re.DOTALL))
+        for index, match in enumerate(matches):
+            if match[2] == language:
+                after = matches[index + 1][3] if index + 1 < len(matches) else ""
+                place = f"{name}:{text.count(chr(10), 0, match.start()) + 1}"
+                found.append(pytest.param(Block(place, language, match[1] or "", match[3], after), id=place))
+    assert found
+    return found
+
+
+def section(name: str, heading: str) -> str:
+    """The text under a heading, up to the next one."""
+    match = re.search(rf"^#+ {re.escape(heading)}\n(.*?)(?=^#+ |\Z)", TEXT[name], re.DOTALL | re.MULTILINE)
+    assert match, f"{name} has no heading {heading}"
+    return match[1]
+
+
+def tables(text: str) -> list[list[list[str]]]:
+    """Every table in `text`: rows of cells, the heading row first and without the ruler."""
+    found = []
+    for match in re.finditer(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
+        rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in match[0].splitlines()]
+        found.append([[cell.strip("| ") for cell in row] for row in [rows[0], *rows[2:]]])
+    assert found
+    return found
+
+
+def names(cell: str) -> list[str]:
+    return re.findall(r"`([^`]+)`", cell)
+
+
+def first_names(table: list[list[str]]) -> list[str]:
+    return [name for row in table[1:] for name in names(row[0])]
+
+
+def with_recordings(text: str, folder: Path) -> Path:
+    """The configuration `text` as a file in `folder`, with a recording of the right columns for every file it names."""
+    raw = tomllib.loads(text)
+    for name, source in raw["sources"].items():
+        channels = [channel for zone in raw["zones"] for channel in zone["channels"].values()]
+        columns = [source["timestamp"]["column"]]
+        for channel in channels:
+            if channel["source"] == name:
+                columns += channel.get("columns", [channel.get("column")])
+        header = source.get("delimiter", ",").join(dict.fromkeys(columns)) + "\n"
+        for file in source["files"]:
+            opener = gzip.open if file.endswith(".gz") else open
+            with opener(folder / file, "wt", encoding="utf-8") as stream:
+                stream.write(header)
+    path = folder / "docs.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("block", blocks("toml"))
+def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
+    raw = tomllib.loads(block.text)
+    if block.mark == "mistaken":
+        with pytest.raises(ConfigError) as mistakes:
+            load(with_recordings(block.text, tmp_path))
+        assert mistakes.value.problems == block.after.splitlines()
+    elif "site" in raw:
+        assert load(with_recordings(block.text, tmp_path)).site.id == raw["site"]["id"]
+    else:
+        assert raw.keys() == {"zones"}, "a fragment shows one network"
+        assert raw["zones"].keys() == {"network"}
+        model, table = network_models.network_model(raw["zones"]["network"])
+        network, wrong = resolve(model.model_validate(table))
+        assert network is not None
+        assert not wrong
+
+
+def small_file() -> str:
+    match = re.search(r"```toml\n(.*?)```", section("configuration.md", "A complete small file"), re.DOTALL)
+    assert match
+    return match[1]
+
+
+def test_the_summary_of_a_check_is_the_one_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(with_recordings(small_file(), tmp_path))]) == 0
+    printed = capsys.readouterr().out.replace(str(tmp_path), "/etc/thermogate")
+    assert printed in TEXT["configuration.md"]
+
+
+def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["networks", "titeth", "--set", "solar=true"]) == 0
+    assert capsys.readouterr().out in TEXT["configuration.md"]
+
+
+@pytest.mark.parametrize("heading", TABLES)
+def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
+    assert sorted(first_names(tables(section("configuration.md", heading))[0])) == sorted(TABLES[heading].model_fields)
+
+
+def test_no_model_of_the_configuration_is_left_out() -> None:
+    described = {config_models.Config, *TABLES.values()}
+    for module in (config_models, network_models):
+        for value in vars(module).values():
+            if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
+                assert value in described, f"{value.__name__} has no table in configuration.md"
+
+
+def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
+    effective = tomllib.loads(effective_toml(load(with_recordings(small_file(), tmp_path))))
+    zone = effective["zones"][0]
+    in_force: dict[str, Mapping[str, Any]] = {
+        "`[site]`": effective["site"],
+        "`[http]`": effective["http"],
+        "`[zenoh]`": effective["zenoh"],
+        "`[sources.<name>]`": effective["sources"]["export"],
+        "`timestamp`": effective["sources"]["export"]["timestamp"],
+        "`[[zones]]`": zone | {"estimator_options": {}},
+        "`[zones.channels]`": zone["channels"]["T_i"],
+    }
+    for heading, values in in_force.items():
+        for key, _, default, _ in tables(section("configuration.md", heading))[0][1:]:
+            (name,) = names(key)
+            if name != "state_dir" and default.startswith("`"):
+                assert tomllib.loads(f"v = {default.strip('`')}")["v"] == values[name], f"{heading} {name}"
+
+
+def test_units_and_their_defaults_are_those_in_force() -> None:
+    units, rules = tables(section("configuration.md", "`[zones.channels]`"))[1:]
+    for unit, convertible, valid, rule in units[1:-1]:
+        assert all(conversion(other, unit) for other in names(convertible))
+        believable = default_valid_range(unit)
+        assert [float(number) for number in re.findall(r"-?\d+(?:e\d+)?", valid)] in ([*believable], [])
+        assert (valid == "none") == (believable[1] == float("inf"))
+        assert names(rule) == [default_aggregate(unit)]
+    assert first_names(rules) == list(AGGREGATES)
+
+
+def test_every_network_preset_is_documented() -> None:
+    table = tables(section("configuration.md", "Network presets"))[0]
+    assert sorted(first_names(table)) == sorted(presets.PRESETS)
+    for row in table[1:]:
+        network = presets.network(names(row[0])[0])
+        assert row[1:4] == [", ".join(network.nodes), ", ".join(network.inputs), str(len(network.free))]
+
+
+def test_every_estimator_option_is_documented_with_its_values() -> None:
+    values, meanings = tables(section("configuration.md", "`[zones.estimator_options]`"))
+    known = {field.name for field in fields(options.Options)}
+    assert set(first_names(meanings)) == known | {"discount"}
+    assert set(first_names(values)) == known - {"preset", "volatility_blocks"}
+    plain = presets.network("titeth")
+    shown = [
+        options.resolve(plain, 300, {}),
+        options.resolve(plain, 600, {}),
+        options.resolve(presets.network("building-67"), 600, {"preset": "paper"}),
+        options.resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
+    ]
+    for name, _, *cells, _ in values[1:]:
+        for cell, resolved in zip(cells, shown, strict=True):
+            value = getattr(resolved, names(name)[0])
+            if isinstance(value, bool | str):
+                assert cell == str(value).lower(), name
+            else:
+                assert float(cell) == pytest.approx(value, rel=1e-4), name
+
+
+def model_of(mark: str) -> tuple[type[BaseModel], bool]:
+    """The model that a JSON example illustrates, and whether only what it adds to its base is shown."""
+    match = re.fullmatch(r"model: (\w+)(, added fields)?", mark)
+    assert match, f"a JSON example needs a comment <!-- model: Name -->, not {mark!r}"
+    for module in (payloads, api_models, api_problems):
+        if hasattr(module, match[1]):
+            return getattr(module, match[1]), match[2] is not None
+    raise AssertionError(f"there is no payload {match[1]}")
+
+
+@pytest.mark.parametrize("block", blocks("json"))
+def test_json_examples_have_the_fields_of_their_payloads(block: Block) -> None:
+    model, added = model_of(block.mark)
+    example = json.loads(block.text)
+    if added:
+        assert example.keys() == model.model_fields.keys() - payloads.ForecastPayload.model_fields.keys()
+        for step in example["fan"]:
+            assert written(payloads.FanStepPayload, step) == step
+    elif model is api_models.ForecastRequest:
+        model.model_validate(example)
+        assert example.keys() == model.model_fields.keys()
+    else:
+        assert written(model, example) == example, "every field is there, and none that the payload does not have"
+
+
+def written(model: type[BaseModel], example: object) -> object:
+    """`example`, read as a `model` and written again the way the daemon writes it."""
+    read = model.model_validate(example)
+    return json.loads(read.model_dump_json(by_alias=True, exclude_none=model is api_problems.Problem))
+
+
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]]:
+    """URL and Zenoh endpoint of the FlexHouse example, running at a pace that outlasts the examples."""
+    folder = tmp_path_factory.mktemp("daemon")
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    settings = {
+        "site.state_dir": str(folder / "state"),
+        "zones.0.estimator_options.particles": 200,
+        "sources.recording.pace": 3000,
+        "zenoh.enabled": True,
+        "zenoh.listen": [endpoint],
+    }
+    with Daemon(EXAMPLES / "flexhouse.toml", folder / "log", settings) as running:
+        running.wait(lambda zones: zones["office"]["samples"] >= 2)
+        yield running.url(), endpoint
+
+
+@pytest.mark.parametrize("block", blocks("python"))
+def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
+    url, endpoint = daemon
+    code = block.text.replace("http://127.0.0.1:8080", url).replace("tcp/127.0.0.1:7447", endpoint)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) >= 3
+    assert re.search(r"2021-02-\d\dT\d\d:\d\d:00Z", done.stdout)
+
+
+def test_every_metric_is_documented() -> None:
+    documented = first_names(tables(section("operations.md", "Metrics"))[0])
+    families = Metrics({}).registry.collect()
+    exposed = [f"{family.name}_total" if family.type == "counter" else family.name for family in families]
+    assert sorted(documented) == sorted(exposed)
+
+
+def offered(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
+    """The options of a command, as its help lists them."""
+    assert main([command, "--help"]) == 0
+    return set(re.findall(r"^  (?:-h, )?(--[a-z-]+)", capsys.readouterr().out, re.MULTILINE))
+
+
+def test_every_command_and_option_is_documented(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    commands = re.findall(r"^    ([a-z-]+)(?: |$)", capsys.readouterr().out, re.MULTILINE)
+    rows = tables(section("operations.md", "Commands"))[0][1:]
+    documented = {names(command)[0].split()[1]: names(listed) for command, _, listed in rows}
+    assert documented.keys() == {*commands, "--version"}
+    for command in commands:
+        assert offered(command, capsys) == {*documented[command], "--set", "--debug", "--help"}, command
+
+
+@pytest.mark.parametrize("block", blocks("sh"))
+def test_shell_examples_use_options_that_exist(block: Block, capsys: pytest.CaptureFixture[str]) -> None:
+    for line in block.text.splitlines():
+        program, command, *words = line.split()
+        assert program == "thermogate"
+        assert {word for word in words if word.startswith("--")} <= offered(command, capsys)
+        for path in (word for word in words if word.startswith("deploy/")):
+            assert (ROOT / path).exists(), path
+
+
+def test_lists_of_words_are_complete() -> None:
+    assert first_names(tables(section("telemetry.md", "Faults"))[0]) == [str(fault) for fault in Fault]
+    states, reasons = tables(section("telemetry.md", "States of a zone"))
+    assert tuple(first_names(states)) == STATES
+    assert {*first_names(reasons)} == {*STATES} - {"running"}, "running needs no reason"
+    assert first_names(tables(section("interfaces.md", "Quality"))[0]) == [str(quality) for quality in Quality]
+    outcomes = first_names(tables(section("interfaces.md", "Payload fields"))[0])
+    assert {*outcomes} == {STARTED, "null", *map(str, Outcome)}
+
+
+@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+def test_links_and_file_names_lead_somewhere(path: Path) -> None:
+    for target in re.findall(r"\]\(([^)]+)\)", TEXT[path.name]):
+        file, _, anchor = target.partition("#")
+        there = (path.parent / file).resolve() if file else path
+        assert there.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)", there.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings], (
+                target
+            )
+    for name in re.findall(r"`((?:estimator|adapters|service|replay|tests)/[\w/]+\.py)`", TEXT[path.name]):
+        assert (ROOT / name).exists(), name
+
+
+def test_the_functions_that_the_architecture_names_are_in_their_files() -> None:
+    mentions = re.findall(r"((?:`\w+`(?:, )?)+) in `([\w/]+\.py)`", TEXT["architecture.md"])
+    assert len(mentions) > 5
+    for functions, file in mentions:
+        source = (ROOT / file).read_text(encoding="utf-8")
+        for name in names(functions):
+            assert re.search(rf"(?:def|class) {name}\b|^{name}\b", source, re.MULTILINE), f"{file} has no {name}"
+
+
+def test_the_files_of_a_replay_are_documented(tmp_path: Path) -> None:
+    settings = ["--set", "zones.room-1.estimator_options.particles=50"]
+    assert main(["replay", str(EXAMPLES / "generic-csv.toml"), "--out", str(tmp_path), *settings]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    text = section("interfaces.md", "`summary.json`")
+    assert {*first_names(tables(text)[0])} == summary["zones"]["room-1"].keys()
+    assert {*names(text.split("Beside")[1])} == summary.keys()
+    header = (tmp_path / "room-1" / "updates.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert first_names(tables(section("interfaces.md", "`updates.csv`"))[0]) == header.split(",")
