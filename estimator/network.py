@@ -167,6 +167,10 @@ class Network:
         return self
 
 
+_SMALLEST, _LARGEST = 1e-6, 1e13
+_WIDEST = 1e9
+"""Ratio of conductances up to which G_int stays well away from singular in double precision."""
+
 Problem = str | None
 
 
@@ -226,6 +230,8 @@ def _check_parameters(network: Network) -> Problem:
                     f"{at} has lower bound {parameter.lower:g} and upper bound {parameter.upper:g}; "
                     "the lower one must be smaller"
                 )
+            if parameter.lower < _SMALLEST or parameter.upper > _LARGEST:
+                return f"{at} has bounds outside {_SMALLEST:g} to {_LARGEST:g} {parameter.unit}; no building needs them"
         elif parameter.nominal is None:
             return f"{at} is not free and has no value; give it a value or bounds"
         if parameter.nominal is not None and not 0 < parameter.nominal < float("inf"):
@@ -246,6 +252,14 @@ def _check_parameters(network: Network) -> Problem:
 def _check_conductances(network: Network) -> Problem:
     known = (*network.nodes, *network.boundaries)
     pairs: dict[frozenset[str], str] = {}
+    reach = [network.parameter(edge.name) for edge in network.conductances]
+    if reach:
+        lowest = min(p.lower if p.free else p.nominal or 1.0 for p in reach)
+        highest = max(p.upper if p.free else p.nominal or 1.0 for p in reach)
+        if highest > _WIDEST * lowest:
+            return (
+                f"its conductances span {lowest:g} to {highest:g} W/K, more than a factor of {_WIDEST:g}; narrow them"
+            )
     for edge in network.conductances:
         for node in edge.between:
             if node not in known:

@@ -82,7 +82,8 @@ def _default(network: Network, period: float) -> dict[str, object]:
         "process_sd": 0.01 * sqrt(steps),
         "volatility_sd": 0.1 * sqrt(steps),
         "jump_probability": 1.0 - 0.98**steps,
-        "shrinkage": ((3 * DISCOUNT - 1) / (2 * DISCOUNT)) ** steps,
+        # Beyond some hours the kernel could forget no more than this without jumping about.
+        "shrinkage": max(((3 * DISCOUNT - 1) / (2 * DISCOUNT)) ** steps, 0.5),
         "moment_preserving": True,
         "variance_floor": 1e-6,
         "coordinates": "logit",
@@ -123,9 +124,9 @@ def resolve(network: Network, period: float, given: Mapping[str, object]) -> Opt
         if name not in known:
             raise OptionsError(f"unknown option '{name}'; the options of 'rbpf' are {', '.join(sorted(known))}")
     preset = given.get("preset", "default")
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         raise OptionsError(f"preset '{preset}' does not exist; the presets are {', '.join(PRESETS)}")
-    effective = PRESETS[str(preset)](network, period) | dict(given)
+    effective = PRESETS[preset](network, period) | dict(given)
     if "discount" in given:
         effective["shrinkage"] = _shrinkage(effective.pop("discount"), given)
     for name, value in effective.items():
@@ -148,7 +149,7 @@ def _shrinkage(discount: object, given: Mapping[str, object]) -> float:
 
 def _checked(name: str, value: object, network: Network) -> object:
     if name in _CHOICES:
-        if value not in _CHOICES[name]:
+        if not isinstance(value, str) or value not in _CHOICES[name]:
             raise OptionsError(f"{name} = {value!r} must be one of {', '.join(_CHOICES[name])}")
         return value
     if name == "moment_preserving":
@@ -172,7 +173,7 @@ def _blocks(value: object, network: Network) -> dict[str, tuple[str, ...]] | Non
         raise OptionsError("volatility_blocks must be a table of block name = [state nodes]")
     blocks = {str(name): tuple(nodes) if isinstance(nodes, list | tuple) else () for name, nodes in value.items()}
     listed = [node for nodes in blocks.values() for node in nodes]
-    if sorted(listed) != sorted(network.nodes) or not all(blocks.values()):
+    if sorted(map(str, listed)) != sorted(network.nodes) or not all(blocks.values()):
         raise OptionsError(
             f"volatility_blocks must name every state node exactly once; the state nodes are {', '.join(network.nodes)}"
         )

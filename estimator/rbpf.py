@@ -126,6 +126,8 @@ class RBPF:
             if not np.isnan(y):
                 step = self._steps.assimilate(mean, covariance, node, y, self.options.measurement_sd**2)
                 mean, covariance, log_weights = step.mean, step.covariance, log_weights + step.log_likelihood
+        # A particle whose numbers broke down explains nothing; it must not speak for the others.
+        log_weights = np.where(np.isnan(log_weights), -np.inf, log_weights)
         highest = float(log_weights.max())
         if not highest > _LOG_SMALLEST:
             return self._kept(state, Outcome.VANISHED)

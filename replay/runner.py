@@ -59,6 +59,9 @@ def replay_recording(
         with ExitStack() as stack:
             runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
             asyncio.run(_feed(config, runs, start, end, progress))
+            for name, run in runs.items():
+                if not run.used:
+                    raise ServiceError(f"zone '{name}': no usable sample in the recording between --start and --end")
             summary = {
                 "site": config.site.id,
                 "thermogate": version("thermogate"),
@@ -105,6 +108,11 @@ class Run:
         when = rfc3339(update.time)
         self._updates.writerow([when, *(_cell(value) for value in row[1:])])
         self._parameters.writerow([when, *(_cell(value) for value in update.parameters)])
+
+    @property
+    def used(self) -> int:
+        """How many samples could be used."""
+        return len(self._rows)
 
     def summary(self) -> dict[str, Any]:
         """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""

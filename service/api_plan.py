@@ -11,11 +11,17 @@ from service.durations import format_duration
 MAX_STEPS = 2016
 """A week of 5 min steps."""
 
+MAX_INTERVALS = 4032
+"""Intervals in one fan: steps times levels; each is a root-finding over all particles."""
+
 _ROUNDING = 1e-6
 
 
-def steps_in(horizon: float, period: float) -> int:
-    """How many periods (s) make up `horizon` (s); RequestRefused if none, no whole number, or too many."""
+def steps_in(horizon: float, period: float, levels: int) -> int:
+    """How many periods (s) make up `horizon` (s); RequestRefused if none, no whole number, or too many.
+
+    Too many also with the number of `levels` that each step is to have.
+    """
     steps = round(horizon / period)
     if steps < 1 or abs(steps * period - horizon) > _ROUNDING:
         near = format_duration(max(1, steps) * period)
@@ -30,6 +36,13 @@ def steps_in(horizon: float, period: float) -> int:
             [
                 f"horizon {format_duration(horizon)} has {steps} steps of {format_duration(period)}; "
                 f"at most {MAX_STEPS} are forecast at once, that is {format_duration(MAX_STEPS * period)}"
+            ]
+        )
+    if steps * levels > MAX_INTERVALS:
+        raise invalid(
+            [
+                f"{steps} steps with {levels} levels each are too many; "
+                f"at most {MAX_INTERVALS} intervals are given at once"
             ]
         )
     return steps

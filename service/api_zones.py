@@ -73,7 +73,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         published = _published(update)
         levels = query.level or published
         if query.horizon is not None:
-            fan = await _fan(view, steps_in(query.horizon, view.period), levels, None)
+            fan = await _fan(view, steps_in(query.horizon, view.period, len(levels)), levels, None)
             return _json(_current(view, fan_payload(site, zone, fan)))
         if set(levels) <= set(published):
             return _json(_current(view, forecast_payload(site, zone, update, levels)))
@@ -87,9 +87,9 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def forecast_under_plan(zone: str, body: ForecastRequest) -> Response:
         view = find(zone)
-        steps = steps_in(body.horizon, view.period)
-        plan = full_plan(body.inputs, view.network, steps, view.period)
         levels = body.levels or _published(_latest(view))
+        steps = steps_in(body.horizon, view.period, len(levels))
+        plan = full_plan(body.inputs, view.network, steps, view.period)
         return _json(_current(view, fan_payload(site, zone, await _fan(view, steps, levels, plan), plan)))
 
     @router.get(

@@ -177,7 +177,7 @@ def loopback_host(value: object) -> str:
             f"{shown(value)} is not a loopback address, and listening for other machines is refused because "
             "credentials are not available yet; use 127.0.0.1, ::1 or localhost"
         )
-    return str(value)
+    return str(value).strip("[]")
 
 
 def endpoint(value: object) -> str:

@@ -10,10 +10,12 @@ import asyncio
 import logging
 import os
 import signal
+import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
+from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
@@ -29,8 +31,11 @@ from service.sources import build_source
 from service.store import Store
 from service.zone import Plumbing, Zone
 
-DRAIN_SECONDS = 3.0
+DRAIN_SECONDS = 2.0
 """How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
+
+SAVE_SECONDS = 1.0
+"""How long it then waits for the checkpoints."""
 
 _log = logging.getLogger(__name__)
 
@@ -55,16 +60,18 @@ class Daemon:
     def __init__(self, config: Config) -> None:
         self._config = config
         self._stopping = asyncio.Event()
+        self._stopped = threading.Event()
 
     async def run(self, reset: Sequence[str], duration: float | None) -> None:
         """Start, serve until asked to stop, stop."""
         loop = asyncio.get_running_loop()
         for signum in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(signum, self._stopping.set)
+            loop.add_signal_handler(signum, self._stop)
         if duration is not None:
-            loop.call_later(duration, self._stopping.set)
+            loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
         pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator")
+        asking = ThreadPoolExecutor(1, thread_name_prefix="asking")
         publisher: Publisher | None = None
         try:
             for name in reset:
@@ -73,43 +80,57 @@ class Daemon:
                 publisher = await asyncio.to_thread(
                     Publisher.open, self._config.zenoh, self._config.site.id, [zone.id for zone in self._config.zones]
                 )
-            await self._serve(store, pool, publisher)
+            await self._serve(store, pool, asking, publisher)
         finally:
             if publisher is not None:
                 await asyncio.to_thread(publisher.close)
-            pool.shutdown(wait=True, cancel_futures=True)
+            for executor in (asking, pool):
+                executor.shutdown(wait=True, cancel_futures=True)
             store.close()
         _log.info("stopped")
 
-    async def _serve(self, store: Store, pool: ThreadPoolExecutor, publisher: Publisher | None) -> None:
+    def _stop(self) -> None:
+        self._stopped.set()
+        self._stopping.set()
+
+    async def _serve(
+        self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
+    ) -> None:
         zones: dict[str, Zone] = {}
         metrics = Metrics(zones)
-        plumbing = Plumbing(store, pool, metrics, publisher, self._config.site.checkpoint_every)
+        every = self._config.site.checkpoint_every
+        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
         for table in self._config.zones:
             zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
-        last = dict(zip(zones, await asyncio.gather(*(zone.prepare() for zone in zones.values())), strict=True))
-        for table in self._config.zones:
-            zones[table.id].align(make_alignment(table, last[table.id]))
-        server = HttpServer(
-            create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate")), self._config.http
-        )
-        serving = asyncio.create_task(server.run())
-        workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
-        feeding: list[asyncio.Task[None]] = []
+        app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"))
+        server = HttpServer(app, self._config.http)
         stop = asyncio.create_task(self._stopping.wait())
+        tasks: list[asyncio.Task[None]] = []
         try:
-            await server.started(serving)
-            if publisher is not None and self._config.zenoh.await_subscriber > 0:
-                await asyncio.to_thread(publisher.await_subscriber, self._config.zenoh.await_subscriber)
-            feeding = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
-            await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
+            preparing = asyncio.gather(*(zone.prepare() for zone in zones.values()))
+            if not await _before(stop, preparing):
+                return
+            last = dict(zip(zones, preparing.result(), strict=True))
+            for table in self._config.zones:
+                zones[table.id].align(make_alignment(table, last[table.id]))
+            serving = asyncio.create_task(server.run())
+            workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
+            try:
+                await server.started(serving)
+                if publisher is not None and self._config.zenoh.await_subscriber > 0:
+                    waiting = asyncio.to_thread(publisher.await_subscriber, self._config.zenoh.await_subscriber)
+                    if not await _before(stop, asyncio.ensure_future(waiting)):
+                        return
+                tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
+                await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+                await asyncio.gather(_drain(zones, workers), server.stop(serving))
         finally:
             stop.cancel()
-            for task in feeding:
-                task.cancel()
-            await asyncio.gather(*feeding, return_exceptions=True)
-            await _drain(zones, workers)
-            await server.stop(serving)
+            server.close()
 
     async def _feed(self, name: str, zones: Mapping[str, Zone], last: Mapping[str, int | None]) -> None:
         """Run one source from where the zones it feeds stopped."""
@@ -123,14 +144,27 @@ class Daemon:
             await source.close()
 
 
+async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
+    """Whether `work` was done before the daemon was asked to stop; then it is given up. Its failure is raised."""
+    await asyncio.wait([stop, work], return_when=asyncio.FIRST_COMPLETED)
+    if not work.done():
+        work.cancel()
+        return False
+    work.result()
+    return True
+
+
 async def _drain(zones: Mapping[str, Zone], workers: Sequence[asyncio.Task[None]]) -> None:
-    """Let the zones empty their mailboxes and write their checkpoints, within DRAIN_SECONDS."""
+    """Let the zones empty their mailboxes, within DRAIN_SECONDS, and write their checkpoints."""
     closing = [asyncio.create_task(zone.close_mailbox()) for zone in zones.values()]
     _, late = await asyncio.wait([*workers, *closing], timeout=DRAIN_SECONDS)
-    for task in late:
-        task.cancel()
     if late:
         _log.warning("stopping before every mailbox was empty; the journal holds the rest for the next start")
+        for zone in zones.values():
+            zone.hurry()
+        _, late = await asyncio.wait(late, timeout=SAVE_SECONDS)
+    for task in late:
+        task.cancel()
     for result in await asyncio.gather(*workers, *closing, return_exceptions=True):
         if isinstance(result, Exception):
             raise result

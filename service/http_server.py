@@ -69,6 +69,10 @@ class HttpServer:
             await asyncio.sleep(0.01)
         _log.info("serving on %s", self.url)
 
+    def close(self) -> None:
+        """Give the address back, if `run` never took it over; safe after `stop`."""
+        self._socket.close()
+
     async def stop(self, serving: asyncio.Task[None]) -> None:
         """Finish open requests, for a second at most, and close."""
         self._server.should_exit = True

@@ -24,7 +24,7 @@ from service.view import ZoneStatus
 
 TOPICS = ("forecast", "volatility", "gate", "status")
 _POLL_SECONDS = 0.02
-_CLOSE_SECONDS = 2.0
+_CLOSE_SECONDS = 1.0
 
 _log = logging.getLogger(__name__)
 
@@ -107,7 +107,7 @@ class Publisher:
         return False
 
     def close(self) -> None:
-        """Undeclare everything and close the session, within two seconds; safe to call twice."""
+        """Undeclare everything and close the session, within a second; safe to call twice."""
         if self._closed:
             return
         self._closed = True

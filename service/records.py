@@ -100,8 +100,8 @@ class Score(NamedTuple):
 class Update(NamedTuple):
     """What one sample brought: the score of its forecast, the posterior summary and the next forecast.
 
-    `score` is None for the first sample of a segment. `outcome` is an `estimator.types.Outcome` value, or "started" for
-    the first sample of a segment.
+    `score` is None where no forecast stood. `outcome` is an `estimator.types.Outcome` value, or "started" for the first
+    sample of a segment.
     """
 
     time: int

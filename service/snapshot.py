@@ -20,7 +20,7 @@ from adapters.reading import Quality
 from estimator.network import Network
 from service.checkpoint import Checkpoint
 from service.records import Update
-from service.worker import Held, Progress, ZoneWorker
+from service.worker import Held, Progress, Standing, ZoneWorker
 
 _HELD_VALUES = "held_values"
 _HELD_TIMES = "held_times"
@@ -70,12 +70,12 @@ def fingerprint(network: Network, period: float, estimator: str, options: Mappin
 
 def take(worker: ZoneWorker, mark: str) -> Checkpoint | None:
     """The checkpoint of a worker whose fingerprint is `mark`; None before its first update."""
-    held, progress, state, latest = worker.held, worker.progress, worker.state, worker.latest
-    if state is None or latest is None:
+    held, progress, standing = worker.held, worker.progress, worker.standing
+    if standing is None:
         return None
-    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in state._asdict().items()}
+    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
-    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, latest)))
+    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update)))
     return Checkpoint(mark, int(progress.last_time or 0), arrays, meta)
 
 
@@ -86,8 +86,7 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
     }
     worker.resume(
-        worker.estimator.state_type(**stored),
+        Standing(worker.estimator.state_type(**stored), meta.latest),
         Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
         meta.progress,
-        meta.latest,
     )

@@ -8,7 +8,7 @@ this same worker.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from adapters.reading import Quality
 from estimator.network import Network
 from estimator.types import Array, Estimator, Mixture, Outcome, ParameterSummary, Posterior
+from service.errors import ServiceError
 from service.records import (
     Forecast,
     Gate,
@@ -71,6 +72,13 @@ class Progress(NamedTuple):
     """Why there is no standing forecast, or None."""
 
 
+class Standing(NamedTuple):
+    """The estimator's state, predicted to the next sample, and the update whose forecast it carries."""
+
+    state: Any
+    update: Update
+
+
 class ZoneWorker:
     """The state of one zone between two samples, and `step`, which takes it over one."""
 
@@ -79,10 +87,9 @@ class ZoneWorker:
         self.settings = settings
         width = len(estimator.network.inputs)
         self.held = Held(np.full(width, np.nan), np.full(width, np.nan), (Quality.BAD,) * width)
-        self.state: Any = None
-        """The estimator's state, predicted to the next sample; None before the first."""
+        self.standing: Standing | None = None
+        """One attribute, replaced whole, so that another thread never sees a state beside another sample's forecast."""
         self.progress = Progress()
-        self.latest: Update | None = None
 
     @property
     def network(self) -> Network:
@@ -94,9 +101,14 @@ class ZoneWorker:
         """Sampling period in s."""
         return int(self.estimator.period)
 
-    def resume(self, state: Any, held: Held, progress: Progress, latest: Update) -> None:
+    @property
+    def latest(self) -> Update | None:
+        """The newest update; None before the first sample."""
+        return None if self.standing is None else self.standing.update
+
+    def resume(self, standing: Standing, held: Held, progress: Progress) -> None:
         """Go on from where another worker of this zone stood."""
-        self.state, self.held, self.progress, self.latest = state, held, progress, latest
+        self.standing, self.held, self.progress = standing, held, progress
 
     def step(self, sample: Sample) -> Update | None:
         """Take one sample; None where it could not be used (`stalled` then says why).
@@ -111,29 +123,36 @@ class ZoneWorker:
             self._bridge(last, sample.time)
         return self._step(sample)
 
-    def fan(self, levels: Sequence[float], plan: Sequence[Mapping[str, float]]) -> Fan | None:
+    def fan(
+        self,
+        levels: Sequence[float],
+        plan: Sequence[Mapping[str, float]],
+        given_up: Callable[[], bool] = lambda: False,
+    ) -> Fan | None:
         """The standing forecast and `len(plan)` steps beyond it; a row of `plan` names the inputs that are not held.
 
-        Volatility is sampled along every particle's path. None where there is no standing forecast.
+        Volatility is sampled along every particle's path. None where there is no standing forecast. `given_up` is
+        asked after every step; ServiceError once it says yes.
         """
-        state, standing = self.state, self.latest
-        if state is None or standing is None or self.progress.stalled:
+        if self.standing is None or self.progress.stalled:
             return None
-        held = np.array([used.value for used in standing.forecast.inputs])
+        state, update = self.standing
+        held = np.array([used.value for used in update.forecast.inputs])
         rows = np.tile(held, (len(plan), 1))
         for row, changes in zip(rows, plan, strict=True):
             for channel, value in changes.items():
                 row[self.network.inputs.index(channel)] = value
-        first = standing.forecast.valid_time
-        steps = tuple(
-            FanStep(first + ahead * self.period, self._outputs(mixture, levels))
-            for ahead, mixture in enumerate(self.estimator.forecast(state, rows))
-        )
-        return Fan(standing.time, standing.forecast.issue_time, steps, standing.forecast.inputs, standing)
+        first, steps = update.forecast.valid_time, []
+        for ahead, mixture in enumerate(self.estimator.forecast(state, rows)):
+            steps.append(FanStep(first + ahead * self.period, self._outputs(mixture, levels)))
+            if given_up():
+                raise ServiceError("the forecast was given up because the daemon is stopping")
+        return Fan(update.time, update.forecast.issue_time, tuple(steps), update.forecast.inputs, update)
 
     def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters; None before the first sample."""
-        return None if self.state is None else self.estimator.parameters(self.state, np.array(levels))
+        standing = self.standing
+        return None if standing is None else self.estimator.parameters(standing.state, np.array(levels))
 
     def _bridge(self, last: int, until: int) -> None:
         """Step through the whole missing intervals between two samples, as far as they can be bridged."""
@@ -163,27 +182,31 @@ class ZoneWorker:
         if stalled is not None:
             return None
         posterior, score = self._assimilate(sample, continues)
-        self.state = self.estimator.predict(posterior.state, self.held.values)
+        state = self.estimator.predict(posterior.state, self.held.values)
+        started = self.progress.segment > before.segment
+        update = self._update(sample, posterior, STARTED if started else str(posterior.outcome), score, state, began)
+        self.standing = Standing(state, update)
         self.progress = self.progress._replace(samples=before.samples + 1)
-        self.latest = self._update(sample, posterior, score, began)
-        return self.latest
+        return update
 
     def _assimilate(self, sample: Sample, continues: bool) -> tuple[Posterior, Score | None]:
-        """Score and assimilate y_k, or begin a segment with it."""
-        if continues and self.latest is not None:
-            posterior = self.estimator.update(self.state, sample.outputs)
+        """Score and assimilate y_k, or begin a segment with it; a forecast that stood for it is scored either way."""
+        score = None
+        if continues and self.standing is not None:
+            score = _score(self.standing.update.forecast, sample)
+            posterior = self.estimator.update(self.standing.state, sample.outputs)
             vanished = self.progress.vanished + 1 if posterior.outcome is Outcome.VANISHED else 0
             self.progress = self.progress._replace(vanished=vanished)
             if vanished < VANISHED_LIMIT:
-                return posterior, _score(self.latest.forecast, sample)
+                return posterior, score
         self.progress = self.progress._replace(vanished=0, segment=self.progress.segment + 1)
         inputs = self.held.values
-        if self.state is None:
+        if self.standing is None:
             state = self.estimator.start(self.settings.seed, sample.outputs, inputs)
         else:
-            state = self.estimator.restart(self.state, sample.outputs, inputs)
+            state = self.estimator.restart(self.standing.state, sample.outputs, inputs)
         # The states start at y itself, so y has nothing more to teach: the update is one without outputs.
-        return self.estimator.update(state, np.full(len(sample.outputs), np.nan)), None
+        return self.estimator.update(state, np.full(len(sample.outputs), np.nan)), score
 
     def _unusable_inputs(self, now: int) -> str | None:
         """Why the inputs cannot carry a prediction at UTC time `now`, or None."""
@@ -196,12 +219,14 @@ class ZoneWorker:
                 )
         return None
 
-    def _update(self, sample: Sample, posterior: Posterior, score: Score | None, began: float) -> Update:
+    def _update(
+        self, sample: Sample, posterior: Posterior, outcome: str, score: Score | None, state: Any, began: float
+    ) -> Update:
         lower, median, upper = (tuple(map(float, column)) for column in posterior.alpha_quantiles.T)
         return Update(
             time=sample.time,
             segment=self.progress.segment,
-            outcome=STARTED if score is None else str(posterior.outcome),
+            outcome=outcome,
             y=tuple(map(float, sample.outputs)),
             score=score,
             volatility=Volatility(self.estimator.blocks, lower, median, upper, tuple(map(float, posterior.cdf))),
@@ -211,12 +236,12 @@ class ZoneWorker:
             floored=posterior.floored,
             log_likelihood=posterior.log_likelihood,
             parameters=tuple(map(float, posterior.parameters)),
-            forecast=self._forecast(sample.time),
+            forecast=self._forecast(sample.time, state),
             step_seconds=time.perf_counter() - began,
         )
 
-    def _forecast(self, sample_time: int) -> Forecast:
-        mixture = self.estimator.predictive(self.state)
+    def _forecast(self, sample_time: int, state: Any) -> Forecast:
+        mixture = self.estimator.predictive(state)
         issue = sample_time + self.period
         inputs = tuple(
             InputUsed(channel, value, self.network.channel_unit(channel), issue - when, quality, issue > when)

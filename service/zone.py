@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from typing import NamedTuple, Protocol
 
 from adapters.reading import Reading
@@ -50,6 +52,11 @@ class Plumbing(NamedTuple):
 
     store: Store
     pool: Executor
+    """Runs the estimator steps."""
+    asking: Executor
+    """Runs what REST asks for, so that no question keeps a zone waiting."""
+    stopping: threading.Event
+    """Set when the daemon begins to stop."""
     metrics: Metrics
     announcer: Announcer | None
     checkpoint_every: float
@@ -78,15 +85,21 @@ class Zone:
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
         self._saved = time.monotonic()
-        self._clock: float | None = None
+        self._replayed = 0
+        """How many samples the last restoring took from the journal."""
+        self._clocks: dict[str, float] = {}
+        """A recording's own time, by source."""
+        self._hurried = False
 
     def status(self) -> ZoneStatus:
         """How the zone is doing."""
-        progress, alignment = self._worker.progress, self._alignment
+        # Copied in one go: the event loop may change them while a worker thread asks.
+        progress, alignment, trouble = self._worker.progress, self._alignment, tuple(self._trouble.values())
+        clocks = tuple(self._clocks.values())
         if self._failure is not None:
             state, reason = "failed", self._failure
-        elif self._trouble:
-            state, reason = "stalled", next(iter(self._trouble.values()))
+        elif trouble:
+            state, reason = "stalled", trouble[0]
         elif progress.stalled is not None and self._worker.latest is not None:
             state, reason = "stalled", progress.stalled
         elif self._worker.latest is None:
@@ -101,10 +114,9 @@ class Zone:
             last_sample_time=progress.last_time,
             samples=progress.samples,
             segment=progress.segment,
-            # Copied in one go: the event loop may count on while a worker thread asks.
             faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
             last_good=dict(alignment.last_good) if alignment else {},
-            now=self._clock,
+            now=min(clocks, default=None),
         )
 
     def latest(self) -> Update | None:
@@ -114,13 +126,13 @@ class Zone:
     async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
         """The standing forecast and `steps` beyond it, under `plan`."""
         rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
-        worker = self._worker
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, worker.fan, levels, rows)
+        fan = partial(self._worker.fan, levels, rows, self._plumbing.stopping.is_set)
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, fan)
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters."""
         worker = self._worker
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, worker.parameters, levels)
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
@@ -137,7 +149,7 @@ class Zone:
         checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
         if checkpoint is not None:
             snapshot.restore(worker, checkpoint)
-        replayed = await self._catch_up(worker)
+        self._replayed = replayed = await self._catch_up(worker)
         self._worker = worker
         if checkpoint is not None or replayed:
             _log.info(
@@ -156,17 +168,18 @@ class Zone:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         assert self._alignment is not None
         self._trouble.pop(source, None)
-        await self.accept(self._alignment.add(source, readings, now), now)
+        self._clocks[source] = now
+        await self.accept(self._alignment.add(source, readings, now))
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
         assert self._alignment is not None
-        clock, last = self._clock, self._worker.progress.last_time
+        last = self._worker.progress.last_time
         # A recording that had ended before this start brings no time of its own any more.
-        if clock is None and last is not None:
-            clock = last + self.period
+        if source not in self._clocks and last is not None:
+            self._clocks[source] = last + self.period
         self._trouble.pop(source, None)
-        await self.accept(self._alignment.end(source), clock)
+        await self.accept(self._alignment.end(source))
         await self._announce_status()
 
     async def source_failed(self, source: str, reason: str) -> None:
@@ -174,9 +187,8 @@ class Zone:
         self._trouble[source] = reason
         await self._announce_status()
 
-    async def accept(self, samples: Iterable[Sample], clock: float | None) -> None:
-        """Make samples durable and hand them to the worker; `clock` is a recording's own time, None when live."""
-        self._clock = clock
+    async def accept(self, samples: Iterable[Sample]) -> None:
+        """Make samples durable and hand them to the worker."""
         for sample in samples:
             await self._append(sample)
             # While the zone is failed the journal alone takes samples; the recovery reads them from there.
@@ -187,7 +199,11 @@ class Zone:
         """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
         leaves the zone failed, to be retried by `run`."""
         try:
-            return await self.restore()
+            last = await self.restore()
+            if self._replayed:
+                # The next start need not replay the same samples again.
+                await self._save()
+            return last
         except StateMismatch:
             raise
         except Exception as error:
@@ -209,6 +225,10 @@ class Zone:
     async def close_mailbox(self) -> None:
         """No sample follows: `run` ends when the mailbox is empty."""
         await self._mailbox.put(None)
+
+    def hurry(self) -> None:
+        """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
+        self._hurried = True
 
     async def run(self) -> None:
         """Serve the mailbox, in order, until it is closed; then write a checkpoint."""
@@ -235,7 +255,7 @@ class Zone:
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
         await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
-        while (sample := await self._mailbox.get()) is not None:
+        while not self._hurried and (sample := await self._mailbox.get()) is not None:
             last = self._worker.progress.last_time
             # After a recovery the mailbox may still hold what the journal has already brought.
             if last is None or sample.time > last:
@@ -284,9 +304,9 @@ class Zone:
         self._saved = time.monotonic()
         if checkpoint is None:
             return
-        await self._plumbing.store.flush()
         loop, store = asyncio.get_running_loop(), self._plumbing.store
         try:
+            await store.flush()
             await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
         except ServiceError as error:
             # The journal still holds everything since the last good checkpoint.
@@ -313,8 +333,10 @@ class Zone:
         caught_up = 0
         while samples := await self._plumbing.store.samples_after(self.id, worker.progress.last_time):
             for sample in samples:
+                if self._hurried:
+                    return caught_up
                 await self._step(worker, sample)
-            caught_up += len(samples)
+                caught_up += 1
         return caught_up
 
     async def _pass_over(self, when: int, error: Exception) -> None:

@@ -34,6 +34,8 @@ MISTAKES = {
     "bound reversed": (network("tite").with_parameter("C_i", lower=2e7, upper=1e6), "the lower one must be smaller"),
     "bound zero": (network("tite").with_parameter("C_i", lower=0.0), "needs a bound above 0"),
     "bound nan": (network("tite").with_parameter("C_i", upper=float("nan")), "the lower one must be smaller"),
+    "bound absurd": (network("tite").with_parameter("C_i", lower=1e-300), "outside 1e-06 to 1e+13 J/K"),
+    "span": (network("tite").with_parameter("g_ie", lower=1e-5, upper=1e5), "more than a factor of 1e+09"),
     "fixed without value": (
         network("tite").with_parameter("C_i", free=False, nominal=None),
         "'C_i' is not free and has no value",

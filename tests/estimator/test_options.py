@@ -12,6 +12,8 @@ BUILDING = network("building-67")
 MISTAKES = {
     "unknown": ({"particle": 10}, "unknown option 'particle'"),
     "preset": ({"preset": "fast"}, "preset 'fast' does not exist; the presets are default, paper"),
+    "preset list": ({"preset": ["paper"]}, "preset '['paper']' does not exist"),
+    "blocks nodes": ({"volatility_blocks": {"a": [1, "T_i"]}}, "must name every state node exactly once"),
     "particles": ({"particles": 0}, "particles = 0 must be a whole number from 50"),
     "particles float": ({"particles": 100.5}, "must be a whole number"),
     "particles bool": ({"particles": True}, "must be a whole number"),
@@ -75,3 +77,9 @@ def test_the_registry_names_the_estimators():
     assert effective["particles"] == 500
     assert effective["coordinates"] == "logit"
     assert registry.build("rbpf", BUILDING, 600.0, effective).options.particles == 500
+
+
+@pytest.mark.parametrize("period", [1, 60, 21600, 86400])
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_every_preset_accepts_every_period(preset, period):
+    assert resolve(BUILDING, period, {"preset": preset}).preset == preset

@@ -1,7 +1,10 @@
 """Stopped or killed in mid-replay, the daemon goes on as if it had never stopped."""
 
+import contextlib
 import csv
+import http.client
 import signal
+import threading
 import time
 
 import pytest
@@ -63,6 +66,36 @@ def test_an_orderly_stop_takes_under_five_seconds_and_the_next_start_goes_on(sig
         assert daemon.get(f"/zones/{ZONE}/forecast")[0] == 200, "its standing forecast is served at once"
         daemon.wait_until_ended()
         assert_same_history(daemon, uninterrupted)
+
+
+def test_a_stop_does_not_wait_for_a_subscriber_that_never_comes(tmp_path):
+    waiting = settings(tmp_path) | {"zenoh.enabled": True, "zenoh.listen": [], "zenoh.await_subscriber": "60s"}
+    with Daemon(CONFIG, tmp_path / "log", waiting) as daemon:
+        assert daemon.get("/zones")[1]["zones"][0]["state"] == "waiting"
+        code, seconds = daemon.terminate()
+    assert (code, "Traceback" in daemon.log()) == (0, False)
+    assert seconds < 5
+
+
+def test_a_stop_does_not_wait_for_a_long_forecast_or_a_long_queue(tmp_path):
+    """Steps of a tenth of a second, sixteen of them in the mailbox, and a week's fan under way."""
+    slow = settings(tmp_path) | {"zones.0.estimator_options.particles": 60000}
+    with Daemon(CONFIG, tmp_path / "log", slow) as daemon:
+        daemon.wait(lambda zones: zones[ZONE]["samples"] >= 3)
+
+        def ask():
+            # Whether it is refused or cut off is the daemon's affair.
+            with contextlib.suppress(OSError, http.client.HTTPException):
+                daemon.get(f"/zones/{ZONE}/forecast?horizon=7d")
+
+        asking = threading.Thread(target=ask)
+        asking.start()
+        time.sleep(0.3)
+        code, seconds = daemon.terminate()
+        asking.join()
+    assert (code, "Traceback" in daemon.log()) == (0, False), daemon.log()
+    assert seconds < 5
+    assert list((tmp_path / "state" / "checkpoints" / ZONE).glob("*.npz"))
 
 
 def test_killed_at_several_moments_it_still_ends_with_the_same_bits(uninterrupted, tmp_path):

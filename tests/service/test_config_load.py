@@ -186,7 +186,7 @@ def test_durations_are_written_in_the_largest_fitting_unit(seconds: float, writt
     assert format_duration(seconds) == written
 
 
-@pytest.mark.parametrize("period", ["1s", "5min", "10min", 450, "1h", 7200])
+@pytest.mark.parametrize("period", ["1s", "5min", "10min", 450, "1h", 7200, "1d"])
 def test_periods_that_divide_a_day(period: object, tmp_path: Path) -> None:
     tables = sound(tmp_path)
     tables["zones"][0]["period"] = period
@@ -197,11 +197,11 @@ def test_periods_that_divide_a_day(period: object, tmp_path: Path) -> None:
     assert 86400 % seconds == 0
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.9.9.9", "::1", "localhost"])
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.9.9.9", "::1", "[::1]", "localhost"])
 def test_loopback_hosts(host: str, tmp_path: Path) -> None:
     tables = sound(tmp_path) | {"http": {"host": host}}
 
-    assert load(write(tmp_path, tables)).http.host == host
+    assert load(write(tmp_path, tables)).http.host == host.strip("[]")
 
 
 @pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:0", "tcp/[::1]:7447", "udp/localhost:7447", "ws/127.0.0.2:8000"])

@@ -337,7 +337,7 @@ def _explicit(folder: Path) -> Tables:
     """The sound tables with an inline network and some options written out."""
     tables = sound(folder)
     inline()(tables)
-    tables["zones"][1]["estimator_options"] = {"particles": 100, "coordinates": "log"}
+    tables["zones"][1]["estimator_options"] = {"preset": "paper", "particles": 100, "coordinates": "log"}
     tables["zones"][1]["network"] |= {"fixed": ["C_h"], "parameters": {"C_i": {"value": 1e6}}, "initial": {"T_e": {}}}
     return tables
 

@@ -1,6 +1,7 @@
 """The worker: what is published is what is scored, and every kind of gap has its defined outcome."""
 
 import math
+import threading
 from itertools import pairwise
 
 import numpy as np
@@ -139,6 +140,8 @@ def test_a_sensor_that_jumps_for_good_starts_a_new_segment():
     assert [update.outcome for update in outcomes[: VANISHED_LIMIT - 1]] == ["vanished"] * (VANISHED_LIMIT - 1)
     assert all(update.segment == 1 for update in outcomes[: VANISHED_LIMIT - 1])
     assert (outcomes[VANISHED_LIMIT - 1].outcome, outcomes[VANISHED_LIMIT - 1].segment) == ("started", 2)
+    # A forecast stood for the sample that starts the segment, so it is scored like every other.
+    assert outcomes[VANISHED_LIMIT - 1].score.residual[0] > 30
     assert outcomes[-1].outcome == "assimilated"
     assert outcomes[-1].forecast.outputs[0].mean == pytest.approx(60.0, abs=1.0)
 
@@ -181,3 +184,23 @@ def test_parameters_after_a_sample():
     summary = zone.parameters((0.1, 0.9))
     assert summary.parameters.shape == (10, 2)
     assert (summary.parameters[:, 0] <= summary.parameters[:, 1]).all()
+
+
+def test_a_question_from_another_thread_never_mixes_two_samples():
+    zone = worker(particles=2000)
+    run(zone, 3)
+    done = threading.Event()
+    mixed = []
+
+    def ask():
+        while not done.is_set():
+            fan = zone.fan((0.95,), [])
+            if fan.steps[0].outputs[0].mean != fan.update.forecast.outputs[0].mean:
+                mixed.append(fan)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    run(zone, 100, first=3)
+    done.set()
+    asking.join()
+    assert not mixed

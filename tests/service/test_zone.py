@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 
@@ -57,10 +58,11 @@ def short_pauses(monkeypatch):
 
 @asynccontextmanager
 async def plumbing(folder, announcer=None, checkpoint_every=1e9):
-    store, pool = Store(folder), ThreadPoolExecutor(2)
+    store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
-        yield Plumbing(store, pool, Metrics({}), announcer, checkpoint_every)
+        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcer, checkpoint_every)
     finally:
+        asking.shutdown()
         pool.shutdown()
         store.close()
 
@@ -72,7 +74,7 @@ def make(shared, failures=None, name="z", mark="mark"):
 async def fed(zone, items):
     await zone.prepare()
     running = asyncio.create_task(zone.run())
-    await zone.accept(items, None)
+    await zone.accept(items)
     return running
 
 
@@ -123,7 +125,7 @@ def test_a_new_zone_goes_on_where_the_old_one_stopped(tmp_path):
             assert await zone.prepare() == expected_last
             assert zone.latest().time == expected_last
             running = asyncio.create_task(zone.run())
-            await zone.accept(items[33:], None)
+            await zone.accept(items[33:])
             await finished(zone, running)
             # What was restored is announced first, for those who join now.
             restored, *fresh = [comparable(update) for _, update in announcer.updates]
@@ -188,8 +190,8 @@ def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, 
                 while sick.status().state != "failed":
                     await asyncio.sleep(0.005)
                 # More than its mailbox holds, and no one waits for it.
-                await sick.accept(items[1:], None)
-                await well.accept(items[1:], None)
+                await sick.accept(items[1:])
+                await well.accept(items[1:])
             assert sick.status().state == "failed"
             assert "cannot step over 0" in sick.status().reason
             await caught_up(sick, items)
@@ -329,5 +331,49 @@ def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_p
             await zone.end("only")
             assert zone.status().now == 2 * PERIOD
             assert announcer.states == ["stalled"]
+
+    asyncio.run(scenario())
+
+
+def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            items = [sample(k) for k in range(12)]
+            await zone.prepare()
+            await zone.accept(items)
+            zone.hurry()
+            await zone.run()
+            assert zone.status().samples < len(items)
+            again = make(shared)
+            assert await again.prepare() == items[-1].time
+            assert comparable(again.latest()) == straight(items)[-1]
+
+    asyncio.run(scenario())
+
+
+def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            running = await fed(zone, [sample(0)])
+            await finished(zone, running)
+            shared.stopping.set()
+            with pytest.raises(ServiceError, match="the daemon is stopping"):
+                await zone.fan(500, (0.9,), None)
+
+    asyncio.run(scenario())
+
+
+def test_two_recordings_with_their_own_times_show_the_earlier_one(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await zone.prepare()
+            zone.align(Alignment(zone.network, PERIOD, {}, sources=["a", "b"], zone="z"))
+            await zone.deliver("a", [], 5000.0)
+            await zone.deliver("b", [], 900.0)
+            await zone.deliver("a", [], 6000.0)
+            assert zone.status().now == 900.0
 
     asyncio.run(scenario())
