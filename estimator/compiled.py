@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimator import kernels
 from estimator.assembly import Indices, topology
@@ -11,25 +12,33 @@ from estimator.kernel_propagate import propagate
 from estimator.liu_west import Kernel
 from estimator.network import Network
 from estimator.space import ParameterSpace
-from estimator.types import Array
+from estimator.types import Array, Mixture
+from estimator.vector_math import mixture_quantile
 
 
 class CompiledSteps:
     """One network's particle steps, compiled; arrays as in `ReferenceSteps`."""
 
-    def __init__(self, network: Network, space: ParameterSpace, period: float) -> None:
+    def __init__(
+        self, network: Network, space: ParameterSpace, period: float, block: Indices, process_sd: float
+    ) -> None:
         self._topology, self._space, self._period = topology(network), space, float(period)
+        self._block, self._process_variance = block, process_sd**2
+        # The kernels are compiled per number of states and of free parameters: the types of these tuples.
+        self._states = (0,) * len(network.nodes)
+        self._free = (0,) * len(space.free)
 
     def propagate(
-        self, coordinates: Array, mean: Array, covariance: Array, noise: Array, inputs: Array
+        self, coordinates: Array, mean: Array, covariance: Array, alpha: Array, inputs: Array
     ) -> tuple[Array, Array]:
         """Kalman prediction (Algorithm 1, line 9)."""
         shape, space = self._topology, self._space
         out_mean, out_covariance = np.empty_like(mean), np.empty_like(covariance)
         propagate(
-            shape.capacitance, shape.edges, shape.heat, shape.heat_gain,
+            self._states, shape.capacitance, shape.edges, shape.heat, shape.heat_gain,
             space.lower, space.upper, space.logit, space.free, space.fixed,
-            self._period, inputs, coordinates, mean, covariance, noise, out_mean, out_covariance,
+            self._period, inputs, coordinates, mean, covariance, alpha * alpha, self._block, self._process_variance,
+            out_mean, out_covariance,
         )  # fmt: skip
         return out_mean, out_covariance
 
@@ -47,9 +56,11 @@ class CompiledSteps:
     def rejuvenate(self, coordinates: Array, kernel: Kernel, normals: Array) -> Array:
         """Gated Liu-West rejuvenation (28)."""
         space, out = self._space, np.empty_like(coordinates)
-        kernels.rejuvenate(
-            kernel.shrink, kernel.mean, kernel.jitter, space.lower, space.upper, space.logit, coordinates, normals, out
-        )
+        if self._free:
+            kernels.rejuvenate(
+                self._free, kernel.shrink, kernel.mean, kernel.jitter, space.lower, space.upper, space.logit,
+                coordinates, normals, out,
+            )  # fmt: skip
         return out
 
     def mean_log_parameters(self, coordinates: Array, weights: Array) -> Array:
@@ -58,8 +69,23 @@ class CompiledSteps:
         mean: Array = kernels.mean_log_parameters(space.lower, space.upper, space.logit, coordinates, weights)
         return mean
 
+    def systematic(self, weights: Array, uniform: float) -> Indices:
+        """Indices (N,) of systematic resampling (line 14)."""
+        index = np.empty(len(weights), dtype=np.int64)
+        kernels.systematic(weights, uniform, index)
+        return index
+
     def gather(self, rows: Array, index: Indices) -> Array:
         """Columns `index` of `rows` (m, N)."""
         out = np.empty((len(rows), len(index)))
         kernels.gather(rows, index, out)
         return out
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output of a mixture."""
+        weights = mixture.weights / mixture.weights.sum()
+        starts = mixture.mean()[output] + mixture.sd()[output] * ndtri(levels)
+        means, sds = mixture.means[output], mixture.sds[output]
+        return np.array(
+            [mixture_quantile(level, start, weights, means, sds) for level, start in zip(levels, starts, strict=True)]
+        )

@@ -13,19 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator import kernels, reference
 from estimator.assembly import assemble, topology
 from estimator.compiled import CompiledSteps
 from estimator.discretise import heat_loss, time_constants
+from estimator.draws import Draws, Purpose
 from estimator.gate import learning_gate, regime, weighted_quantiles
 from estimator.kalman import packed_index
 from estimator.liu_west import liu_west_kernel
 from estimator.network import MEASURED, Network
 from estimator.options import ALL_NODES, Options
 from estimator.reference import ReferenceSteps
-from estimator.resampling import effective_sample_size, systematic
+from estimator.resampling import effective_sample_size
 from estimator.space import parameter_space
-from estimator.streams import Stage, stream
 from estimator.types import Array, Mixture, Outcome, ParameterSummary, Posterior
 from estimator.volatility import propagate_volatility
 
@@ -68,11 +67,9 @@ class RBPF:
         blocks = options.volatility_blocks or {ALL_NODES: network.nodes}
         self.blocks = tuple(blocks)
         owner = {node: index for index, nodes in enumerate(blocks.values()) for node in nodes}
-        self._block_of_node = np.array([owner[node] for node in network.nodes])
-        compiled = options.implementation == "compiled"
-        steps = CompiledSteps if compiled else ReferenceSteps
-        self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period)
-        self._quantile = kernels.mixture_quantile if compiled else reference.mixture_quantile
+        block = np.array([owner[node] for node in network.nodes], dtype=np.int64)
+        steps = CompiledSteps if options.implementation == "compiled" else ReferenceSteps
+        self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period, block, options.process_sd)
 
     @property
     def state_type(self) -> type[ParticleState]:
@@ -81,10 +78,10 @@ class RBPF:
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> ParticleState:
         """Particles from the prior (lines 1-6), at the first sample: its outputs (n_y,) and inputs (n_u,)."""
-        options, rng = self.options, stream(seed, 0, Stage.PRIOR)
+        options, draws = self.options, Draws(seed, 0)
         count = options.particles
-        place = rng.random((len(self._space.free), count))
-        log_alpha = options.alpha_initial_sd * rng.standard_normal((len(self.blocks), count))
+        place = draws.uniforms(Purpose.PRIOR_PARAMETERS, (len(self._space.free), count))
+        log_alpha = options.alpha_initial_sd * draws.normals(Purpose.PRIOR_VOLATILITY, (len(self.blocks), count))
         mean, covariance = self._initial_temperatures(outputs, inputs, count)
         return ParticleState(
             seed=np.array(seed, dtype=np.uint64),
@@ -105,7 +102,7 @@ class RBPF:
     def predict(self, state: ParticleState, inputs: Array) -> ParticleState:
         """One period on under `inputs` (n_u,) held over the step (lines 8-9)."""
         step = int(state.step) + 1
-        return self._propagate(state, inputs, step, Stage.PREDICT)
+        return self._propagate(state, inputs, step, Draws(int(state.seed), step))
 
     def predictive(self, state: ParticleState) -> Mixture:
         """The mixture of line 10, over every output."""
@@ -113,9 +110,9 @@ class RBPF:
         spread = state.covariance[[packed_index(node, node) for node in nodes]] + self.options.measurement_sd**2
         return Mixture(np.exp(state.log_weights), state.mean[nodes], np.sqrt(spread))
 
-    def quantile(self, mixture: Mixture, level: float, output: int = 0) -> float:
-        """The `level` quantile of one output, by root-finding on the mixture CDF."""
-        return float(self._quantile(level, mixture.weights, mixture.means[output], mixture.sds[output]))
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
+        return self._steps.quantiles(mixture, levels, output)
 
     def update(self, state: ParticleState, outputs: Array) -> Posterior:
         """Lines 11-15 with y_k = `outputs` (n_y,); NaN marks a missing output."""
@@ -141,7 +138,8 @@ class RBPF:
         origin = int(state.step)
         for ahead, inputs in enumerate(plan, start=1):
             # A stream of its own: asking for a forecast changes nothing in what the filter will draw.
-            state = self._propagate(state, inputs, origin + ahead, Stage.FORECAST)
+            draws = Draws(int(state.seed), origin + ahead, forecast=True)
+            state = self._propagate(state, inputs, origin + ahead, draws)
             yield self.predictive(state)
 
     def parameters(self, state: ParticleState, levels: Array) -> ParameterSummary:
@@ -176,11 +174,10 @@ class RBPF:
             covariance[packed_index(i, i)] = rule.sd**2
         return mean, covariance
 
-    def _propagate(self, state: ParticleState, inputs: Array, step: int, stage: Stage) -> ParticleState:
-        rng = stream(int(state.seed), step, stage)
-        log_alpha = propagate_volatility(state.log_alpha, self.options, rng)
-        noise = (np.exp(log_alpha) * self.options.process_sd)[self._block_of_node] ** 2
-        mean, covariance = self._steps.propagate(state.coordinates, state.mean, state.covariance, noise, inputs)
+    def _propagate(self, state: ParticleState, inputs: Array, step: int, draws: Draws) -> ParticleState:
+        log_alpha = propagate_volatility(state.log_alpha, self.options, draws)
+        alpha = np.exp(log_alpha)
+        mean, covariance = self._steps.propagate(state.coordinates, state.mean, state.covariance, alpha, inputs)
         return state._replace(
             step=np.array(step, dtype=np.int64), log_alpha=log_alpha, mean=mean, covariance=covariance
         )
@@ -188,7 +185,7 @@ class RBPF:
     def _learn(self, state: ParticleState, weights: Array, log_likelihood: float) -> Posterior:
         """Gate, resample, rejuvenate (lines 13-15) after the weights have been updated."""
         options = self.options
-        rng = stream(int(state.seed), int(state.step), Stage.UPDATE)
+        draws = Draws(int(state.seed), int(state.step))
         phi = self._steps.mean_log_parameters(state.coordinates, weights)
         quantiles = np.array([weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
         gates = [
@@ -199,7 +196,7 @@ class RBPF:
         n_eff = effective_sample_size(weights)
         resampled = n_eff < options.resample_below * options.particles
         if resampled:
-            index = systematic(weights, rng.random())
+            index = self._steps.systematic(weights, float(draws.uniforms(Purpose.RESAMPLE, (1,))[0]))
             weights = np.full(len(weights), 1.0 / len(weights))
             state = state._replace(
                 coordinates=self._steps.gather(state.coordinates, index),
@@ -209,7 +206,7 @@ class RBPF:
                 log_weights=np.log(weights),
             )
         kernel = liu_west_kernel(*self._steps.moments(state.coordinates, weights), gate, options)
-        normals = rng.standard_normal(state.coordinates.shape)
+        normals = draws.normals(Purpose.REJUVENATE, state.coordinates.shape)
         coordinates = self._steps.rejuvenate(state.coordinates, kernel, normals)
         return Posterior(
             state=state._replace(coordinates=coordinates, histogram=np.array([block.histogram for block in gates])),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
@@ -10,20 +11,26 @@ from estimator.discretise import discretise
 from estimator.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.liu_west import Kernel, moments, rejuvenate
 from estimator.network import Network
+from estimator.resampling import systematic
 from estimator.space import ParameterSpace
-from estimator.types import Array
+from estimator.types import Array, Mixture
 
 
 class ReferenceSteps:
     """One network's particle steps, written as the paper writes them."""
 
-    def __init__(self, network: Network, space: ParameterSpace, period: float) -> None:
+    def __init__(
+        self, network: Network, space: ParameterSpace, period: float, block: Indices, process_sd: float
+    ) -> None:
+        """`block` (n_x,) is each state's volatility block, `process_sd` [K per step] the root of Q_0's diagonal."""
         self._network, self._space, self._period = network, space, period
+        self._block, self._process_sd = block, process_sd
 
     def propagate(
-        self, coordinates: Array, mean: Array, covariance: Array, noise: Array, inputs: Array
+        self, coordinates: Array, mean: Array, covariance: Array, alpha: Array, inputs: Array
     ) -> tuple[Array, Array]:
-        """Kalman prediction (line 9) of every particle, with its own theta and process variances `noise` (n_x, N)."""
+        """Kalman prediction (line 9) of every particle, with its own theta and Q_k = alpha^2 Q_0 (20); alpha (B, N)."""
+        noise = (alpha[self._block] * self._process_sd) ** 2
         matrices = assemble(self._network, self._space.parameters(coordinates))
         return kalman_predict(discretise(matrices, self._period), mean, covariance, inputs, noise)
 
@@ -43,9 +50,18 @@ class ReferenceSteps:
         """Posterior mean (d,) of phi, the point estimate of (33)."""
         return self._space.log_parameters(coordinates) @ weights
 
+    def systematic(self, weights: Array, uniform: float) -> Indices:
+        """Indices (N,) of systematic resampling (line 14)."""
+        return systematic(weights, uniform)
+
     def gather(self, rows: Array, index: Indices) -> Array:
         """Columns `index` of `rows` (m, N)."""
         return rows[:, index]
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output of a mixture."""
+        means, sds = mixture.means[output], mixture.sds[output]
+        return np.array([mixture_quantile(level, mixture.weights, means, sds) for level in levels])
 
 
 def mixture_quantile(level: float, weights: Array, means: Array, sds: Array) -> float:

@@ -105,8 +105,8 @@ class Estimator(Protocol):
     def predictive(self, state: Any) -> Mixture:
         """Distribution of the outputs (n_y,) at the state's time."""
 
-    def quantile(self, mixture: Mixture, level: float, output: int = 0) -> float:
-        """The `level` quantile of one output [degC]."""
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output [degC] at `levels` (L,)."""
 
     def update(self, state: Any, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,); NaN marks a missing one."""

@@ -99,8 +99,13 @@ class Publisher:
         deadline = time.monotonic() + timeout
         forecasts = [publisher for key, publisher in self._publishers.items() if key.endswith("/forecast")]
         while not self._closed:
-            if all(_matches(publisher) for publisher in forecasts):
-                return True
+            try:
+                if all(_matches(publisher) for publisher in forecasts):
+                    return True
+            except zenoh.ZError:
+                # A close in another thread undeclares the publishers under this question.
+                if not self._closed:
+                    raise
             if time.monotonic() >= deadline:
                 return False
             time.sleep(_POLL_SECONDS)

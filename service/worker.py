@@ -257,23 +257,14 @@ class ZoneWorker:
 
     def _outputs(self, mixture: Mixture, levels: Sequence[float]) -> tuple[OutputForecast, ...]:
         mean, sd = mixture.mean(), mixture.sd()
-        return tuple(
-            OutputForecast(
-                output=name,
-                mean=float(mean[index]),
-                median=self.estimator.quantile(mixture, 0.5, index),
-                sd=float(sd[index]),
-                intervals=tuple(
-                    Interval(
-                        level,
-                        self.estimator.quantile(mixture, 0.5 - level / 2, index),
-                        self.estimator.quantile(mixture, 0.5 + level / 2, index),
-                    )
-                    for level in levels
-                ),
-            )
-            for index, name in enumerate(self.network.measured)
-        )
+        tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
+        forecasts = []
+        for index, name in enumerate(self.network.measured):
+            median, *bounds = self.estimator.quantiles(mixture, tails, index).tolist()
+            lower, upper = bounds[: len(levels)], bounds[len(levels) :]
+            intervals = tuple(map(Interval, levels, lower, upper))
+            forecasts.append(OutputForecast(name, float(mean[index]), median, float(sd[index]), intervals))
+        return tuple(forecasts)
 
 
 def _hold(held: Held, sample: Sample, end: int) -> Held:

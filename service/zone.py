@@ -12,8 +12,9 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from enum import Enum
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -35,6 +36,13 @@ FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
 
 _log = logging.getLogger(__name__)
+
+
+class _Mark(Enum):
+    """What a mailbox tells besides samples."""
+
+    ENDED = "no telemetry will follow"
+    CLOSED = "nothing at all will follow"
 
 
 class Announcer(Protocol):
@@ -78,7 +86,7 @@ class Zone:
         self._worker = make_worker()
         self.network = self._worker.network
         self.period = float(self._worker.period)
-        self._mailbox: asyncio.Queue[Sample | None] = asyncio.Queue(MAILBOX)
+        self._mailbox: asyncio.Queue[Sample | _Mark] = asyncio.Queue(MAILBOX)
         self._failure: str | None = None
         self._trouble: dict[str, str] = {}
         """Why a source does not deliver, by its name."""
@@ -90,6 +98,8 @@ class Zone:
         self._clocks: dict[str, float] = {}
         """A recording's own time, by source."""
         self._hurried = False
+        self._ended = False
+        """Whether the last sample of the last source has been assimilated."""
 
     def status(self) -> ZoneStatus:
         """How the zone is doing."""
@@ -104,7 +114,7 @@ class Zone:
             state, reason = "stalled", progress.stalled
         elif self._worker.latest is None:
             state, reason = "waiting", progress.stalled or "no complete sample yet"
-        elif alignment is not None and alignment.ended:
+        elif self._ended:
             state, reason = "stalled", "its recording has come to an end; the last forecast stands"
         else:
             state, reason = "running", ""
@@ -180,7 +190,8 @@ class Zone:
             self._clocks[source] = last + self.period
         self._trouble.pop(source, None)
         await self.accept(self._alignment.end(source))
-        await self._announce_status()
+        if self._alignment.ended:
+            await self._mailbox.put(_Mark.ENDED)
 
     async def source_failed(self, source: str, reason: str) -> None:
         """`source` does not deliver for now, and why."""
@@ -224,7 +235,7 @@ class Zone:
 
     async def close_mailbox(self) -> None:
         """No sample follows: `run` ends when the mailbox is empty."""
-        await self._mailbox.put(None)
+        await self._mailbox.put(_Mark.CLOSED)
 
     def hurry(self) -> None:
         """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
@@ -255,7 +266,11 @@ class Zone:
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
         await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
-        while not self._hurried and (sample := await self._mailbox.get()) is not None:
+        while not self._hurried and (sample := await self._mailbox.get()) is not _Mark.CLOSED:
+            if sample is _Mark.ENDED:
+                self._ended = True
+                await self._announce_status()
+                continue
             last = self._worker.progress.last_time
             # After a recovery the mailbox may still hold what the journal has already brought.
             if last is None or sample.time > last:
@@ -314,10 +329,9 @@ class Zone:
 
     def _fail(self, error: Exception, pause: float) -> None:
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
-        while not self._mailbox.empty():
-            if self._mailbox.get_nowait() is None:
-                self._mailbox.put_nowait(None)
-                break
+        marks = [item for item in self._emptied_mailbox() if isinstance(item, _Mark)]
+        for mark in marks:
+            self._mailbox.put_nowait(mark)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
         self._announce(None)
 
@@ -352,6 +366,13 @@ class Zone:
         """Wait for `pause` s; True if the mailbox was closed meanwhile."""
         try:
             async with asyncio.timeout(pause):
-                return await self._mailbox.get() is None
+                while (item := await self._mailbox.get()) is not _Mark.CLOSED:
+                    # Samples are in the journal; the end of the telemetry is noted for after the recovery.
+                    self._ended = self._ended or item is _Mark.ENDED
+                return True
         except TimeoutError:
             return False
+
+    def _emptied_mailbox(self) -> Iterator[Sample | _Mark]:
+        while not self._mailbox.empty():
+            yield self._mailbox.get_nowait()

@@ -109,9 +109,8 @@ def check_outliers_never_poison_the_state(estimator):
 
 def check_quantiles_increase_with_the_level(estimator):
     mixture = estimator.predictive(estimator.predict(start(estimator), inputs_of(estimator)))
-    quantiles = [estimator.quantile(mixture, level) for level in (0.01, 0.1, 0.5, 0.9, 0.99)]
-    assert quantiles == sorted(quantiles)
-    assert len(set(quantiles)) == 5
+    quantiles = estimator.quantiles(mixture, np.array([0.01, 0.1, 0.5, 0.9, 0.99]), 0)
+    assert (np.diff(quantiles) > 0).all()
 
 
 CHECKS = [value for name, value in list(globals().items()) if name.startswith("check_")]

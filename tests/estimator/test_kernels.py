@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from estimator import kernels, reference
 from estimator.compiled import CompiledSteps
 from estimator.kalman import pack
 from estimator.liu_west import Kernel
 from estimator.presets import PRESETS, SOLAR_APERTURE, network
 from estimator.reference import ReferenceSteps
 from estimator.space import parameter_space
+from estimator.types import Mixture
 
 RTOL = 1e-9
 COUNTS = (1, 63, 64, 65, 200)
@@ -26,9 +26,15 @@ def setup(name, seed, logit, count, fixed=()):
     roots = rng.normal(size=(count, n_x, n_x))
     covariance = pack(roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(n_x))
     mean = 20 + 3 * rng.normal(size=(n_x, count))
-    noise = np.exp(rng.normal(size=(n_x, count)) - 4)
+    alpha = np.exp(rng.normal(size=(2, count)))
     inputs = np.where(np.arange(len(preset.inputs)) < len(preset.boundaries), 5.0, 700.0)
-    return preset, space, coordinates, mean, covariance, noise, inputs
+    return preset, space, coordinates, mean, covariance, alpha, inputs
+
+
+def both(preset, space, period=600.0):
+    """The oracle and the compiled steps, with the states in two volatility blocks."""
+    block = np.arange(len(preset.nodes), dtype=np.int64) % 2
+    return ReferenceSteps(preset, space, period, block, 0.01), CompiledSteps(preset, space, period, block, 0.01)
 
 
 @pytest.mark.parametrize("logit", [True, False])
@@ -36,8 +42,8 @@ def setup(name, seed, logit, count, fixed=()):
 def test_propagate(name, logit):
     for seed, count in enumerate(COUNTS):
         preset, space, *arrays = setup(name, seed, logit, count)
-        expected = ReferenceSteps(preset, space, 600.0).propagate(*arrays)
-        actual = CompiledSteps(preset, space, 600.0).propagate(*arrays)
+        oracle, compiled = both(preset, space, 600.0)
+        expected, actual = oracle.propagate(*arrays), compiled.propagate(*arrays)
         np.testing.assert_allclose(actual[0], expected[0], rtol=RTOL)
         np.testing.assert_allclose(actual[1], expected[1], rtol=RTOL, atol=1e-12)
 
@@ -45,16 +51,16 @@ def test_propagate(name, logit):
 def test_propagate_with_fixed_parameters_and_with_none_free():
     for fixed in (["C_i", "C_h", "C_s", "g_is"], [p.name for p in network("building-67").parameters]):
         preset, space, *arrays = setup("building-67", 5, True, 70, fixed)
-        expected = ReferenceSteps(preset, space, 600.0).propagate(*arrays)
-        actual = CompiledSteps(preset, space, 600.0).propagate(*arrays)
+        oracle, compiled = both(preset, space, 600.0)
+        expected, actual = oracle.propagate(*arrays), compiled.propagate(*arrays)
         np.testing.assert_allclose(actual[0], expected[0], rtol=RTOL)
 
 
 @pytest.mark.parametrize("period", [1.0, 60.0, 3600.0, 86400.0])
 def test_propagate_over_short_and_long_steps(period):
     preset, space, *arrays = setup("m8", 2, True, 130)
-    expected = ReferenceSteps(preset, space, period).propagate(*arrays)
-    actual = CompiledSteps(preset, space, period).propagate(*arrays)
+    oracle, compiled = both(preset, space, period)
+    expected, actual = oracle.propagate(*arrays), compiled.propagate(*arrays)
     np.testing.assert_allclose(actual[0], expected[0], rtol=RTOL)
     np.testing.assert_allclose(actual[1], expected[1], rtol=RTOL, atol=1e-12)
 
@@ -63,8 +69,9 @@ def test_propagate_over_short_and_long_steps(period):
 def test_assimilate(node):
     for seed, count in enumerate(COUNTS):
         preset, space, _, mean, covariance, _, _ = setup("building-67", seed, True, count)
-        expected = ReferenceSteps(preset, space, 600.0).assimilate(mean, covariance, node, 21.3, 0.15**2)
-        actual = CompiledSteps(preset, space, 600.0).assimilate(mean, covariance, node, 21.3, 0.15**2)
+        oracle, compiled = both(preset, space)
+        expected = oracle.assimilate(mean, covariance, node, 21.3, 0.15**2)
+        actual = compiled.assimilate(mean, covariance, node, 21.3, 0.15**2)
         for name in expected._fields:
             np.testing.assert_allclose(
                 getattr(actual, name), getattr(expected, name), rtol=RTOL, atol=1e-12, err_msg=name
@@ -77,7 +84,7 @@ def test_moments_rejuvenation_and_point_estimate(logit):
         preset, space, coordinates, *_ = setup("ecolar-6r4c", seed, logit, count)
         rng = np.random.default_rng(seed)
         weights = rng.dirichlet(np.full(count, 0.3))
-        oracle, compiled = ReferenceSteps(preset, space, 300.0), CompiledSteps(preset, space, 300.0)
+        oracle, compiled = both(preset, space, 300.0)
         for actual, expected in zip(
             compiled.moments(coordinates, weights), oracle.moments(coordinates, weights), strict=True
         ):
@@ -96,29 +103,80 @@ def test_moments_rejuvenation_and_point_estimate(logit):
             atol=1e-12,
         )
         index = rng.integers(0, count, count)
+        uniform = rng.random()
+        np.testing.assert_array_equal(compiled.systematic(weights, uniform), oracle.systematic(weights, uniform))
         np.testing.assert_array_equal(compiled.gather(coordinates, index), oracle.gather(coordinates, index))
 
 
-@pytest.mark.parametrize("seed", range(5))
+LEVELS = np.array([1e-6, 1e-4, 0.025, 0.25, 0.5, 0.9, 0.975, 0.9999, 1 - 1e-6])
+
+
+def quantiles(weights, means, sds, levels=LEVELS):
+    preset = network("tite")
+    mixture = Mixture(weights, means[None], sds[None])
+    return [
+        steps.quantiles(mixture, np.array(levels), 0) for steps in both(preset, parameter_space(preset, logit=True))
+    ]
+
+
+@pytest.mark.parametrize("seed", range(8))
 def test_mixture_quantiles(seed):
     rng = np.random.default_rng(seed)
-    count = 500
+    count = 500 + seed
     weights = rng.dirichlet(np.full(count, 0.05))
     means, sds = 20 + rng.standard_t(2, count), np.exp(rng.normal(-2, 1.5, count))
-    for level in (1e-4, 0.025, 0.25, 0.5, 0.9, 0.975, 0.9999):
-        actual = kernels.mixture_quantile(level, weights, means, sds)
-        assert actual == pytest.approx(reference.mixture_quantile(level, weights, means, sds), rel=RTOL)
+    expected, actual = quantiles(weights, means, sds)
+    np.testing.assert_allclose(actual, expected, rtol=RTOL)
+    assert (np.diff(actual) > 0).all()
 
 
 def test_the_quantile_of_a_bimodal_mixture_lies_in_its_gap():
-    weights, means, sds = np.array([0.5, 0.5]), np.array([10.0, 30.0]), np.array([0.1, 0.1])
-    for quantile in (kernels.mixture_quantile, reference.mixture_quantile):
-        assert quantile(0.25, weights, means, sds) == pytest.approx(10.0, abs=1e-9)
-        assert 10.5 < quantile(0.5, weights, means, sds) < 29.5
+    for found in quantiles(np.array([0.5, 0.5]), np.array([10.0, 30.0]), np.array([0.1, 0.1]), (0.25, 0.5)):
+        assert found[0] == pytest.approx(10.0, abs=1e-9)
+        assert 10.5 < found[1] < 29.5
 
 
 def test_one_heavy_particle_gives_its_normal_quantile():
     weights = np.zeros(1000)
     weights[7] = 1.0
-    means, sds = np.full(1000, 5.0), np.full(1000, 2.0)
-    assert kernels.mixture_quantile(0.975, weights, means, sds) == pytest.approx(5 + 2 * 1.959963984540054, rel=1e-12)
+    for found in quantiles(weights, np.full(1000, 5.0), np.full(1000, 2.0), (0.975,)):
+        assert found[0] == pytest.approx(5 + 2 * 1.959963984540054, rel=1e-12)
+
+
+@pytest.mark.parametrize("logit", [True, False])
+def test_bits_do_not_depend_on_where_arrays_lie(logit):
+    """The compiler may take another path where arrays are close neighbours; the result must be the same."""
+    preset, space, *arrays = setup("ecolar-6r4c", 3, logit, 100)
+    _, compiled = both(preset, space, 300.0)
+    rng = np.random.default_rng(0)
+    weights, normals = rng.dirichlet(np.full(100, 0.3)), rng.normal(size=(10, 100))
+    kernel = Kernel(0.9, rng.normal(size=10), np.tril(rng.normal(size=(10, 10))), False)
+
+    def results(coordinates, mean, covariance, alpha, inputs, weights, normals):
+        predicted = compiled.propagate(coordinates, mean, covariance, alpha, inputs)
+        assimilated = compiled.assimilate(mean, covariance, 0, 20.5, 0.01)
+        mixture = Mixture(weights, mean[:1], np.sqrt(covariance[:1]))
+        return [
+            *predicted,
+            *assimilated,
+            *compiled.moments(coordinates, weights),
+            compiled.rejuvenate(coordinates, kernel, normals),
+            compiled.mean_log_parameters(coordinates, weights),
+            compiled.quantiles(mixture, np.array([0.1, 0.5]), 0),
+        ]
+
+    inputs = [*arrays, weights, normals]
+    expected = [array.tobytes() for array in results(*inputs)]
+    sizes = sum(array.size for array in inputs)
+    for trial in range(300):
+        # Neighbours in one buffer, in changing order, a few numbers apart, with fresh outputs wherever they fall.
+        buffer, moved, start = np.empty(sizes + 100), {}, int(rng.integers(0, 8))
+        for place in rng.permutation(len(inputs)):
+            array = inputs[place]
+            moved[place] = buffer[start : start + array.size].reshape(array.shape)
+            moved[place][...] = array
+            start += array.size + int(rng.integers(0, 3))
+        keep = [np.empty(int(rng.integers(1, 400))) for _ in range(trial % 7)]
+        found = results(*(moved[place] for place in range(len(inputs))))
+        assert [array.tobytes() for array in found] == expected
+        del keep

@@ -69,7 +69,7 @@ def test_with_known_parameters_and_volatility_it_is_the_kalman_filter(implementa
         np.testing.assert_allclose(mixture.sd(), sd, rtol=1e-9)
         for index in range(len(measured)):
             expected = mean[index] + 1.959963984540054 * sd[index]
-            assert estimator.quantile(mixture, 0.975, index) == pytest.approx(expected, rel=1e-9)
+            assert estimator.quantiles(mixture, np.array([0.975]), index)[0] == pytest.approx(expected, rel=1e-9)
         posterior = estimator.update(state, y)
         log_likelihood += 0.0 if np.isnan(posterior.log_likelihood) else posterior.log_likelihood
         state = posterior.state
@@ -93,7 +93,7 @@ def test_both_implementations_go_the_same_way(preset):
     rng = np.random.default_rng(2)
     net = network("building-67")
     compiled, oracle = (
-        build("rbpf", net, PERIOD, {"preset": preset, "particles": 500, "implementation": name})
+        build("rbpf", net, PERIOD, {"preset": preset, "particles": 3000, "implementation": name})
         for name in ("compiled", "reference")
     )
     state = compiled.start(11, np.array([20.0]), INPUTS)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from estimator.draws import Draws
 from estimator.gate import learning_gate, regime, weighted_quantiles
 from estimator.options import resolve
 from estimator.presets import network
-from estimator.streams import Stage, stream
 from estimator.volatility import propagate_volatility
 
 PAPER = resolve(network("building-67"), 600.0, {"preset": "paper"})
@@ -18,21 +18,21 @@ def options(**given):
 
 def test_the_walk_has_its_standard_deviation_and_no_drift():
     count = 200_000
-    walked = propagate_volatility(np.zeros((1, count)), PAPER, stream(1, 1, Stage.PREDICT))
+    walked = propagate_volatility(np.zeros((1, count)), PAPER, Draws(1, 1))
     assert walked.std() == pytest.approx(0.1, abs=5 * 0.1 / np.sqrt(2 * count))
     assert walked.mean() == pytest.approx(0.0, abs=5 * 0.1 / np.sqrt(count))
 
 
 def test_alpha_stays_inside_its_bounds():
     wild = options(volatility_sd=10.0)
-    walked = propagate_volatility(np.zeros((1, 1000)), wild, stream(1, 1, Stage.PREDICT))
+    walked = propagate_volatility(np.zeros((1, 1000)), wild, Draws(1, 1))
     assert walked.min() == pytest.approx(np.log(0.01))
     assert walked.max() == pytest.approx(np.log(25.0))
 
 
 def test_jumps_come_as_often_and_as_far_as_told():
     count, jumpy = 100_000, options(jump_probability=0.02, jump_sd=1.5, volatility_sd=1e-9)
-    moved = propagate_volatility(np.zeros((1, count)), jumpy, stream(1, 1, Stage.PREDICT))[0]
+    moved = propagate_volatility(np.zeros((1, count)), jumpy, Draws(1, 1))[0]
     jumped = np.abs(moved) > 1e-6
     assert jumped.mean() == pytest.approx(0.02, abs=5 * np.sqrt(0.02 / count))
     assert moved[jumped].std() == pytest.approx(1.5, abs=5 * 1.5 / np.sqrt(2 * 0.02 * count))

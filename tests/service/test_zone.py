@@ -278,7 +278,9 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
             zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
             assert zone.status().state == "running"
             await zone.end("only")
-            assert zone.status().state == "stalled"
+            async with asyncio.timeout(10):
+                while zone.status().state != "stalled":
+                    await asyncio.sleep(0.005)
             assert "come to an end" in zone.status().reason
             await finished(zone, running)
 
@@ -330,7 +332,8 @@ def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_p
             zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
             await zone.end("only")
             assert zone.status().now == 2 * PERIOD
-            assert announcer.states == ["stalled"]
+            await finished(zone, asyncio.create_task(zone.run()))
+            assert announcer.states == ["running", "stalled"]
 
     asyncio.run(scenario())
 
