@@ -15,6 +15,8 @@ from estimator.space import ParameterSpace
 from estimator.types import Array, Mixture
 from estimator.vector_math import mixture_quantile
 
+_BINS = 1024
+
 
 class CompiledSteps:
     """One network's particle steps, compiled; arrays as in `ReferenceSteps`."""
@@ -74,6 +76,11 @@ class CompiledSteps:
         index = np.empty(len(weights), dtype=np.int64)
         kernels.systematic(weights, uniform, index)
         return index
+
+    def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
+        """Quantiles (L,) of weighted values (N,)."""
+        quantiles: Array = kernels.weighted_quantiles(values, weights, levels, _BINS)
+        return quantiles
 
     def gather(self, rows: Array, index: Indices) -> Array:
         """Columns `index` of `rows` (m, N)."""

@@ -141,6 +141,43 @@ def systematic(weights, uniform, index):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, **JIT)
+def weighted_quantiles(values, weights, levels, bins):  # type: ignore[no-untyped-def]
+    """Smallest of `values` (N,) at which the cumulated `weights` (N,) reach each of `levels` (L,) of their sum.
+
+    Only the few values of the bin that a level falls into are sorted; `bins` is the number of bins.
+    """
+    particles = values.shape[0]
+    low, high, total = values[0], values[0], 0.0
+    for n in range(particles):
+        low, high = min(low, values[n]), max(high, values[n])
+        total += weights[n]
+    stretch = bins / (high - low) if high > low else 0.0
+    mass = np.zeros(bins + 1)
+    for n in range(particles):
+        mass[int((values[n] - low) * stretch)] += weights[n]
+    quantiles = np.empty(levels.shape[0])
+    for q in range(levels.shape[0]):
+        target, below, chosen = levels[q] * total, 0.0, 0
+        while chosen < bins and below + mass[chosen] < target:
+            below += mass[chosen]
+            chosen += 1
+        members = np.empty(particles, np.int64)
+        count = 0
+        for n in range(particles):
+            if int((values[n] - low) * stretch) == chosen:
+                members[count] = n
+                count += 1
+        order = np.argsort(values[members[:count]], kind="mergesort")
+        place = 0
+        below += weights[members[order[0]]]
+        while below < target and place < count - 1:
+            place += 1
+            below += weights[members[order[place]]]
+        quantiles[q] = values[members[order[place]]]
+    return quantiles
+
+
+@njit(cache=True, **JIT)
 def gather(rows, index, out):  # type: ignore[no-untyped-def]
     """Columns `index` of rows (m, N)."""
     for m in range(rows.shape[0]):

@@ -81,6 +81,8 @@ def _default(network: Network, period: float) -> dict[str, object]:
         "measurement_sd": 0.05,
         "process_sd": 0.01 * sqrt(steps),
         "volatility_sd": 0.1 * sqrt(steps),
+        # Before any sample nobody knows how far the model can be trusted; a sharp start would commit to few particles.
+        "alpha_initial_sd": 2.0,
         "jump_probability": 1.0 - 0.98**steps,
         # Beyond some hours the kernel could forget no more than this without jumping about.
         "shrinkage": max(((3 * DISCOUNT - 1) / (2 * DISCOUNT)) ** steps, 0.5),

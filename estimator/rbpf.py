@@ -187,7 +187,7 @@ class RBPF:
         options = self.options
         draws = Draws(int(state.seed), int(state.step))
         phi = self._steps.mean_log_parameters(state.coordinates, weights)
-        quantiles = np.array([weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
+        quantiles = np.array([self._steps.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
         gates = [
             learning_gate(counts, median, options)
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
@@ -225,7 +225,7 @@ class RBPF:
     def _kept(self, state: ParticleState, outcome: Outcome) -> Posterior:
         """The summary of a step that learned nothing: the prior is kept, the gate is shut."""
         weights = np.exp(state.log_weights)
-        quantiles = np.array([weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
+        quantiles = np.array([self._steps.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
         counted = [
             learning_gate(counts, median, self.options).cdf
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)

@@ -8,6 +8,7 @@ from scipy.special import ndtr
 
 from estimator.assembly import Indices, assemble
 from estimator.discretise import discretise
+from estimator.gate import weighted_quantiles
 from estimator.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.liu_west import Kernel, moments, rejuvenate
 from estimator.network import Network
@@ -53,6 +54,10 @@ class ReferenceSteps:
     def systematic(self, weights: Array, uniform: float) -> Indices:
         """Indices (N,) of systematic resampling (line 14)."""
         return systematic(weights, uniform)
+
+    def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
+        """Quantiles (L,) of weighted values (N,)."""
+        return weighted_quantiles(values, weights, levels)
 
     def gather(self, rows: Array, index: Indices) -> Array:
         """Columns `index` of `rows` (m, N)."""

@@ -11,7 +11,7 @@ triangles.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,9 +61,13 @@ def layout(n: int) -> Layout:
     return Layout(*starts)
 
 
-def _function(signature: str, body: list[str]) -> Callable[..., None]:
-    """A function with `signature`, such as "square(size, s)", that runs `body` for every lane w of scratch s."""
-    text = "\n".join([f"def {signature}:", f"    for w in range({LANES}):", *(f"        {line}" for line in body)])
+def _function(signature: str, body: list[str], once: Sequence[str] = ()) -> Callable[..., None]:
+    """A function with `signature`, such as "square(size, s)", that runs `body` for every lane w of scratch s.
+
+    What all lanes share is computed by `once` before.
+    """
+    loop = [f"    for w in range({LANES}):", *(f"        {line}" for line in body)]
+    text = "\n".join([f"def {signature}:", *(f"    {line}" for line in once), *loop])
     names: dict[str, Any] = {"sqrt": np.sqrt, "abs": abs, "max": max}
     exec(text, names)
     function: Callable[..., None] = names[signature.partition("(")[0]]
@@ -216,11 +220,13 @@ def rejuvenate(size: tuple[int, ...], s: Any, shrink: float, centre: Any, jitter
 @overload(rejuvenate, jit_options=JIT)
 def _rejuvenate(size, s, shrink, centre, jitter):  # type: ignore[no-untyped-def]
     d = size.count
+    once = [f"c{i} = centre[{i}]" for i in range(d)]
+    once += [f"j{packed(i, k)} = jitter[{i}, {k}]" for i in range(d) for k in range(i + 1)]
     lines = _load("z", d, d)
     for i in range(d):
-        jittered = "".join(f" + jitter[{i}, {k}] * z{k}" for k in range(i + 1))
-        lines.append(f"{_at(i)} = shrink * {_at(i)} + centre[{i}]{jittered}")
-    return _function("rejuvenate(size, s, shrink, centre, jitter)", lines)
+        jittered = "".join(f" + j{packed(i, k)} * z{k}" for k in range(i + 1))
+        lines.append(f"{_at(i)} = shrink * {_at(i)} + c{i}{jittered}")
+    return _function("rejuvenate(size, s, shrink, centre, jitter)", lines, once)
 
 
 def _write_out(stub: Callable[..., None], source: Callable[[int], list[str]]) -> None:

@@ -108,6 +108,27 @@ def test_moments_rejuvenation_and_point_estimate(logit):
         np.testing.assert_array_equal(compiled.gather(coordinates, index), oracle.gather(coordinates, index))
 
 
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kind", ["spread", "tied", "one", "far"])
+def test_weighted_quantiles(seed, kind):
+    rng = np.random.default_rng(seed)
+    count = 300 + seed
+    values = rng.normal(size=count)
+    if kind == "tied":
+        values = np.round(values, 1)
+    elif kind == "one":
+        values[:] = 0.7
+    elif kind == "far":
+        values[0] = 1e6
+    weights = rng.dirichlet(np.full(count, 0.2))
+    preset = network("tite")
+    oracle, compiled = both(preset, parameter_space(preset, logit=True))
+    levels = np.array([1e-9, 0.025, 0.3, 0.5, 0.975, 1 - 1e-9])
+    np.testing.assert_array_equal(
+        compiled.weighted_quantiles(values, weights, levels), oracle.weighted_quantiles(values, weights, levels)
+    )
+
+
 LEVELS = np.array([1e-6, 1e-4, 0.025, 0.25, 0.5, 0.9, 0.975, 0.9999, 1 - 1e-6])
 
 

@@ -1,0 +1,3 @@
+"""What all tests share: the daemon's choice of a kernel cache, made before anything imports Numba."""
+
+import service  # noqa: F401
