@@ -8,13 +8,14 @@ this wall gives back to the bedroom is left out: it is one of the gains that the
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from estimator.presets import titeth
+from estimator.presets import ecolar, titeth
 from estimator.types import Array
 from replay.ecolar import GRID_STEP, PANELS, WEEKDAYS, ZONE, simulate_zone, write_raw
 from replay.events import Habit, habitual
@@ -86,7 +87,12 @@ def write_demo(
     path = directory / CONFIGURATION_FILE
     path.write_text(
         CONFIGURATION.format(
-            port=port, pace=json.dumps(pace), living=LIVING_FILE, bedroom=BEDROOM_FILE, first=date(*FIRST_DAY)
+            port=port,
+            pace=json.dumps(pace),
+            living=LIVING_FILE,
+            bedroom=BEDROOM_FILE,
+            first=date(*FIRST_DAY),
+            bounds="\n".join(_bounds()),
         ),
         encoding="utf-8",
     )
@@ -125,6 +131,12 @@ def _write_bedroom(path: Path, times: Seconds, sky: Weather, bedroom: Heated, rn
     write_table(path, table, list(table.values()))
 
 
+def _bounds() -> Iterator[str]:
+    for parameter in ecolar().parameters:
+        assert parameter.nominal is not None
+        yield f"{parameter.name} = {{ lower = {parameter.nominal / 5:g}, upper = {parameter.nominal * 5:g} }}"
+
+
 CONFIGURATION = """\
 # A SYNTHETIC home, written by `thermogate demo`: no building stands behind these numbers.
 # Two zones, simulated from {first} on, with heat that no sensor sees (people, cooking, sun, open windows).
@@ -157,8 +169,14 @@ pace = {pace}
 [[zones]]
 id = "living"
 period = "5min"
-network = "ecolar-6r4c"
 estimator = "rbpf"
+
+[zones.network]
+preset = "ecolar-6r4c"
+
+# What one knows of a building narrows the search: here each parameter to a factor of five around the preset's value.
+[zones.network.parameters]
+{bounds}
 
 [zones.estimator_options]
 particles = 3000
