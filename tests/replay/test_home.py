@@ -33,7 +33,9 @@ def test_configuration_is_toml_that_names_every_channel_of_its_networks(demo: Pa
     assert {source["pace"] for source in config["sources"].values()} == {600}
     assert [zone["id"] for zone in config["zones"]] == ["living", "bedroom"]
     for zone in config["zones"]:
-        assert set(zone["channels"]) == set(presets.network(zone["network"]).channels)
+        network = zone["network"]
+        preset = presets.network(network if isinstance(network, str) else network["preset"])
+        assert set(zone["channels"]) == set(preset.channels)
         for channel in zone["channels"].values():
             source = config["sources"][channel["source"]]
             (file,) = source["files"]
