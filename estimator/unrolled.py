@@ -187,39 +187,7 @@ def _propagate_source(n: int) -> list[str]:
     return lines
 
 
-def steady_state(size: tuple[int, ...], s: Any) -> None:
-    """Row `steady` from `conductance` and `flow`."""
-    raise NotImplementedError
-
-
-def scale(size: tuple[int, ...], s: Any) -> None:
-    """Rows `root`, `inverse_root`, `decay` and `norm` from `conductance` and the capacitances in `root`."""
-    raise NotImplementedError
-
-
-def exponential(size: tuple[int, ...], s: Any) -> None:
-    """Row `decay` from M to exp(M) - I, for a small M."""
-    raise NotImplementedError
-
-
-def square(size: tuple[int, ...], s: Any) -> None:
-    """Row `decay` from exp(M) - I to exp(2 M) - I."""
-    raise NotImplementedError
-
-
-def propagate(size: tuple[int, ...], s: Any) -> None:
-    """Rows `mean` and `covariance` one step on."""
-    raise NotImplementedError
-
-
-def rejuvenate(size: tuple[int, ...], s: Any, shrink: float, centre: Any, jitter: Any) -> None:
-    """Rows 0..d-1, parameter coordinates, to shrink * row + centre + jitter @ normals, which are rows d..2d-1."""
-    raise NotImplementedError
-
-
-@overload(rejuvenate, jit_options=JIT)
-def _rejuvenate(size, s, shrink, centre, jitter):  # type: ignore[no-untyped-def]
-    d = size.count
+def _rejuvenate_source(d: int) -> Callable[..., None]:
     once = [f"c{i} = centre[{i}]" for i in range(d)]
     once += [f"j{packed(i, k)} = jitter[{i}, {k}]" for i in range(d) for k in range(i + 1)]
     lines = _load("z", d, d)
@@ -229,14 +197,51 @@ def _rejuvenate(size, s, shrink, centre, jitter):  # type: ignore[no-untyped-def
     return _function("rejuvenate(size, s, shrink, centre, jitter)", lines, once)
 
 
-def _write_out(stub: Callable[..., None], source: Callable[[int], list[str]]) -> None:
-    @overload(stub, jit_options=JIT)
+def steady_state(size: tuple[int, ...], s: Any) -> None:
+    """Row `steady` from `conductance` and `flow`."""
+    _function("steady_state(size, s)", _steady_state_source(len(size)))(size, s)
+
+
+def scale(size: tuple[int, ...], s: Any) -> None:
+    """Rows `root`, `inverse_root`, `decay` and `norm` from `conductance` and the capacitances in `root`."""
+    _function("scale(size, s)", _scale_source(len(size)))(size, s)
+
+
+def exponential(size: tuple[int, ...], s: Any) -> None:
+    """Row `decay` from M to exp(M) - I, for a small M."""
+    _function("exponential(size, s)", _exponential_source(len(size)))(size, s)
+
+
+def square(size: tuple[int, ...], s: Any) -> None:
+    """Row `decay` from exp(M) - I to exp(2 M) - I."""
+    _function("square(size, s)", _square_source(len(size)))(size, s)
+
+
+def propagate(size: tuple[int, ...], s: Any) -> None:
+    """Rows `mean` and `covariance` one step on."""
+    _function("propagate(size, s)", _propagate_source(len(size)))(size, s)
+
+
+def rejuvenate(size: tuple[int, ...], s: Any, shrink: float, centre: Any, jitter: Any) -> None:
+    """Rows 0..d-1, parameter coordinates, to shrink * row + centre + jitter @ normals, which are rows d..2d-1."""
+    _rejuvenate_source(len(size))(size, s, shrink, centre, jitter)
+
+
+@overload(rejuvenate, jit_options=JIT)
+def _rejuvenate(size, s, shrink, centre, jitter):  # type: ignore[no-untyped-def]
+    return _rejuvenate_source(size.count)
+
+
+def _compile(operation: Callable[..., None], source: Callable[[int], list[str]]) -> None:
+    """In a kernel `operation` is the code that `source` writes for the type of its tuple."""
+
+    @overload(operation, jit_options=JIT)
     def written_out(size, s):  # type: ignore[no-untyped-def]  # numba compares the bare signatures
-        return _function(f"{stub.__name__}(size, s)", source(size.count))
+        return _function(f"{operation.__name__}(size, s)", source(size.count))
 
 
-_write_out(steady_state, _steady_state_source)
-_write_out(scale, _scale_source)
-_write_out(exponential, _exponential_source)
-_write_out(square, _square_source)
-_write_out(propagate, _propagate_source)
+_compile(steady_state, _steady_state_source)
+_compile(scale, _scale_source)
+_compile(exponential, _exponential_source)
+_compile(square, _square_source)
+_compile(propagate, _propagate_source)
