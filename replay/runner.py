@@ -11,7 +11,7 @@ import csv
 import json
 import math
 import resource
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -56,12 +56,14 @@ def replay_recording(
         tables = [table.model_copy(update={"seed": seed}) for table in tables]
     try:
         out.mkdir(parents=True, exist_ok=True)
+        # Scores of an earlier replay must not stand beside the rows of one that fails.
+        (out / "summary.json").unlink(missing_ok=True)
         with ExitStack() as stack:
             runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
             asyncio.run(_feed(config, runs, start, end, progress))
             for name, run in runs.items():
                 if not run.used:
-                    raise ServiceError(f"zone '{name}': no usable sample in the recording between --start and --end")
+                    raise ServiceError(_unused(name, run.faults, start, end))
             summary = {
                 "site": config.site.id,
                 "thermogate": version("thermogate"),
@@ -114,6 +116,11 @@ class Run:
         """How many samples could be used."""
         return len(self._rows)
 
+    @property
+    def faults(self) -> dict[str, int]:
+        """Refused readings by kind."""
+        return {str(fault): count for fault, count in self.alignment.faults.items()}
+
     def summary(self) -> dict[str, Any]:
         """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""
         table, rows = self.table, self._rows
@@ -128,7 +135,7 @@ class Run:
             "last": rfc3339(rows[-1].time) if rows else None,
             **_scores(rows, table.levels[0]),
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
-            "faults": {str(fault): count for fault, count in self.alignment.faults.items()},
+            "faults": self.faults,
             "parameters": {}
             if posterior is None
             else {
@@ -167,6 +174,14 @@ def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:
         "winkler_K": winkler(y, lower, upper, level),
         "one_step_rmse_K": rmse(y - mean),
     }
+
+
+def _unused(zone: str, faults: Mapping[str, int], start: float | None, end: float | None) -> str:
+    """Why a replay brought nothing, in one sentence."""
+    period = "" if start is None and end is None else " between --start and --end"
+    refused = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+    remedy = f"; refused: {refused}; look at timestamp, decimal and unit in the configuration" if refused else ""
+    return f"zone '{zone}': no usable sample in the recording{period}{remedy}"
 
 
 @contextmanager

@@ -174,7 +174,7 @@ def _opening_failed(settings: ZenohSettings, error: zenoh.ZError) -> str:
     if "in use" in text:
         return (
             f"zenoh.listen: an address of {', '.join(settings.listen)} is in use by another process; "
-            "choose another port or stop that process"
+            "choose another port, stop that process, or do without Zenoh (zenoh.enabled = false)"
         )
     if settings.mode == "client":
         connect = ", ".join(settings.connect) or "nothing"

@@ -114,6 +114,8 @@ class Zone:
             state, reason = "stalled", progress.stalled
         elif self._worker.latest is None:
             state, reason = "waiting", progress.stalled or "no complete sample yet"
+            if self._ended:
+                reason = "its recording has come to an end without one complete sample; see the faults"
         elif self._ended:
             state, reason = "stalled", "its recording has come to an end; the last forecast stands"
         else:
@@ -163,7 +165,7 @@ class Zone:
         self._worker = worker
         if checkpoint is not None or replayed:
             _log.info(
-                "zone '%s' goes on after %d samples, %d replayed from the journal",
+                "zone '%s' goes on after %d samples, %d intervals replayed from the journal",
                 self.id,
                 worker.progress.samples,
                 replayed,
@@ -269,6 +271,9 @@ class Zone:
         while not self._hurried and (sample := await self._mailbox.get()) is not _Mark.CLOSED:
             if sample is _Mark.ENDED:
                 self._ended = True
+                if faults := self.status().faults:
+                    counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+                    _log.warning("zone '%s': readings refused: %s", self.id, counts)
                 await self._announce_status()
                 continue
             last = self._worker.progress.last_time

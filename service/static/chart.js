@@ -105,7 +105,7 @@ function layout(width) {
     hoverlabel: { font: { family: "system-ui, sans-serif" } },
     xaxis: { ...axis, anchor: "y3", type: "date", tickangle: 0, nticks: Math.max(3, Math.floor(width / 60)) },
     yaxis: named("°C", [0.44, 1]),
-    yaxis2: named("α", [0.2, 0.38], { type: "log", nticks: 4, minor: { showgrid: false } }),
+    yaxis2: named("α", [0.2, 0.38], { type: "log", dtick: 1, minor: { showgrid: false } }),
     yaxis3: named("gate", [0, 0.14], { range: [-0.05, 1.05], tickvals: [0, 0.5, 1] }),
   };
 }

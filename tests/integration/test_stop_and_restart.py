@@ -62,7 +62,7 @@ def test_an_orderly_stop_takes_under_five_seconds_and_the_next_start_goes_on(sig
     with Daemon(CONFIG, tmp_path / "second.log", settings(tmp_path)) as daemon:
         first = daemon.get(f"/zones/{ZONE}")[1]["status"]["samples"]
         assert first >= samples, "the zone starts where it stopped, before any new sample"
-        assert "0 replayed from the journal" in daemon.log()
+        assert "0 intervals replayed from the journal" in daemon.log()
         assert daemon.get(f"/zones/{ZONE}/forecast")[0] == 200, "its standing forecast is served at once"
         daemon.wait_until_ended()
         assert_same_history(daemon, uninterrupted)

@@ -73,8 +73,15 @@ def test_start_and_end_bound_the_samples(whole, tmp_path):
 
 
 def test_a_time_without_recording_is_said(tmp_path):
-    with pytest.raises(ServiceError, match="no usable sample in the recording between --start and --end"):
+    (tmp_path / "summary.json").write_text("{}")
+    with pytest.raises(ServiceError, match=r"no usable sample in the recording between --start and --end$"):
         replay(tmp_path, start=4e9)
+    assert not (tmp_path / "summary.json").exists(), "no scores of an earlier replay are left beside it"
+
+
+def test_a_recording_whose_every_cell_is_refused_says_so(tmp_path):
+    with pytest.raises(ServiceError, match=r"no usable sample in the recording; refused: \d+ bad_timestamp; look at"):
+        replay(tmp_path, 'sources.simulation.timestamp.format="%m/%d/%Y"')
 
 
 def test_an_unknown_zone_is_said(tmp_path):

@@ -174,7 +174,8 @@ def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -
     with pytest.raises(ServiceError) as caught:
         Publisher.open(Settings(listen=(address,)), "htwg", ["living"])
     assert str(caught.value) == (
-        f"zenoh.listen: an address of {address} is in use by another process; choose another port or stop that process"
+        f"zenoh.listen: an address of {address} is in use by another process; choose another port, "
+        "stop that process, or do without Zenoh (zenoh.enabled = false)"
     )
 
 
