@@ -5,15 +5,17 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
-from estimator import kernels
+from estimator import kernel_quantiles, kernels
 from estimator.assembly import Indices, topology
+from estimator.draws import Draws, Purpose
 from estimator.kalman import Assimilated
 from estimator.kernel_propagate import propagate
 from estimator.liu_west import Kernel
 from estimator.network import Network
+from estimator.options import Options
+from estimator.resampling import Weighted
 from estimator.space import ParameterSpace
 from estimator.types import Array, Mixture
-from estimator.vector_math import mixture_quantile
 
 _BINS = 1024
 
@@ -30,8 +32,18 @@ class CompiledSteps:
         self._states = (0,) * len(network.nodes)
         self._free = (0,) * len(space.free)
 
+    def walk(self, log_alpha: Array, options: Options, draws: Draws) -> Array:
+        """log alpha (B, N) one step on (21)."""
+        out = np.empty_like(log_alpha)
+        kernels.walk(
+            draws.seed, draws.step, draws.stream(Purpose.WALK),
+            options.volatility_sd, options.jump_probability, options.jump_sd,
+            np.log(options.alpha_min), np.log(options.alpha_max), log_alpha, out,
+        )  # fmt: skip
+        return out
+
     def propagate(
-        self, coordinates: Array, mean: Array, covariance: Array, alpha: Array, inputs: Array
+        self, coordinates: Array, mean: Array, covariance: Array, log_alpha: Array, inputs: Array
     ) -> tuple[Array, Array]:
         """Kalman prediction (Algorithm 1, line 9)."""
         shape, space = self._topology, self._space
@@ -39,7 +51,7 @@ class CompiledSteps:
         propagate(
             self._states, shape.capacitance, shape.edges, shape.heat, shape.heat_gain,
             space.lower, space.upper, space.logit, space.free, space.fixed,
-            self._period, inputs, coordinates, mean, covariance, alpha * alpha, self._block, self._process_variance,
+            self._period, inputs, coordinates, mean, covariance, log_alpha, self._block, self._process_variance,
             out_mean, out_covariance,
         )  # fmt: skip
         return out_mean, out_covariance
@@ -50,18 +62,24 @@ class CompiledSteps:
         kernels.assimilate(int(node), float(y), float(variance), mean, covariance, *out)
         return out
 
+    def reweigh(self, log_weights: Array) -> Weighted:
+        """Weights normalised (line 11)."""
+        normalised, weights = np.empty_like(log_weights), np.empty_like(log_weights)
+        log_sum, n_eff = kernels.reweigh(log_weights, normalised, weights)
+        return Weighted(normalised, weights, log_sum, n_eff)
+
     def moments(self, coordinates: Array, weights: Array) -> tuple[Array, Array]:
         """Weighted mean (24) and covariance (25)."""
-        mean, covariance = kernels.weighted_moments(coordinates, weights)
+        mean, covariance = kernels.weighted_moments(self._free, coordinates, weights)
         return mean, covariance
 
-    def rejuvenate(self, coordinates: Array, kernel: Kernel, normals: Array) -> Array:
+    def rejuvenate(self, coordinates: Array, kernel: Kernel, draws: Draws) -> Array:
         """Gated Liu-West rejuvenation (28)."""
         space, out = self._space, np.empty_like(coordinates)
         if self._free:
             kernels.rejuvenate(
-                self._free, kernel.shrink, kernel.mean, kernel.jitter, space.lower, space.upper, space.logit,
-                coordinates, normals, out,
+                self._free, draws.seed, draws.step, draws.stream(Purpose.REJUVENATE),
+                kernel.shrink, kernel.mean, kernel.jitter, space.lower, space.upper, space.logit, coordinates, out,
             )  # fmt: skip
         return out
 
@@ -79,7 +97,7 @@ class CompiledSteps:
 
     def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
         """Quantiles (L,) of weighted values (N,)."""
-        quantiles: Array = kernels.weighted_quantiles(values, weights, levels, _BINS)
+        quantiles: Array = kernel_quantiles.weighted_quantiles(values, weights, levels, _BINS)
         return quantiles
 
     def gather(self, rows: Array, index: Indices) -> Array:
@@ -90,9 +108,7 @@ class CompiledSteps:
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output of a mixture."""
-        weights = mixture.weights / mixture.weights.sum()
-        starts = mixture.mean()[output] + mixture.sd()[output] * ndtri(levels)
-        means, sds = mixture.means[output], mixture.sds[output]
-        return np.array(
-            [mixture_quantile(level, start, weights, means, sds) for level, start in zip(levels, starts, strict=True)]
+        quantiles: Array = kernel_quantiles.mixture_quantiles(
+            levels, ndtri(levels), mixture.weights, mixture.means[output], mixture.sds[output]
         )
+        return quantiles

@@ -4,24 +4,35 @@ A zone's draws at step k come from the counter-based generator Philox4x32-10 (Sa
 seed, with the step, the purpose and the index of the draw as counter. The whole state of the generator is therefore
 (seed, step), which the checkpoint carries anyway: predicting twice, or after a restart, gives the same bits, and so
 does any division of the work.
+
+Draws have shape (rows, N): one counter gives particle n its draws of four rows. Normal deviates come from pairs of
+words by Box and Muller, in single precision, which is far below anything that a Monte Carlo sum can see.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
-from math import prod
+from typing import Any
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
+from estimator.elementary import single_precision_logarithm, single_precision_turn
+from estimator.lanes import DOUBLES, FLOATS, INTS, JIT, LANES, WORD, WORDS, Value, lanes, repeated, splat, store, within
 from estimator.types import Array
-from estimator.unrolled import JIT
-from estimator.vector_math import BLOCK, logarithms
 
-_M0, _M1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
-_W0, _W1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
-_LOW, _SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
-_TURN = 2.0 * np.pi / 2.0**32
+_MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
+_WEYL = (0x9E3779B9, 0xBB67AE85)
+_ROUNDS = 10
+_LOW = 0xFFFFFFFF
+_EXPONENT_52 = 0x4330000000000000
+"""The bits of 2^52: with a 32-bit word in the low half, 2^52 plus that word."""
+
+ROWS = 4
+"""Rows of draws that one counter gives."""
 
 
 class Purpose(IntEnum):
@@ -30,96 +41,123 @@ class Purpose(IntEnum):
     PRIOR_PARAMETERS = 0
     PRIOR_VOLATILITY = 1
     WALK = 2
-    JUMP = 3
-    JUMP_SIZE = 4
     RESAMPLE = 5
     REJUVENATE = 6
     FORECAST = 8
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
 
 
-@njit(cache=True, **JIT)
-def philox(seed, step, purpose, first, count, a, b, c, d):  # type: ignore[no-untyped-def]
-    """32-bit words a, b, c, d (uint64 arrays) of counters (first + t, purpose, step) for t < count, keyed by `seed`."""
-    low_step, high_step = step & _LOW, step >> _SHIFT
-    low_key, high_key = seed & _LOW, seed >> _SHIFT
-    for t in range(count):
-        c0, c1, c2, c3 = np.uint64(first + t) & _LOW, purpose, low_step, high_step
-        k0, k1 = low_key, high_key
-        for _ in range(10):
-            p0, p1 = _M0 * c0, _M1 * c2
-            c0, c1, c2, c3 = (p1 >> _SHIFT) ^ c1 ^ k0, p1 & _LOW, (p0 >> _SHIFT) ^ c3 ^ k1, p0 & _LOW
-            k0, k1 = (k0 + _W0) & _LOW, (k1 + _W1) & _LOW
-        a[t], b[t], c[t], d[t] = c0, c1, c2, c3
+def _philox(builder: ir.IRBuilder, seed: ir.Value, step: ir.Value, counter: list[ir.Value]) -> list[ir.Value]:
+    """Four vectors of 32-bit words (in 64-bit lanes) from the counter's first two words, the step and the key."""
+    low, shift = repeated(WORDS, _LOW), repeated(WORDS, 32)
+
+    def halves(scalar: ir.Value) -> list[ir.Value]:
+        whole = splat(builder, scalar, WORDS)
+        return [builder.and_(whole, low), builder.lshr(whole, shift)]
+
+    c, key = [*counter, *halves(step)], halves(seed)
+    for _ in range(_ROUNDS):
+        # What the high halves of c hold does not matter: only low halves are multiplied.
+        p = [builder.mul(builder.and_(c[2 * half], low), repeated(WORDS, _MULTIPLIERS[half])) for half in range(2)]
+        c = [
+            builder.xor(builder.xor(builder.lshr(p[1], shift), c[1]), key[0]),
+            p[1],
+            builder.xor(builder.xor(builder.lshr(p[0], shift), c[3]), key[1]),
+            p[0],
+        ]
+        key = [builder.add(key[half], repeated(WORDS, _WEYL[half])) for half in range(2)]
+    return [builder.and_(word, low) for word in c]
+
+
+def _words(builder: ir.IRBuilder, stream: Sequence[ir.Value], row: ir.Value, first: ir.Value) -> list[ir.Value]:
+    """Words of the particles first..first+7 for the four rows from `row` on; `stream` is seed, step and purpose."""
+    seed, step, purpose = stream
+    particle = builder.add(splat(builder, first, WORDS), ir.Constant(WORDS, list(range(LANES))))
+    rows = builder.or_(purpose, builder.shl(row, ir.Constant(WORD, 8)))
+    return _philox(builder, seed, step, [particle, splat(builder, rows, WORDS)])
+
+
+def _normal_pair(builder: ir.IRBuilder, radius: ir.Value, angle: ir.Value) -> list[Value]:
+    """sqrt(-2 log u) times cosine and sine of a uniform angle."""
+    half = builder.lshr(builder.trunc(radius, INTS), repeated(INTS, 1))
+    u = (Value(builder, builder.sitofp(half, FLOATS)) + 0.5) * 2.0**-31
+    length = (single_precision_logarithm(u) * -2.0).sqrt()
+    cosine, sine = single_precision_turn(u, builder.trunc(angle, INTS))
+    return [u.of(builder.fpext((length * turn).value, DOUBLES)) for turn in (cosine, sine)]
+
+
+def _uniform(builder: ir.IRBuilder, word: ir.Value) -> Value:
+    biased = builder.bitcast(builder.or_(word, repeated(WORDS, _EXPONENT_52)), DOUBLES)
+    return (Value(builder, biased) - 2.0**52 + 0.5) * 2.0**-32
+
+
+def write_normals(builder: ir.IRBuilder, stream: Sequence[ir.Value], first: ir.Value, rows: int) -> list[Value]:
+    """Standard normals of the rows 0..rows for the particles first..first+7; `stream` is seed, step and purpose."""
+    normals: list[Value] = []
+    for row in range(0, rows, ROWS):
+        words = _words(builder, stream, ir.Constant(WORD, row), first)
+        normals += _normal_pair(builder, *words[:2])
+        if rows - row > 2:
+            normals += _normal_pair(builder, *words[2:])
+    return normals
+
+
+def draw(convert: Any, rows: int) -> Any:
+    """An intrinsic (seed, step, purpose, row, first) that gives a tuple of `rows` lanes."""
+    result = types.UniTuple(lanes, rows)
+
+    @intrinsic
+    def function(typingctx, seed, step, purpose, row, first):  # type: ignore[no-untyped-def]
+        def codegen(context, builder, sig, values):  # type: ignore[no-untyped-def]
+            drawn = convert(builder, _words(builder, values[:3], *values[3:]))
+            return context.make_tuple(builder, result, [value.value for value in drawn])
+
+        return result(types.uint64, types.uint64, types.int64, types.int64, types.int64), codegen
+
+    return function
+
+
+normal_quad = draw(lambda builder, words: [*_normal_pair(builder, *words[:2]), *_normal_pair(builder, *words[2:])], 4)
+"""Standard normals of the four rows from `row` on, a multiple of four, for the particles first..first+7."""
+walk_draws = draw(lambda builder, words: [*_normal_pair(builder, *words[:2]), _uniform(builder, words[2])], 3)
+"""Two standard normals, of the rows `row` and `row` + 1, and a uniform, of the row `row` + 2."""
+uniform_quad = draw(lambda builder, words: [_uniform(builder, word) for word in words], 4)
+"""Uniforms in (0, 1) of four rows."""
 
 
 @njit(cache=True, **JIT)
-def _box_muller(radius_word, angle_word, count, x, bits, cosines, sines):  # type: ignore[no-untyped-def]
-    """Two standard normals for every pair of words: sqrt(-2 log u) times cosine and sine of a uniform angle."""
-    for t in range(count):
-        x[t] = (np.int64(radius_word[t]) + 0.5) * 2.0**-32
-    logarithms(x, bits, count)
-    for t in range(count):
-        word = np.int64(angle_word[t])
-        quarter = (word + 536870912) >> 30
-        r = (word - (quarter << 30)) * _TURN
-        r2 = r * r
-        # Taylor on |r| <= pi / 4.
-        sine = r * (1.0 + r2 * (-1 / 6 + r2 * (1 / 120 + r2 * (-1 / 5040 + r2 * (1 / 362880 + r2 * (
-            -1 / 39916800 + r2 * (1 / 6227020800 - r2 / 1307674368000)))))))  # fmt: skip
-        cosine = 1.0 + r2 * (-0.5 + r2 * (1 / 24 + r2 * (-1 / 720 + r2 * (1 / 40320 + r2 * (
-            -1 / 3628800 + r2 * (1 / 479001600 - r2 / 87178291200))))))  # fmt: skip
-        length = np.sqrt(-2.0 * x[t])
-        swap = (quarter & 1) == 1
-        along = sine if swap else cosine
-        across = cosine if swap else sine
-        cosines[t] = length * (-along if ((quarter + 1) & 2) != 0 else along)
-        sines[t] = length * (-across if (quarter & 2) != 0 else across)
-
-
-@njit(cache=True, **JIT)
-def _fill_normals(seed, step, purpose, out):  # type: ignore[no-untyped-def]
-    words = np.empty((4, BLOCK), np.uint64)
-    x, bits = np.empty(BLOCK), np.empty(BLOCK, np.int64)
-    normals = np.empty((4, BLOCK))
-    size = out.shape[0]
-    for first in range(0, (size + 3) // 4, BLOCK):
-        philox(seed, step, purpose, first, BLOCK, words[0], words[1], words[2], words[3])
-        _box_muller(words[0], words[1], BLOCK, x, bits, normals[0], normals[1])
-        _box_muller(words[2], words[3], BLOCK, x, bits, normals[2], normals[3])
-        for part in range(4):
-            begin = 4 * first + part * BLOCK
-            for t in range(min(BLOCK, size - begin)):
-                out[begin + t] = normals[part, t]
-
-
-@njit(cache=True, **JIT)
-def _fill_uniforms(seed, step, purpose, out):  # type: ignore[no-untyped-def]
-    words = np.empty((4, BLOCK), np.uint64)
-    size = out.shape[0]
-    for first in range(0, (size + 3) // 4, BLOCK):
-        philox(seed, step, purpose, first, BLOCK, words[0], words[1], words[2], words[3])
-        for part in range(4):
-            begin = 4 * first + part * BLOCK
-            for t in range(min(BLOCK, size - begin)):
-                out[begin + t] = (np.int64(words[part, t]) + 0.5) * 2.0**-32
+def _fill(seed, step, purpose, normal, out):  # type: ignore[no-untyped-def]
+    rows, particles = out.shape
+    for first in range(0, particles, LANES):
+        inside = within(first, particles)
+        for row in range(0, rows, ROWS):
+            if normal:
+                drawn = normal_quad(seed, step, purpose, row, first)
+            else:
+                drawn = uniform_quad(seed, step, purpose, row, first)
+            for part in range(min(ROWS, rows - row)):
+                store(out, (row + part, first), inside, drawn[part])
 
 
 class Draws:
     """The draws of one zone at one step; `forecast` selects the streams of a forecast from there."""
 
     def __init__(self, seed: int, step: int, *, forecast: bool = False) -> None:
-        self._seed, self._step = np.uint64(seed), np.uint64(step)
+        self.seed, self.step = np.uint64(seed), np.uint64(step)
         self._offset = Purpose.FORECAST if forecast else 0
 
-    def normals(self, purpose: Purpose, shape: tuple[int, ...]) -> Array:
-        """Standard normals."""
-        out = np.empty(prod(shape))
-        _fill_normals(self._seed, self._step, np.uint64(purpose + self._offset), out)
-        return out.reshape(shape)
+    def stream(self, purpose: Purpose) -> int:
+        """The number of a purpose's stream, for a kernel that draws for itself."""
+        return int(purpose + self._offset)
 
-    def uniforms(self, purpose: Purpose, shape: tuple[int, ...]) -> Array:
-        """Uniforms in (0, 1)."""
-        out = np.empty(prod(shape))
-        _fill_uniforms(self._seed, self._step, np.uint64(purpose + self._offset), out)
-        return out.reshape(shape)
+    def normals(self, purpose: Purpose, shape: tuple[int, int]) -> Array:
+        """Standard normals (rows, N)."""
+        out = np.empty(shape)
+        _fill(self.seed, self.step, self.stream(purpose), True, out)
+        return out
+
+    def uniforms(self, purpose: Purpose, shape: tuple[int, int]) -> Array:
+        """Uniforms (rows, N) in (0, 1)."""
+        out = np.empty(shape)
+        _fill(self.seed, self.step, self.stream(purpose), False, out)
+        return out

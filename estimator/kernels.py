@@ -1,180 +1,237 @@
-"""Numba kernels over all particles: measurement update, moments, rejuvenation, resampling.
+"""Numba kernels over all particles: volatility, measurement update, weights, moments, rejuvenation, resampling.
 
-Particles are handled in blocks. Sums run in an order that is fixed when they are compiled: the same inputs give the
-same bits. The Kalman prediction is in `kernel_propagate`, the mixture quantiles in `vector_math`.
+Particles are handled eight at a time (`estimator.lanes`). Sums run lane by lane and are folded at the end, always in
+the same order: the same inputs give the same bits. The Kalman prediction is in `kernel_propagate`, the quantiles of
+mixtures in `kernel_quantiles`.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
-from estimator import unrolled
-from estimator.unrolled import JIT, LANES
-from estimator.vector_math import BLOCK, SUMMING, exponentials, logarithms
+from estimator.algebra import packed
+from estimator.draws import walk_draws, write_normals
+from estimator.elementary import exponential, logarithm, sigmoid
+from estimator.lanes import (
+    JIT,
+    LANES,
+    Columns,
+    as_value,
+    choose_below,
+    largest,
+    load,
+    load_log,
+    mask,
+    maximum,
+    minimum,
+    scalars,
+    spread,
+    store,
+    total,
+    within,
+)
+from estimator.scratch import Rows, aligned, get, put
+
+_INVERSE_TWO_PI = 0.15915494309189535
+
+
+@njit(cache=True, **JIT)
+def walk(seed, step, stream, walk_sd, jump_probability, jump_sd, lower, upper, log_alpha, out):  # type: ignore[no-untyped-def]
+    """log alpha (B, N) one step on (21): a normal step, rarely a jump, clipped."""
+    blocks, particles = log_alpha.shape
+    for first in range(0, particles, LANES):
+        inside = within(first, particles)
+        for b in range(blocks):
+            step_size, jump_size, place = walk_draws(seed, step, stream, 4 * b, first)
+            value = load(log_alpha, (b, first), inside) + walk_sd * step_size
+            value = choose_below(place, jump_probability, value + jump_sd * jump_size, value)
+            store(out, (b, first), inside, minimum(maximum(value, lower), upper))
 
 
 @njit(cache=True, **JIT)
 def assimilate(node, y, variance, mean, covariance, out_mean, out_covariance, log_likelihood):  # type: ignore[no-untyped-def]
     """Kalman update of all particles with one scalar output of state `node` (Algorithm 1, line 12)."""
     n_x, particles = mean.shape
-    column, gain = np.empty((n_x, BLOCK)), np.empty((n_x, BLOCK))
-    total, innovation = np.empty(BLOCK), np.empty(BLOCK)
-    density, bits = np.empty(BLOCK), np.empty(BLOCK, np.int64)
-    for first in range(0, particles, BLOCK):
-        count = min(BLOCK, particles - first)
+    rows = np.empty(n_x, np.int64)
+    for i in range(n_x):
+        rows[i] = i * (i + 1) // 2 + node if i >= node else node * (node + 1) // 2 + i
+    column = aligned(np.empty((n_x + 1) * LANES))
+    for first in range(0, particles, LANES):
+        inside = within(first, particles)
+        innovation = y - load(mean, (node, first), inside)
+        precision = 1.0 / (load(covariance, (rows[node], first), inside) + variance)
+        log_density = 0.5 * (logarithm(precision * _INVERSE_TWO_PI) - innovation * innovation * precision)
+        store(log_likelihood, (first,), inside, log_density)
         for i in range(n_x):
-            t = i * (i + 1) // 2 + node if i >= node else node * (node + 1) // 2 + i
-            for w in range(count):
-                column[i, w] = covariance[t, first + w]
-        for w in range(count):
-            total[w] = 1.0 / (column[node, w] + variance)
-            innovation[w] = y - mean[node, first + w]
-            density[w] = total[w] * 0.15915494309189535
-        logarithms(density, bits, count)
-        for w in range(count):
-            log_likelihood[first + w] = 0.5 * (density[w] - innovation[w] * innovation[w] * total[w])
+            put(column, i, load(covariance, (rows[i], first), inside))
         t = 0
         for i in range(n_x):
-            for w in range(count):
-                gain[i, w] = column[i, w] * total[w]
-                out_mean[i, first + w] = mean[i, first + w] + gain[i, w] * innovation[w]
+            gain = get(column, i) * precision
+            store(out_mean, (i, first), inside, load(mean, (i, first), inside) + gain * innovation)
             for j in range(i + 1):
-                for w in range(count):
-                    out_covariance[t, first + w] = covariance[t, first + w] - gain[i, w] * column[j, w]
+                store(out_covariance, (t, first), inside, load(covariance, (t, first), inside) - gain * get(column, j))
                 t += 1
 
 
-@njit(cache=True, **SUMMING)
-def _dot(left, right, count):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for w in range(count):
-        total += left[w] * right[w]
-    return total
+@njit(cache=True, **JIT)
+def reweigh(log_weights, out, weights):  # type: ignore[no-untyped-def]
+    """Normalise `log_weights` (N,) into `out` and exponentiate them into `weights`; not-a-number counts as -inf.
+
+    Returns the log of their sum and the effective sample size.
+    """
+    particles = log_weights.shape[0]
+    running = spread(-np.inf)
+    for first in range(0, particles, LANES):
+        running = maximum(load_log(log_weights, (first,), within(first, particles)), running)
+    highest = largest(running)
+    sums = spread(0.0)
+    for first in range(0, particles, LANES):
+        inside = within(first, particles)
+        weight = exponential(load_log(log_weights, (first,), inside) - highest)
+        sums = sums + weight
+        store(weights, (first,), inside, weight)
+    whole = total(sums)
+    log_sum = highest + np.log(whole)
+    squares = spread(0.0)
+    for first in range(0, particles, LANES):
+        inside = within(first, particles)
+        weight = load(weights, (first,), inside) / whole
+        squares = squares + weight * weight
+        store(weights, (first,), inside, weight)
+        store(out, (first,), inside, maximum(load(log_weights, (first,), inside), -np.inf) - log_sum)
+    return log_sum, 1.0 / total(squares)
 
 
 @njit(cache=True, **JIT)
-def weighted_moments(coordinates, weights):  # type: ignore[no-untyped-def]
-    """Weighted mean (d,) and covariance (d, d) of coordinates (d, N) (24)-(25)."""
+def mean_log_parameters(lower, upper, logit, coordinates, weights):  # type: ignore[no-untyped-def]
+    """Weighted mean (d,) of phi; the weights sum to 1."""
     size, particles = coordinates.shape
-    mean = np.zeros(size)
-    covariance = np.zeros((size, size))
-    centred, weighted = np.empty((size, BLOCK)), np.empty((size, BLOCK))
+    mean = np.empty(size)
     for i in range(size):
-        mean[i] = _dot(coordinates[i], weights, particles)
-    for first in range(0, particles, BLOCK):
-        count = min(BLOCK, particles - first)
-        for i in range(size):
-            for w in range(count):
-                centred[i, w] = coordinates[i, first + w] - mean[i]
-            for w in range(count):
-                weighted[i, w] = centred[i, w] * weights[first + w]
+        sums = spread(0.0)
+        for first in range(0, particles, LANES):
+            inside = within(first, particles)
+            z, weight = load(coordinates, (i, first), inside), load(weights, (first,), inside)
+            sums = sums + weight * sigmoid(z) if logit else sums + weight * z
+        mean[i] = lower[i] + (upper[i] - lower[i]) * total(sums) if logit else total(sums)
+    return mean
+
+
+BLOCKS = 4
+"""Blocks of eight particles whose products are added before the running sum is touched."""
+
+
+@intrinsic
+def _add_products(typingctx, size, sums, centred, weighted):  # type: ignore[no-untyped-def]
+    """sums (n_tri rows) += the products of all pairs of d rows, BLOCKS blocks each, of `centred` and `weighted`."""
+
+    def codegen(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        d = sig.args[0].count
+        of = [Rows(context, builder, kind, value) for kind, value in zip(sig.args[1:], values[1:], strict=True)]
+        left, right = of[1].read(0, d * BLOCKS), of[2].read(0, d * BLOCKS)
+        for i in range(d):
             for j in range(i + 1):
-                covariance[i, j] += _dot(weighted[i], centred[j], count)
-    for i in range(size):
-        for j in range(i):
-            covariance[j, i] = covariance[i, j]
-    return mean, covariance
+                [value] = of[0].read(packed(i, j), 1)
+                for block in range(BLOCKS):
+                    value = value + left[i * BLOCKS + block] * right[j * BLOCKS + block]
+                of[0].write(packed(i, j), [value])
+        return context.get_dummy_value()
+
+    return types.void(size, sums, centred, weighted), codegen
 
 
 @njit(cache=True, **JIT)
-def rejuvenate(size, shrink, mean, jitter, lower, upper, logit, coordinates, normals, out):  # type: ignore[no-untyped-def]
+def weighted_moments(size, coordinates, weights):  # type: ignore[no-untyped-def]
+    """Weighted mean (d,) and covariance (d, d) of coordinates (d, N) (24)-(25); `size` has d entries.
+
+    The weights sum to 1.
+    """
+    d, particles = coordinates.shape
+    mean, covariance = np.empty(d), np.empty((d, d))
+    sums_of = aligned(np.empty((d * (d + 1) // 2 + 1) * LANES))
+    centred = aligned(np.empty((d * BLOCKS + 1) * LANES))
+    weighted = aligned(np.empty((d * BLOCKS + 1) * LANES))
+    means_of = aligned(np.empty((d + 1) * LANES))
+    for i in range(d):
+        put(means_of, i, 0.0)
+    for t in range(d * (d + 1) // 2):
+        put(sums_of, t, 0.0)
+    for start in range(0, particles, BLOCKS * LANES):
+        for block in range(BLOCKS):
+            first = start + block * LANES
+            inside = within(first, particles)
+            weight = load(weights, (first,), inside)
+            for i in range(d):
+                # About the first particle: any particle is near enough to the mean for the subtraction below.
+                offset = load(coordinates, (i, first), inside) - coordinates[i, 0]
+                share = offset * weight
+                put(centred, i * BLOCKS + block, offset)
+                put(weighted, i * BLOCKS + block, share)
+                put(means_of, i, get(means_of, i) + share)
+        _add_products(size, sums_of, centred, weighted)
+    for i in range(d):
+        mean[i] = total(get(means_of, i))
+        for j in range(i + 1):
+            covariance[i, j] = covariance[j, i] = total(get(sums_of, i * (i + 1) // 2 + j)) - mean[i] * mean[j]
+    return mean + coordinates[:, 0], covariance
+
+
+@intrinsic
+def _jitter(typingctx, size, seed, step, stream, shrink, centre, jitter, coordinates, out, first, inside):  # type: ignore[no-untyped-def]
+    """out = shrink * coordinates + centre + jitter @ z for the particles first..first+7, with z drawn here."""
+
+    def codegen(context, builder, sig, values):  # type: ignore[no-untyped-def]
+        d = sig.args[0].count
+        here = values[9:]
+        old, new = (Columns(context, builder, sig.args[k], [values[k], *here]) for k in (7, 8))
+        z = write_normals(builder, values[1:4], here[0], d)
+        scale = as_value(context, builder, types.float64, values[4])
+        middle, factor = (scalars(context, builder, sig.args[k], values[k]) for k in (5, 6))
+        for i in range(d):
+            value = scale * old.read(i) + middle(i)
+            for k in range(i + 1):
+                value = value + z[k] * factor(i * d + k)
+            new.write(i, value)
+        return context.get_dummy_value()
+
+    words = (types.uint64, types.uint64, types.int64)
+    arrays = (centre, jitter, coordinates, out)
+    return types.void(size, *words, types.float64, *arrays, types.int64, mask), codegen
+
+
+@njit(cache=True, **JIT)
+def rejuvenate(  # type: ignore[no-untyped-def]
+    size, seed, step, stream, shrink, mean, jitter, lower, upper, logit, coordinates, out
+):
     """Gated Liu-West draw (28) for all particles, clipped to the box in log coordinates; `size` has d entries."""
-    dimensions, particles = coordinates.shape
-    s = np.zeros(2 * dimensions * LANES)
+    d, particles = coordinates.shape
     centre = (1.0 - shrink) * mean
     for first in range(0, particles, LANES):
-        count = min(LANES, particles - first)
-        for i in range(dimensions):
-            for w in range(count):
-                s[i * LANES + w] = coordinates[i, first + w]
-            for w in range(count):
-                s[(dimensions + i) * LANES + w] = normals[i, first + w]
-        unrolled.rejuvenate(size, s, shrink, centre, jitter)
-        for i in range(dimensions):
-            if logit:
-                for w in range(count):
-                    out[i, first + w] = s[i * LANES + w]
-            else:
-                for w in range(count):
-                    out[i, first + w] = min(max(s[i * LANES + w], lower[i]), upper[i])
-
-
-@njit(cache=True, **SUMMING)
-def mean_log_parameters(lower, upper, logit, coordinates, weights):  # type: ignore[no-untyped-def]
-    """Weighted mean (d,) of phi."""
-    size, particles = coordinates.shape
-    mean = np.zeros(size)
-    place, bits = np.empty(BLOCK), np.empty(BLOCK, np.int64)
-    for i in range(size):
-        total = 0.0
-        for first in range(0, particles, BLOCK):
-            count = min(BLOCK, particles - first)
-            for w in range(count):
-                place[w] = -coordinates[i, first + w]
-            if logit:
-                exponentials(place, bits, count)
-                for w in range(count):
-                    total += weights[first + w] / (1.0 + place[w])
-            else:
-                for w in range(count):
-                    total -= weights[first + w] * place[w]
-        mean[i] = lower[i] + (upper[i] - lower[i]) * total if logit else total
-    return mean
+        inside = within(first, particles)
+        _jitter(size, seed, step, stream, shrink, centre, jitter, coordinates, out, first, inside)
+        if not logit:
+            for i in range(d):
+                clipped = minimum(maximum(load(out, (i, first), inside), lower[i]), upper[i])
+                store(out, (i, first), inside, clipped)
 
 
 @njit(cache=True, **JIT)
 def systematic(weights, uniform, index):  # type: ignore[no-untyped-def]
     """Indices of systematic resampling from `weights` (N,) with one `uniform` draw in [0, 1) (line 14)."""
     particles = weights.shape[0]
-    total = 0.0
+    whole = 0.0
     for n in range(particles):
-        total += weights[n]
+        whole += weights[n]
     cumulated = weights[0]
     source = 0
     for n in range(particles):
-        position = (n + uniform) / particles * total
+        position = (n + uniform) / particles * whole
         while cumulated <= position and source < particles - 1:
             source += 1
             cumulated += weights[source]
         index[n] = source
-
-
-@njit(cache=True, **JIT)
-def weighted_quantiles(values, weights, levels, bins):  # type: ignore[no-untyped-def]
-    """Smallest of `values` (N,) at which the cumulated `weights` (N,) reach each of `levels` (L,) of their sum.
-
-    Only the few values of the bin that a level falls into are sorted; `bins` is the number of bins.
-    """
-    particles = values.shape[0]
-    low, high, total = values[0], values[0], 0.0
-    for n in range(particles):
-        low, high = min(low, values[n]), max(high, values[n])
-        total += weights[n]
-    stretch = bins / (high - low) if high > low else 0.0
-    mass = np.zeros(bins + 1)
-    for n in range(particles):
-        mass[int((values[n] - low) * stretch)] += weights[n]
-    quantiles = np.empty(levels.shape[0])
-    for q in range(levels.shape[0]):
-        target, below, chosen = levels[q] * total, 0.0, 0
-        while chosen < bins and below + mass[chosen] < target:
-            below += mass[chosen]
-            chosen += 1
-        members = np.empty(particles, np.int64)
-        count = 0
-        for n in range(particles):
-            if int((values[n] - low) * stretch) == chosen:
-                members[count] = n
-                count += 1
-        order = np.argsort(values[members[:count]], kind="mergesort")
-        place = 0
-        below += weights[members[order[0]]]
-        while below < target and place < count - 1:
-            place += 1
-            below += weights[members[order[place]]]
-        quantiles[q] = values[members[order[place]]]
-    return quantiles
 
 
 @njit(cache=True, **JIT)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
+from estimator.lanes import JIT
 from estimator.options import Options
 from estimator.types import Array
 
@@ -45,14 +47,20 @@ def rejuvenate(coordinates: Array, kernel: Kernel, normals: Array) -> Array:
     return kernel.shrink * coordinates + (1.0 - kernel.shrink) * kernel.mean[:, None] + kernel.jitter @ normals
 
 
-def _cholesky(covariance: Array) -> Array:
+@njit(cache=True, **JIT)
+def _cholesky(covariance):  # type: ignore[no-untyped-def]
     """Lower factor of a covariance that may be singular: a pivot that rounding made negative counts as zero."""
     size = len(covariance)
     factor = np.zeros_like(covariance)
-    tiny = np.finfo(float).eps * size * np.diag(covariance)
     for j in range(size):
-        pivot = covariance[j, j] - factor[j, :j] @ factor[j, :j]
-        if pivot > tiny[j]:
+        pivot = covariance[j, j]
+        for k in range(j):
+            pivot -= factor[j, k] * factor[j, k]
+        if pivot > np.finfo(np.float64).eps * size * covariance[j, j]:
             factor[j, j] = np.sqrt(pivot)
-            factor[j + 1 :, j] = (covariance[j + 1 :, j] - factor[j + 1 :, :j] @ factor[j, :j]) / factor[j, j]
+            for i in range(j + 1, size):
+                rest = covariance[i, j]
+                for k in range(j):
+                    rest -= factor[i, k] * factor[j, k]
+                factor[i, j] = rest / factor[j, j]
     return factor

@@ -23,10 +23,9 @@ from estimator.liu_west import liu_west_kernel
 from estimator.network import MEASURED, Network
 from estimator.options import ALL_NODES, Options
 from estimator.reference import ReferenceSteps
-from estimator.resampling import effective_sample_size
+from estimator.resampling import Weighted, effective_sample_size
 from estimator.space import parameter_space
 from estimator.types import Array, Mixture, Outcome, ParameterSummary, Posterior
-from estimator.volatility import propagate_volatility
 
 ALPHA_LEVELS = np.array([0.025, 0.5, 0.975])
 
@@ -123,14 +122,10 @@ class RBPF:
             if not np.isnan(y):
                 step = self._steps.assimilate(mean, covariance, node, y, self.options.measurement_sd**2)
                 mean, covariance, log_weights = step.mean, step.covariance, log_weights + step.log_likelihood
-        # A particle whose numbers broke down explains nothing; it must not speak for the others.
-        log_weights = np.where(np.isnan(log_weights), -np.inf, log_weights)
-        highest = float(log_weights.max())
-        if not highest > _LOG_SMALLEST:
+        # A largest weight that is not a number is no reason to stop: the others may still explain the sample.
+        if not np.fmax.reduce(log_weights) > _LOG_SMALLEST:
             return self._kept(state, Outcome.VANISHED)
-        log_likelihood = highest + float(np.log(np.exp(log_weights - highest).sum()))
-        assimilated = state._replace(mean=mean, covariance=covariance, log_weights=log_weights - log_likelihood)
-        return self._learn(assimilated, np.exp(assimilated.log_weights), log_likelihood)
+        return self._learn(state._replace(mean=mean, covariance=covariance), self._steps.reweigh(log_weights))
 
     def forecast(self, state: ParticleState, plan: Array) -> Iterator[Mixture]:
         """Mixtures at the state's time and after each row of `plan` (h, n_u), with sampled volatility paths."""
@@ -175,16 +170,15 @@ class RBPF:
         return mean, covariance
 
     def _propagate(self, state: ParticleState, inputs: Array, step: int, draws: Draws) -> ParticleState:
-        log_alpha = propagate_volatility(state.log_alpha, self.options, draws)
-        alpha = np.exp(log_alpha)
-        mean, covariance = self._steps.propagate(state.coordinates, state.mean, state.covariance, alpha, inputs)
+        log_alpha = self._steps.walk(state.log_alpha, self.options, draws)
+        mean, covariance = self._steps.propagate(state.coordinates, state.mean, state.covariance, log_alpha, inputs)
         return state._replace(
             step=np.array(step, dtype=np.int64), log_alpha=log_alpha, mean=mean, covariance=covariance
         )
 
-    def _learn(self, state: ParticleState, weights: Array, log_likelihood: float) -> Posterior:
-        """Gate, resample, rejuvenate (lines 13-15) after the weights have been updated."""
-        options = self.options
+    def _learn(self, state: ParticleState, weighted: Weighted) -> Posterior:
+        """Gate, resample, rejuvenate (lines 13-15) with the new weights."""
+        options, weights, log_weights = self.options, weighted.weights, weighted.log_weights
         draws = Draws(int(state.seed), int(state.step))
         phi = self._steps.mean_log_parameters(state.coordinates, weights)
         quantiles = np.array([self._steps.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
@@ -193,30 +187,32 @@ class RBPF:
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
         ]
         gate = min(block.gate for block in gates)
-        n_eff = effective_sample_size(weights)
-        resampled = n_eff < options.resample_below * options.particles
+        resampled = weighted.effective_sample_size < options.resample_below * options.particles
         if resampled:
-            index = self._steps.systematic(weights, float(draws.uniforms(Purpose.RESAMPLE, (1,))[0]))
+            index = self._steps.systematic(weights, float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0]))
             weights = np.full(len(weights), 1.0 / len(weights))
+            log_weights = np.full(len(weights), -np.log(len(weights)))
             state = state._replace(
                 coordinates=self._steps.gather(state.coordinates, index),
                 log_alpha=self._steps.gather(state.log_alpha, index),
                 mean=self._steps.gather(state.mean, index),
                 covariance=self._steps.gather(state.covariance, index),
-                log_weights=np.log(weights),
             )
         kernel = liu_west_kernel(*self._steps.moments(state.coordinates, weights), gate, options)
-        normals = draws.normals(Purpose.REJUVENATE, state.coordinates.shape)
-        coordinates = self._steps.rejuvenate(state.coordinates, kernel, normals)
+        state = state._replace(
+            coordinates=self._steps.rejuvenate(state.coordinates, kernel, draws),
+            log_weights=log_weights,
+            histogram=np.array([block.histogram for block in gates]),
+        )
         return Posterior(
-            state=state._replace(coordinates=coordinates, histogram=np.array([block.histogram for block in gates])),
+            state=state,
             outcome=Outcome.ASSIMILATED,
-            log_likelihood=log_likelihood,
+            log_likelihood=weighted.log_sum,
             alpha_quantiles=np.exp(quantiles),
             cdf=np.array([block.cdf for block in gates]),
             gate=gate,
             regime=regime(max(block.cdf for block in gates), options),
-            effective_sample_size=n_eff,
+            effective_sample_size=weighted.effective_sample_size,
             resampled=resampled,
             floored=kernel.floored,
             parameters=self._point_estimate(phi),

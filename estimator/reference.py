@@ -8,13 +8,16 @@ from scipy.special import ndtr
 
 from estimator.assembly import Indices, assemble
 from estimator.discretise import discretise
+from estimator.draws import Draws, Purpose
 from estimator.gate import weighted_quantiles
 from estimator.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.liu_west import Kernel, moments, rejuvenate
 from estimator.network import Network
-from estimator.resampling import systematic
+from estimator.options import Options
+from estimator.resampling import Weighted, reweigh, systematic
 from estimator.space import ParameterSpace
 from estimator.types import Array, Mixture
+from estimator.volatility import propagate_volatility
 
 
 class ReferenceSteps:
@@ -27,11 +30,15 @@ class ReferenceSteps:
         self._network, self._space, self._period = network, space, period
         self._block, self._process_sd = block, process_sd
 
+    def walk(self, log_alpha: Array, options: Options, draws: Draws) -> Array:
+        """log alpha (B, N) one step on (21) (line 8)."""
+        return propagate_volatility(log_alpha, options, draws)
+
     def propagate(
-        self, coordinates: Array, mean: Array, covariance: Array, alpha: Array, inputs: Array
+        self, coordinates: Array, mean: Array, covariance: Array, log_alpha: Array, inputs: Array
     ) -> tuple[Array, Array]:
-        """Kalman prediction (line 9) of every particle, with its own theta and Q_k = alpha^2 Q_0 (20); alpha (B, N)."""
-        noise = (alpha[self._block] * self._process_sd) ** 2
+        """Kalman prediction (line 9) of every particle, its own theta and Q_k = alpha^2 Q_0 (20); log_alpha (B, N)."""
+        noise = (np.exp(log_alpha[self._block]) * self._process_sd) ** 2
         matrices = assemble(self._network, self._space.parameters(coordinates))
         return kalman_predict(discretise(matrices, self._period), mean, covariance, inputs, noise)
 
@@ -39,12 +46,17 @@ class ReferenceSteps:
         """Kalman measurement update (line 12) of every particle."""
         return kalman_update(mean, covariance, node, y, variance)
 
+    def reweigh(self, log_weights: Array) -> Weighted:
+        """Weights normalised (line 11)."""
+        return reweigh(log_weights)
+
     def moments(self, coordinates: Array, weights: Array) -> tuple[Array, Array]:
         """Weighted mean (24) and covariance (25) of the parameter coordinates."""
         return moments(coordinates, weights)
 
-    def rejuvenate(self, coordinates: Array, kernel: Kernel, normals: Array) -> Array:
+    def rejuvenate(self, coordinates: Array, kernel: Kernel, draws: Draws) -> Array:
         """Gated Liu-West rejuvenation (28), kept inside the box."""
+        normals = draws.normals(Purpose.REJUVENATE, coordinates.shape)
         return self._space.confine(rejuvenate(coordinates, kernel, normals))
 
     def mean_log_parameters(self, coordinates: Array, weights: Array) -> Array:

@@ -1,11 +1,35 @@
-"""Effective sample size and systematic resampling (Algorithm 1, line 14)."""
+"""Weights, effective sample size and systematic resampling (Algorithm 1, lines 11 and 14)."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.assembly import Indices
 from estimator.types import Array
+
+
+class Weighted(NamedTuple):
+    """Normalised log weights (N,), the weights (N,), the log of the sum that was divided by, and N_eff."""
+
+    log_weights: Array
+    weights: Array
+    log_sum: float
+    effective_sample_size: float
+
+
+def reweigh(log_weights: Array) -> Weighted:
+    """Normalise `log_weights` (N,), not all of them -inf; not-a-number counts as -inf.
+
+    A particle whose numbers broke down explains nothing; it must not speak for the others.
+    """
+    finite = np.where(np.isnan(log_weights), -np.inf, log_weights)
+    highest = float(finite.max())
+    log_sum = highest + float(np.log(np.exp(finite - highest).sum()))
+    normalised = finite - log_sum
+    weights = np.exp(normalised)
+    return Weighted(normalised, weights, log_sum, effective_sample_size(weights))
 
 
 def effective_sample_size(weights: Array) -> float:

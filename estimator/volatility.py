@@ -14,8 +14,9 @@ def propagate_volatility(log_alpha: Array, options: Options, draws: Draws) -> Ar
 
     The walk alone reacts a few samples late at the start of an event; the jump component is ours, not the paper's.
     """
-    walked = log_alpha + options.volatility_sd * draws.normals(Purpose.WALK, log_alpha.shape)
-    if options.jump_probability > 0:
-        jumps = draws.uniforms(Purpose.JUMP, log_alpha.shape) < options.jump_probability
-        walked[jumps] += options.jump_sd * draws.normals(Purpose.JUMP_SIZE, (int(jumps.sum()),))
+    # Every block has four rows of draws: steps, sizes of jumps, whether to jump, and one that is not used.
+    shape = 4 * log_alpha.shape[0], log_alpha.shape[1]
+    normals, uniforms = draws.normals(Purpose.WALK, shape), draws.uniforms(Purpose.WALK, shape)
+    walked = log_alpha + options.volatility_sd * normals[0::4]
+    walked = np.where(uniforms[2::4] < options.jump_probability, walked + options.jump_sd * normals[1::4], walked)
     return np.clip(walked, np.log(options.alpha_min), np.log(options.alpha_max))

@@ -7,6 +7,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from service.allocator import keep_freed_memory
+
 
 def _give_numba_a_cache() -> None:
     """Choose the folder of compiled kernels, unless NUMBA_CACHE_DIR does.
@@ -32,3 +34,4 @@ def _give_numba_a_cache() -> None:
 
 
 _give_numba_a_cache()
+keep_freed_memory()

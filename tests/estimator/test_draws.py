@@ -2,9 +2,20 @@
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy import stats
 
-from estimator.draws import Draws, Purpose, philox
+from estimator.draws import Draws, Purpose, draw, walk_draws
+from estimator.lanes import DOUBLES, JIT, Value, store, within
+
+words_of = draw(lambda builder, words: [Value(builder, builder.uitofp(word, DOUBLES)) for word in words], 4)
+
+
+@njit(**JIT)
+def philox(seed, step, stream, first, out):
+    for part, words in enumerate(words_of(seed, step, stream, 0, first)):
+        store(out, (part, 0), within(0, 8), words)
+
 
 # Known answers of Philox4x32-10 (Salmon et al. 2011, Random123): counter words, key words, result.
 ONES = 0xFFFFFFFF
@@ -16,8 +27,8 @@ KNOWN = [
 
 @pytest.mark.parametrize(("seed", "step", "word", "expected"), KNOWN)
 def test_known_answers(seed, step, word, expected):
-    out = [np.empty(1, np.uint64) for _ in range(4)]
-    philox(np.uint64(seed), np.uint64(step), np.uint64(word), word, 1, *out)
+    out = np.empty((4, 8))
+    philox(np.uint64(seed), np.uint64(step), word, word, out)
     assert tuple(int(words[0]) for words in out) == expected
 
 
@@ -39,7 +50,7 @@ def test_normals_are_standard_normal_and_independent():
 
 
 def test_uniforms_are_uniform_and_inside_the_open_interval():
-    flat = Draws(3, 0).uniforms(Purpose.PRIOR_PARAMETERS, (COUNT,))
+    flat = Draws(3, 0).uniforms(Purpose.PRIOR_PARAMETERS, (5, COUNT // 4)).ravel()
     assert stats.kstest(flat, "uniform").pvalue > 1e-3
     assert flat.min() > 0
     assert flat.max() < 1
@@ -47,7 +58,7 @@ def test_uniforms_are_uniform_and_inside_the_open_interval():
 
 def test_streams_differ_by_seed_step_purpose_and_forecast():
     streams = [
-        Draws(seed, step, forecast=forecast).normals(purpose, (50,)).tobytes()
+        Draws(seed, step, forecast=forecast).normals(purpose, (1, 50)).tobytes()
         for seed in (0, 1, 2**40)
         for step in (0, 1, 2**33)
         for forecast in (False, True)
@@ -56,9 +67,24 @@ def test_streams_differ_by_seed_step_purpose_and_forecast():
     assert len(set(streams)) == len(streams)
 
 
-@pytest.mark.parametrize("size", [0, 1, 3, 511, 512, 513, 2048, 2049])
-def test_any_size_is_filled_and_repeats(size):
-    first = Draws(7, 9).normals(Purpose.WALK, (size,))
-    assert first.shape == (size,)
+@pytest.mark.parametrize("particles", [0, 1, 7, 8, 9, 1000])
+@pytest.mark.parametrize("rows", [0, 1, 2, 3, 4, 5, 10])
+def test_any_shape_is_filled_and_a_draw_depends_on_its_place_only(rows, particles):
+    first = Draws(7, 9).normals(Purpose.WALK, (rows, particles))
+    assert first.shape == (rows, particles)
     assert np.isfinite(first).all()
-    np.testing.assert_array_equal(first, Draws(7, 9).normals(Purpose.WALK, (size,)))
+    np.testing.assert_array_equal(first, Draws(7, 9).normals(Purpose.WALK, (12, 1003))[:rows, :particles])
+
+
+def test_kernels_draw_the_same_for_themselves():
+    normals = Draws(7, 9).normals(Purpose.WALK, (4, 8))
+    uniforms = Draws(7, 9).uniforms(Purpose.WALK, (4, 8))
+    out = np.empty((3, 8))
+    _three(np.uint64(7), np.uint64(9), int(Purpose.WALK), out)
+    np.testing.assert_array_equal(out, np.vstack([normals[:2], uniforms[2:3]]))
+
+
+@njit(**JIT)
+def _three(seed, step, stream, out):
+    for part, drawn in enumerate(walk_draws(seed, step, stream, 0, 0)):
+        store(out, (part, 0), within(0, 8), drawn)

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 
 from estimator.compiled import CompiledSteps
+from estimator.draws import Draws
 from estimator.kalman import pack
 from estimator.liu_west import Kernel
+from estimator.options import resolve
 from estimator.presets import PRESETS, SOLAR_APERTURE, network
 from estimator.reference import ReferenceSteps
 from estimator.space import parameter_space
 from estimator.types import Mixture
 
 RTOL = 1e-9
-COUNTS = (1, 63, 64, 65, 200)
+COUNTS = (1, 7, 8, 9, 200)
 
 
 def setup(name, seed, logit, count, fixed=()):
@@ -26,9 +28,9 @@ def setup(name, seed, logit, count, fixed=()):
     roots = rng.normal(size=(count, n_x, n_x))
     covariance = pack(roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(n_x))
     mean = 20 + 3 * rng.normal(size=(n_x, count))
-    alpha = np.exp(rng.normal(size=(2, count)))
+    log_alpha = rng.normal(size=(2, count))
     inputs = np.where(np.arange(len(preset.inputs)) < len(preset.boundaries), 5.0, 700.0)
-    return preset, space, coordinates, mean, covariance, alpha, inputs
+    return preset, space, coordinates, mean, covariance, log_alpha, inputs
 
 
 def both(preset, space, period=600.0):
@@ -78,6 +80,34 @@ def test_assimilate(node):
             )
 
 
+@pytest.mark.parametrize("jump_probability", [0.0, 0.3])
+def test_walk(jump_probability):
+    given = {"jump_probability": jump_probability, "volatility_sd": 0.4, "alpha_min": 0.5, "alpha_max": 3.0}
+    for seed, count in enumerate(COUNTS):
+        preset, space, *_, log_alpha, _ = setup("building-67", seed, True, count)
+        oracle, compiled = both(preset, space)
+        options, draws = resolve(preset, 600.0, given), Draws(seed, 8)
+        actual, expected = (steps.walk(log_alpha, options, draws) for steps in (compiled, oracle))
+        np.testing.assert_allclose(actual, expected, rtol=RTOL, atol=1e-12)
+        assert actual.min() >= np.log(0.5)
+        assert actual.max() <= np.log(3.0)
+
+
+def test_reweigh_takes_a_broken_particle_for_impossible():
+    for seed, count in enumerate(COUNTS[1:]):
+        preset, space, *_ = setup("tite", seed, True, count)
+        log_weights = 30 * np.random.default_rng(seed).normal(size=count) - 600
+        log_weights[:3] = np.nan, -np.inf, -1e300
+        for steps in both(preset, space):
+            found = steps.reweigh(log_weights)
+            kept = np.exp(log_weights[3:] - log_weights[3:].max())
+            np.testing.assert_allclose(found.weights, [0, 0, 0, *kept / kept.sum()], rtol=RTOL, atol=1e-300)
+            assert found.log_sum == pytest.approx(log_weights[3:].max() + np.log(kept.sum()), rel=RTOL)
+            assert found.effective_sample_size == pytest.approx(kept.sum() ** 2 / (kept**2).sum(), rel=RTOL)
+            assert np.isneginf(found.log_weights[:2]).all()
+            np.testing.assert_allclose(found.log_weights[3:], log_weights[3:] - found.log_sum, rtol=RTOL, atol=1e-9)
+
+
 @pytest.mark.parametrize("logit", [True, False])
 def test_moments_rejuvenation_and_point_estimate(logit):
     for seed, count in enumerate(COUNTS):
@@ -95,10 +125,10 @@ def test_moments_rejuvenation_and_point_estimate(logit):
             rtol=RTOL,
         )
         kernel = Kernel(0.9, rng.normal(size=10), np.tril(rng.normal(size=(10, 10))), False)
-        normals = rng.normal(size=coordinates.shape)
+        draws = Draws(seed, 3)
         np.testing.assert_allclose(
-            compiled.rejuvenate(coordinates, kernel, normals),
-            oracle.rejuvenate(coordinates, kernel, normals),
+            compiled.rejuvenate(coordinates, kernel, draws),
+            oracle.rejuvenate(coordinates, kernel, draws),
             rtol=RTOL,
             atol=1e-12,
         )
@@ -170,23 +200,25 @@ def test_bits_do_not_depend_on_where_arrays_lie(logit):
     preset, space, *arrays = setup("ecolar-6r4c", 3, logit, 100)
     _, compiled = both(preset, space, 300.0)
     rng = np.random.default_rng(0)
-    weights, normals = rng.dirichlet(np.full(100, 0.3)), rng.normal(size=(10, 100))
+    weights = rng.dirichlet(np.full(100, 0.3))
     kernel = Kernel(0.9, rng.normal(size=10), np.tril(rng.normal(size=(10, 10))), False)
 
-    def results(coordinates, mean, covariance, alpha, inputs, weights, normals):
-        predicted = compiled.propagate(coordinates, mean, covariance, alpha, inputs)
+    def results(coordinates, mean, covariance, log_alpha, inputs, weights):
+        predicted = compiled.propagate(coordinates, mean, covariance, log_alpha, inputs)
         assimilated = compiled.assimilate(mean, covariance, 0, 20.5, 0.01)
         mixture = Mixture(weights, mean[:1], np.sqrt(covariance[:1]))
         return [
             *predicted,
             *assimilated,
             *compiled.moments(coordinates, weights),
-            compiled.rejuvenate(coordinates, kernel, normals),
+            compiled.rejuvenate(coordinates, kernel, Draws(1, 2)),
+            compiled.walk(log_alpha, resolve(preset, 300.0, {}), Draws(1, 2)),
+            compiled.reweigh(np.log(weights)).log_weights,
             compiled.mean_log_parameters(coordinates, weights),
             compiled.quantiles(mixture, np.array([0.1, 0.5]), 0),
         ]
 
-    inputs = [*arrays, weights, normals]
+    inputs = [*arrays, weights]
     expected = [array.tobytes() for array in results(*inputs)]
     sizes = sum(array.size for array in inputs)
     for trial in range(300):
