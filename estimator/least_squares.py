@@ -116,6 +116,8 @@ class _Problem:
     """The mean squared open-loop error as a function of scaled variables: d places, then initial temperatures."""
 
     def __init__(self, network: Network, period: float, segments: Sequence[Segment], estimate_initial: bool) -> None:
+        if not segments:
+            raise EstimatorError("there is no segment to fit; give at least one period without gaps")
         network = network.validate()
         self._network = network
         self._space = parameter_space(network, logit=False)
