@@ -1,8 +1,8 @@
 """Options of the augmented-state filters, EKF and UKF, and their presets.
 
 `paper` holds what the paper gives them (4.2.4): the process noise that its simulated data was made with, and a random
-walk of .01 per step in log theta. `default` is what a user gets, scaled to the sampling period: more process noise, since
-real buildings are disturbed and the filters have no other way to allow for it.
+walk of .01 per step in log theta. `default` is what a user gets, scaled to the sampling period: more process noise,
+since real buildings are disturbed and these filters have no other way to allow for it.
 """
 
 from __future__ import annotations
