@@ -13,6 +13,7 @@ from math import inf, sqrt
 
 from estimator.errors import OptionsError
 from estimator.network import Network
+from estimator.option_checks import check_known, checked_choice, checked_number, checked_preset
 
 ALL_NODES = "all"
 
@@ -121,14 +122,8 @@ def resolve(network: Network, period: float, given: Mapping[str, object]) -> Opt
 
     `discount` may be given instead of `shrinkage`. Raises OptionsError with one sentence naming the option.
     """
-    known = {field.name for field in fields(Options)} | {"discount"}
-    for name in given:
-        if name not in known:
-            raise OptionsError(f"unknown option '{name}'; the options of 'rbpf' are {', '.join(sorted(known))}")
-    preset = given.get("preset", "default")
-    if not isinstance(preset, str) or preset not in PRESETS:
-        raise OptionsError(f"preset '{preset}' does not exist; the presets are {', '.join(PRESETS)}")
-    effective = PRESETS[preset](network, period) | dict(given)
+    check_known(given, {field.name for field in fields(Options)} | {"discount"}, "rbpf")
+    effective = PRESETS[checked_preset(given, PRESETS)](network, period) | dict(given)
     if "discount" in given:
         effective["shrinkage"] = _shrinkage(effective.pop("discount"), given)
     for name, value in effective.items():
@@ -151,9 +146,7 @@ def _shrinkage(discount: object, given: Mapping[str, object]) -> float:
 
 def _checked(name: str, value: object, network: Network) -> object:
     if name in _CHOICES:
-        if not isinstance(value, str) or value not in _CHOICES[name]:
-            raise OptionsError(f"{name} = {value!r} must be one of {', '.join(_CHOICES[name])}")
-        return value
+        return checked_choice(name, value, _CHOICES[name])
     if name == "moment_preserving":
         if not isinstance(value, bool):
             raise OptionsError(f"{name} = {value!r} must be true or false")
@@ -161,11 +154,7 @@ def _checked(name: str, value: object, network: Network) -> object:
     if name == "volatility_blocks":
         return _blocks(value, network)
     low, high = _RANGES.get(name, (-inf, inf))
-    whole = name in ("particles", "histogram_bins")
-    if isinstance(value, bool) or not isinstance(value, int if whole else int | float) or not low <= value <= high:
-        kind = "a whole number" if whole else "a number"
-        raise OptionsError(f"{name} = {value!r} must be {kind} from {low:g} to {high:g}")
-    return value if whole else float(value)
+    return checked_number(name, value, low, high, whole=name in ("particles", "histogram_bins"))
 
 
 def _blocks(value: object, network: Network) -> dict[str, tuple[str, ...]] | None:

@@ -20,11 +20,12 @@ from estimator.draws import Draws, Purpose
 from estimator.gate import learning_gate, regime, weighted_quantiles
 from estimator.kalman import packed_index
 from estimator.liu_west import liu_west_kernel
-from estimator.network import MEASURED, Network
+from estimator.network import Network
 from estimator.options import ALL_NODES, Options
 from estimator.reference import ReferenceSteps
 from estimator.resampling import Weighted, effective_sample_size
 from estimator.space import parameter_space
+from estimator.starting import initial_temperatures
 from estimator.types import Array, Mixture, Outcome, ParameterSummary, Posterior
 
 ALPHA_LEVELS = np.array([0.025, 0.5, 0.975])
@@ -152,21 +153,13 @@ class RBPF:
         )
 
     def _initial_temperatures(self, outputs: Array, inputs: Array, count: int) -> tuple[Array, Array]:
-        """Means (n_x, N) and packed covariances by each node's starting rule; unmeasured outputs count as the first."""
-        first = outputs[~np.isnan(outputs)][0]
-        measured = dict(zip(self.network.measured, np.where(np.isnan(outputs), first, outputs), strict=True))
-        size = len(self.network.nodes)
-        mean = np.empty((size, count))
+        """Means (n_x, N) and packed covariances of all particles at a first sample."""
+        start, sds = initial_temperatures(self.network, outputs, inputs)
+        size = len(start)
+        mean = np.tile(start[:, None], count)
         covariance = np.zeros((size * (size + 1) // 2, count))
-        for i, node in enumerate(self.network.nodes):
-            rule = self.network.initial_temperature(node)
-            if rule.source == MEASURED:
-                mean[i] = measured.get(node, first)
-            elif isinstance(rule.source, str):
-                mean[i] = inputs[self.network.inputs.index(rule.source)]
-            else:
-                mean[i] = rule.source
-            covariance[packed_index(i, i)] = rule.sd**2
+        for i, sd in enumerate(sds):
+            covariance[packed_index(i, i)] = sd**2
         return mean, covariance
 
     def _propagate(self, state: ParticleState, inputs: Array, step: int, draws: Draws) -> ParticleState:

@@ -21,7 +21,7 @@ class Outcome(StrEnum):
     MISSING = "missing"
     """No output was measured: nothing was updated."""
     VANISHED = "vanished"
-    """Every particle weight underflowed (an outlier, a stuck sensor): the prior was kept."""
+    """No likelihood above the smallest float (an outlier, a stuck sensor): the prior was kept."""
 
 
 class Mixture(NamedTuple):
@@ -53,14 +53,15 @@ class Posterior(NamedTuple):
     log_likelihood: float
     """log p(y_k | y_1:k-1); NaN when nothing was assimilated."""
     alpha_quantiles: Array
-    """(B, 3): .025, .5 and .975 quantiles of alpha_k."""
+    """(B, 3): .025, .5 and .975 quantiles of alpha_k; B is 0 where the estimator has no volatility."""
     cdf: Array
     """(B,): F_k, where the median of alpha_k stands in its own history."""
     gate: float
-    """g_k, the smallest over blocks; 0 where nothing was learned."""
+    """g_k, the smallest over blocks, 1 if there are none; 0 where nothing was learned."""
     regime: str
-    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks."""
+    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks; else "constant"."""
     effective_sample_size: float
+    """N_eff; NaN for an estimator without particles."""
     resampled: bool
     floored: bool
     """Whether the parameter covariance had collapsed and was held at its floor."""
@@ -87,7 +88,7 @@ class Estimator(Protocol):
     period: float
     """Sampling period in s."""
     blocks: tuple[str, ...]
-    """Names of the volatility blocks."""
+    """Names of the volatility blocks; none where the noise covariance is fixed."""
 
     @property
     def state_type(self) -> type[Any]:

@@ -43,7 +43,7 @@ CREATE TABLE history (
 
 
 class HistoryRow(NamedTuple):
-    """One update in numbers: the first output (degC, K) against its forecast, and the first volatility block.
+    """One update in numbers: the first output (degC, K) against its forecast, and the first volatility block, if any.
 
     `mean`, `lower`, `upper`, `sd` and `residual` belong to the forecast that stood before `y` was seen; NaN where there
     was none, and `y` is NaN where it was missing. `time` is UTC seconds.
@@ -70,17 +70,16 @@ class HistoryRow(NamedTuple):
     def of(cls, update: Update) -> HistoryRow:
         """The row of `update`."""
         score, volatility = update.score, update.volatility
-        scored = (math.nan,) * 5
+        scored, alpha = (math.nan,) * 5, (math.nan,) * 4
         if score is not None:
             scored = (score.mean[0], score.lower[0], score.upper[0], score.sd[0], score.residual[0])
+        if volatility.blocks:
+            alpha = (volatility.lower[0], volatility.median[0], volatility.upper[0], volatility.cdf[0])
         return cls(
             update.time,
             update.y[0],
             *scored,
-            alpha_lower=volatility.lower[0],
-            alpha_median=volatility.median[0],
-            alpha_upper=volatility.upper[0],
-            cdf=volatility.cdf[0],
+            *alpha,
             gate=update.gate.value,
             n_eff=update.effective_sample_size,
             resampled=update.resampled,

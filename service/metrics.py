@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
@@ -43,7 +44,8 @@ class Metrics:
         for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
             self._alpha.labels(zone, block).set(median)
         self._gate.labels(zone).set(update.gate.value)
-        self._n_eff.labels(zone).set(update.effective_sample_size)
+        if not math.isnan(update.effective_sample_size):
+            self._n_eff.labels(zone).set(update.effective_sample_size)
         for interval in update.forecast.outputs[0].intervals[:1]:
             self._width.labels(zone).set(interval.upper - interval.lower)
 

@@ -104,10 +104,10 @@ class ForecastPayload(Envelope):
     sd: Number = Field(description="standard deviation in K", examples=[0.052])
     intervals: list[IntervalPayload]
     outputs: list[OutputPayload]
-    volatility: AlphaPayload
+    volatility: AlphaPayload | None = Field(description="null where the estimator has no volatility (ekf, ukf)")
     gate: Number = Field(description="learning gate g_k: how much the parameters may move now, 0 to 1")
-    regime: str = Field(description="low, transitional or high volatility")
-    n_eff: Number = Field(description="effective sample size, particles")
+    regime: str = Field(description="low, transitional or high volatility; constant where there is none")
+    n_eff: Number = Field(description="effective sample size, particles; null where the estimator has none")
     inputs: list[InputPayload]
     quality: Quality = Field(description="the worst of the inputs' quality and what became of the last sample")
 
@@ -125,18 +125,18 @@ class VolatilityPayload(Envelope):
 
     sample_time: AwareDatetime
     issue_time: AwareDatetime
-    volatility: AlphaPayload
+    volatility: AlphaPayload | None = Field(description="null where the estimator has no volatility (ekf, ukf)")
 
 
 class GatePayload(Envelope):
-    """The learning gate after a sample, and the state of the particle filter."""
+    """The learning gate after a sample, and the state of the filter."""
 
     sample_time: AwareDatetime
     issue_time: AwareDatetime
     gate: Number = Field(description="learning gate g_k: how much the parameters may move now, 0 to 1")
     unit: Literal["1"] = "1"
-    regime: str = Field(description="low, transitional or high volatility")
-    n_eff: Number = Field(description="effective sample size, particles")
+    regime: str = Field(description="low, transitional or high volatility; constant where there is none")
+    n_eff: Number = Field(description="effective sample size, particles; null where the estimator has none")
     resampled: bool
     floored: bool = Field(description="true if the parameter covariance had collapsed and was held at its floor")
     log_likelihood: Number = Field(description="log p(y_k | y_1:k-1); null when nothing was assimilated")

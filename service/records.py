@@ -69,7 +69,10 @@ class Forecast(NamedTuple):
 
 
 class Volatility(NamedTuple):
-    """Alpha after an update: (block, .025, .5, .975 quantile) as parallel tuples, and where its median stands (F_k)."""
+    """Alpha after an update: (block, .025, .5, .975 quantile) as parallel tuples, and where its median stands (F_k).
+
+    Empty where the estimator has no volatility.
+    """
 
     blocks: tuple[str, ...]
     lower: tuple[float, ...]
@@ -79,7 +82,7 @@ class Volatility(NamedTuple):
 
 
 class Gate(NamedTuple):
-    """The learning gate g_k and the regime it follows from: low, transitional or high volatility."""
+    """The learning gate g_k and the regime it follows from: low, transitional or high volatility, or constant."""
 
     value: float
     regime: str

@@ -177,10 +177,12 @@ def _output(output: OutputForecast) -> OutputPayload:
     )
 
 
-def _alpha(update: Update) -> AlphaPayload:
+def _alpha(update: Update) -> AlphaPayload | None:
     volatility = update.volatility
     blocks = [
         BlockPayload(block=block, lower=lower, median=median, upper=upper, cdf=cdf)
         for block, lower, median, upper, cdf in zip(*volatility, strict=True)
     ]
+    if not blocks:
+        return None
     return AlphaPayload(**dict(blocks[0]), levels=list(ALPHA_LEVELS), blocks=blocks)

@@ -19,7 +19,7 @@ from pydantic import BaseModel
 
 from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
-from estimator import options, presets
+from estimator import augmented_options, options, presets
 from estimator.types import Outcome
 from service import api_models, api_problems, config_models, network_models, payloads
 from service.aggregation import AGGREGATES, default_aggregate
@@ -222,7 +222,27 @@ def test_every_estimator_option_is_documented_with_its_values() -> None:
         options.resolve(presets.network("building-67"), 600, {"preset": "paper"}),
         options.resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
     ]
-    for name, _, *cells, _ in values[1:]:
+    assert_values_as_documented(values, shown)
+
+
+def test_every_option_of_ekf_and_ukf_is_documented_with_its_values() -> None:
+    values, meanings = tables(section("configuration.md", "Options of `ekf` and `ukf`"))
+    known = {field.name for field in fields(augmented_options.UKFOptions)}
+    assert set(first_names(meanings)) == known
+    assert set(first_names(values)) == known - {"preset"}
+    plain, resolve = presets.network("titeth"), augmented_options.resolve_ukf
+    shown = [
+        resolve(plain, 300, {}),
+        resolve(plain, 600, {}),
+        resolve(presets.network("building-67"), 600, {"preset": "paper"}),
+        resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
+    ]
+    assert_values_as_documented(values, shown)
+
+
+def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:
+    """Each row of `table` has, between unit and range, the value of its option in each of the options `shown`."""
+    for name, _, *cells, _ in table[1:]:
         for cell, resolved in zip(cells, shown, strict=True):
             value = getattr(resolved, names(name)[0])
             if isinstance(value, bool | str):

@@ -80,7 +80,12 @@ function next(forecast) {
   };
 }
 
-function layout(width) {
+// Without volatility (EKF, UKF) there is neither alpha nor a gate that moves: the temperature has all the room.
+function hasVolatility(rows) {
+  return rows.some((row) => row.alpha_median !== null);
+}
+
+function layout(width, volatile) {
   const axis = {
     gridcolor: colour("--line"),
     linecolor: colour("--line"),
@@ -103,27 +108,17 @@ function layout(width) {
     plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: colour("--muted"), size: 11.5, family: "system-ui, sans-serif" },
     hoverlabel: { font: { family: "system-ui, sans-serif" } },
-    xaxis: { ...axis, anchor: "y3", type: "date", tickangle: 0, nticks: Math.max(3, Math.floor(width / 60)) },
-    yaxis: named("°C", [0.44, 1]),
-    yaxis2: named("α", [0.2, 0.38], { type: "log", dtick: 1, minor: { showgrid: false } }),
-    yaxis3: named("gate", [0, 0.14], { range: [-0.05, 1.05], tickvals: [0, 0.5, 1] }),
+    xaxis: { ...axis, anchor: volatile ? "y3" : "y", type: "date", tickangle: 0, nticks: Math.max(3, Math.floor(width / 60)) },
+    yaxis: named("°C", [volatile ? 0.44 : 0, 1]),
+    ...(volatile && {
+      yaxis2: named("α", [0.2, 0.38], { type: "log", dtick: 1, minor: { showgrid: false } }),
+      yaxis3: named("gate", [0, 0.14], { range: [-0.05, 1.05], tickvals: [0, 0.5, 1] }),
+    }),
   };
 }
 
-export function draw(node, rows, forecast, period) {
-  const parts = runs(rows, period);
-  const accent = colour("--accent");
-  const traces = [
-    band(parts, "lower", "upper", { fillcolor: colour("--band") }),
-    line(parts, "mean", {
-      line: { color: accent, width: 1.2 },
-      hovertemplate: "%{y:.2f} °C mean<extra></extra>",
-    }),
-    line(parts, "y", {
-      line: { color: colour("--ink"), width: 1.4 },
-      hovertemplate: "%{y:.2f} °C measured<extra></extra>",
-    }),
-    ...(forecast ? [next(forecast)] : []),
+function volatility(parts) {
+  return [
     band(parts, "alpha_lower", "alpha_upper", { yaxis: "y2", fillcolor: colour("--alpha-band") }),
     line(parts, "alpha_median", {
       yaxis: "y2",
@@ -136,5 +131,24 @@ export function draw(node, rows, forecast, period) {
       hovertemplate: "gate %{y:.2f}<extra></extra>",
     }),
   ];
-  return Plotly.react(node, traces, layout(node.clientWidth), CONFIG);
+}
+
+export function draw(node, rows, forecast, period) {
+  const parts = runs(rows, period);
+  const accent = colour("--accent");
+  const volatile = hasVolatility(rows);
+  const traces = [
+    band(parts, "lower", "upper", { fillcolor: colour("--band") }),
+    line(parts, "mean", {
+      line: { color: accent, width: 1.2 },
+      hovertemplate: "%{y:.2f} °C mean<extra></extra>",
+    }),
+    line(parts, "y", {
+      line: { color: colour("--ink"), width: 1.4 },
+      hovertemplate: "%{y:.2f} °C measured<extra></extra>",
+    }),
+    ...(forecast ? [next(forecast)] : []),
+    ...(volatile ? volatility(parts) : []),
+  ];
+  return Plotly.react(node, traces, layout(node.clientWidth, volatile), CONFIG);
 }

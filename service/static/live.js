@@ -76,7 +76,7 @@ function showNumbers(card, forecast) {
       interval ? `${number(interval.level * 100, 0)} % interval` : "interval",
       interval ? `${number(interval.lower, 2)} … ${number(interval.upper, 2)}` : "–",
     ],
-    ["volatility α", number(forecast?.volatility.median, 2)],
+    ["volatility α", number(forecast?.volatility?.median, 2)],
     ["learning gate", forecast ? `${number(forecast.gate, 2)} ${forecast.regime}` : "–"],
     ["N_eff", number(forecast?.n_eff, 0)],
     ["quality", forecast?.quality ?? "–"],

@@ -10,10 +10,12 @@ from estimator.registry import ESTIMATORS, build
 
 PERIOD = 300.0
 SMALL = {"rbpf": {"particles": 120}}
+VARIANTS = [(name, SMALL.get(name, {})) for name in ESTIMATORS]
+VARIANTS += [(name, SMALL.get(name, {}) | {"preset": "paper"}) for name in ESTIMATORS]
 
 
-def make(name, preset="ecolar-6r4c"):
-    return build(name, network(preset), PERIOD, SMALL.get(name, {}))
+def make(name, options, preset="ecolar-6r4c"):
+    return build(name, network(preset), PERIOD, options)
 
 
 def inputs_of(estimator, step=0):
@@ -48,8 +50,10 @@ def check_same_seed_same_bits(estimator):
 
 
 def check_another_seed_other_draws(estimator):
-    left, right = start(estimator, 1), start(estimator, 2)
-    assert any(not np.array_equal(a, b) for a, b in zip(left[2:], right[2:], strict=True))
+    left, right = start(estimator, 1)._asdict(), start(estimator, 2)._asdict()
+    differ = any(not np.array_equal(left[name], right[name]) for name in left if name != "seed")
+    starts_at_the_middle = getattr(estimator.options, "initial", None) == "centre"
+    assert differ is not starts_at_the_middle
 
 
 def check_the_state_survives_npz_and_goes_on_with_the_same_bits(estimator):
@@ -108,24 +112,44 @@ def check_outliers_never_poison_the_state(estimator):
 
 
 def check_quantiles_increase_with_the_level(estimator):
-    mixture = estimator.predictive(estimator.predict(start(estimator), inputs_of(estimator)))
-    quantiles = estimator.quantiles(mixture, np.array([0.01, 0.1, 0.5, 0.9, 0.99]), 0)
-    assert (np.diff(quantiles) > 0).all()
+    state = estimator.predict(start(estimator), inputs_of(estimator))
+    levels = np.array([0.01, 0.1, 0.5, 0.9, 0.99])
+    assert (np.diff(estimator.quantiles(estimator.predictive(state), levels, 0)) > 0).all()
+    for name, quantiles in estimator.parameters(state, levels)._asdict().items():
+        assert (np.diff(quantiles) >= 0).all(), name
+
+
+def check_parameters_stay_in_their_box(estimator):
+    state = start(estimator)
+    rng = np.random.default_rng(3)
+    for step in range(60):
+        state = estimator.predict(state, inputs_of(estimator, step))
+        posterior = estimator.update(state, np.array([20 + 3 * rng.standard_normal()]))
+        state = posterior.state
+        for parameter, value in zip(estimator.network.parameters, posterior.parameters, strict=True):
+            assert parameter.lower * (1 - 1e-9) <= value <= parameter.upper * (1 + 1e-9), parameter.name
+
+
+def check_a_summary_has_one_entry_per_block(estimator):
+    posterior = run(estimator, start(estimator), 3)[1][-1]
+    assert posterior.alpha_quantiles.shape == (len(estimator.blocks), 3)
+    assert posterior.cdf.shape == (len(estimator.blocks),)
+    assert 0 < posterior.gate <= 1
 
 
 CHECKS = [value for name, value in list(globals().items()) if name.startswith("check_")]
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__.removeprefix("check_"))
-@pytest.mark.parametrize("name", ESTIMATORS)
-def test_estimator(name, check):
-    check(make(name))
+@pytest.mark.parametrize(("name", "options"), VARIANTS, ids=lambda part: str(part))
+def test_estimator(name, options, check):
+    check(make(name, options))
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-@pytest.mark.parametrize("name", ESTIMATORS)
-def test_every_estimator_runs_every_network(name, preset):
-    estimator = make(name, preset)
+@pytest.mark.parametrize(("name", "options"), VARIANTS, ids=lambda part: str(part))
+def test_every_estimator_runs_every_network(name, options, preset):
+    estimator = make(name, options, preset)
     state, posteriors = run(estimator, start(estimator), 6)
     assert all(np.isfinite(p.log_likelihood) for p in posteriors)
     assert posteriors[-1].parameters.shape == (len(estimator.network.parameters),)

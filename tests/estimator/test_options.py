@@ -71,7 +71,7 @@ def test_given_options_win_over_the_preset_and_discount_sets_the_shrinkage():
 
 
 def test_the_registry_names_the_estimators():
-    with pytest.raises(OptionsError, match="unknown estimator 'magic'; the estimators are rbpf"):
+    with pytest.raises(OptionsError, match="unknown estimator 'magic'; the estimators are rbpf, ekf, ukf"):
         registry.resolve_options("magic", BUILDING, 600.0, {})
     effective = registry.resolve_options("rbpf", BUILDING, 600.0, {"particles": 500})
     assert effective["particles"] == 500
