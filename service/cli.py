@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
+from service import cli_bms
 from service.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
@@ -132,6 +133,8 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument(
         "--duration", type=_positive, metavar="SECONDS", help="stop after so many seconds (default: never)"
     )
+
+    cli_bms.add_to(add)
 
     networks = add("networks", _networks, "List the network presets, or the parameters of one.")
     networks.add_argument(
