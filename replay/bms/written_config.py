@@ -8,6 +8,7 @@ estimator that belong to a step are written out as they would be for the simulat
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -133,6 +134,7 @@ def _source(device: Device, port: int, poll: float) -> dict[str, Any]:
         "host": "127.0.0.1",
         "port": port,
         "unit_id": device.unit_id,
+        "first_register": 0,
         "poll": format_duration(poll),
     }
 
@@ -145,12 +147,13 @@ def _channel(device: Device, channel: Channel) -> dict[str, Any]:
         "register": register.address,
         "type": register.type,
     }
-    if register.type != "bool":
+    if register.words > 1 or register.order != "ABCD":
         table["order"] = register.order
-    if register.sentinel is not None:
-        table["sentinel"] = register.sentinel
-    if register.scale * channel.factor != 1.0:
-        table["scale"] = register.scale * channel.factor
+    if register.can_be_unavailable:
+        table["not_available"] = [math.nan if register.sentinel is None else register.sentinel]
+    scale = register.scale * channel.factor
+    if scale != 1.0:
+        table["scale"] = scale
     unit = "W" if channel.factor != 1.0 else channel.unit
     # Relays and valves move within a step: their mean is what heats.
     return table | {"unit": unit, "aggregate": "mean"}

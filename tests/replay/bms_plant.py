@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+import httpx
 from pymodbus.client import AsyncModbusTcpClient
 
+from replay.bms.control import create_control
 from replay.bms.modbus_server import ModbusServer
 from replay.bms.simulation import Simulation
 
@@ -54,3 +57,14 @@ async def room1(client: AsyncModbusTcpClient) -> float:
 
 
 Look = Callable[[AsyncModbusTcpClient, Simulation, Clock], Awaitable[None]]
+
+
+def ask(plant: Simulation, *requests: tuple[str, str, Any]) -> list[httpx.Response]:
+    """The responses to (method, path, JSON body) in their order."""
+
+    async def main() -> list[httpx.Response]:
+        transport = httpx.ASGITransport(create_control(plant))
+        async with httpx.AsyncClient(transport=transport, base_url="http://bms") as client:
+            return [await client.request(method, path, json=body) for method, path, body in requests]
+
+    return asyncio.run(main())

@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import csv
 from typing import Any
 
-import httpx
 import pytest
-from bms_plant import Clock, simulation
-
-from replay.bms.control import create_control
-from replay.bms.simulation import Simulation
-
-
-def ask(plant: Simulation, *requests: tuple[str, str, Any]) -> list[httpx.Response]:
-    """The responses to (method, path, JSON body) in their order."""
-
-    async def main() -> list[httpx.Response]:
-        transport = httpx.ASGITransport(create_control(plant))
-        async with httpx.AsyncClient(transport=transport, base_url="http://bms") as client:
-            return [await client.request(method, path, json=body) for method, path, body in requests]
-
-    return asyncio.run(main())
+from bms_plant import Clock, ask, simulation
 
 
 def test_the_state_is_the_truth() -> None:
