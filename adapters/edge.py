@@ -43,9 +43,9 @@ class Converter:
     """Makes readings of `channel` out of raw values that come in the order of time; remembers a counter's last one."""
 
     def __init__(self, channel: str, edge: Edge, *, dated_at_start: bool = True, longest_stretch: float = inf) -> None:
-        """`dated_at_start`: a counter's power is dated when the stretch that it is the mean of began, as in a recording,
-        whose time stamps say when a value begins to hold; or when it ended, as in live telemetry, where intervals close
-        meanwhile. `longest_stretch`: no power is made of a longer one, in s."""
+        """`dated_at_start`: a counter's power is dated when the stretch began that it is the mean of, as in a
+        recording, whose time stamps say when a value begins to hold; or when that ended, as in live telemetry, where
+        intervals close meanwhile. `longest_stretch`: no power is made of a longer one, in s."""
         self._channel, self._edge = channel, edge
         self._dated_at_start, self._longest = dated_at_start, longest_stretch
         self._last: tuple[float, float, Quality] | None = None

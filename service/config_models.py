@@ -28,6 +28,7 @@ from service.config_types import (
     context,
     whole,
 )
+from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
 
@@ -74,7 +75,7 @@ class ZenohConfig(BaseModel):
         return self
 
 
-SourceConfig = CsvConfig
+SourceConfig = Annotated[CsvConfig | ModbusConfig, Field(discriminator="kind")]
 """The table of a source, told apart by its `kind`."""
 
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from math import inf
 from typing import Any, NamedTuple
 
 from adapters.csv_source import CsvChannel, CsvSource
 from adapters.edge import Edge
+from adapters.modbus_client import Line
+from adapters.modbus_plan import Limits
+from adapters.modbus_source import ModbusChannel, ModbusSource
 from adapters.reading import Source
 from adapters.units import ENERGIES, conversion, default_valid_range
-from service.config_models import ChannelConfig, Config, SourceConfig, ZoneConfig
+from service.config_models import ChannelConfig, Config, ZoneConfig
+from service.modbus_models import ModbusChannelConfig, ModbusConfig
 from service.networks import build_network
 from service.source_models import CsvChannelConfig, CsvConfig
 
@@ -29,7 +34,7 @@ class SourceKind(NamedTuple):
     its name, table and bindings. A `live` source tells what is now, a recorded one what was. `example` is how a channel
     says where its value is found."""
 
-    table: type[SourceConfig]
+    table: type[Any]
     channel: type[ChannelConfig]
     live: bool
     example: str
@@ -90,6 +95,49 @@ def _csv_channel(id: str, channel: CsvChannelConfig, unit: str) -> CsvChannel:
     return CsvChannel(id, channel.source_columns, edge_of(channel, unit))
 
 
+def _build_modbus(name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> ModbusSource:
+    line = Line(
+        transport=table.transport,
+        host=table.host or "",
+        port=table.port,
+        timeout=table.timeout,
+        retries=table.retries,
+        pause=table.pause,
+    )
+    if table.serial is not None:
+        line = replace(
+            line,
+            device=table.serial.device,
+            baudrate=table.serial.baudrate,
+            parity=table.serial.parity[0].upper(),
+            data_bits=table.serial.data_bits,
+            stop_bits=table.serial.stop_bits,
+        )
+    return ModbusSource(
+        name,
+        line,
+        [_modbus_channel(binding.id, binding.channel, binding.unit, table) for binding in bindings],
+        poll=table.poll,
+        limits=Limits(table.batch, table.max_registers, table.fill_gaps),
+    )
+
+
+def _modbus_channel(id: str, channel: ModbusChannelConfig, unit: str, table: ModbusConfig) -> ModbusChannel:
+    assert channel.unit_id is not None
+    assert channel.table is not None
+    return ModbusChannel(
+        id,
+        channel.register - table.first_register,
+        channel.format,
+        unit=channel.unit_id,
+        table=channel.table,
+        edge=edge_of(channel, unit, channel.format.rollover),
+        stuck_after=channel.stuck_after,
+        register=channel.register,
+    )
+
+
 SOURCE_KINDS: dict[str, SourceKind] = {
-    "csv": SourceKind(CsvConfig, CsvChannelConfig, False, 'column = "..."', _build_csv)
+    "csv": SourceKind(CsvConfig, CsvChannelConfig, False, 'column = "..."', _build_csv),
+    "modbus": SourceKind(ModbusConfig, ModbusChannelConfig, True, 'register = 0, type = "float32"', _build_modbus),
 }

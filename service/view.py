@@ -19,7 +19,8 @@ class ZoneStatus(NamedTuple):
 
     `state` is one of STATES and decides whether the zone counts as fed and fresh; `reason` is one sentence; while
     running it is empty, or says which live source does not deliver. `last_good` maps a channel to the time of its last
-    good reading; `faults` counts bad readings by kind. `now` is the clock that ages count from: a recording's own clock, or None for the wall clock.
+    good reading; `faults` counts bad readings by kind. `now` is the clock that ages count from: a recording's own
+    clock, or None for the wall clock.
     """
 
     state: str
