@@ -82,8 +82,7 @@ def summary(config: Config) -> list[str]:
         f"state in {config.site.state_dir}"
     ]
     for name, source in config.sources.items():
-        files = ", ".join(file.name for file in source.files)
-        lines.append(f"source {name}: {source.kind}, {_count(source.files, 'file')} ({files})")
+        lines.append(f"source {name}: {source.kind}, {source.described}")
     for zone in config.zones:
         lines += _zone_summary(zone)
     return lines
@@ -103,9 +102,8 @@ def _zone_summary(zone: ZoneConfig) -> list[str]:
         lines.append(f"  fixed parameters ({len(fixed)}): {', '.join(fixed)}")
     for name in network.channels:
         channel = zone.channels[name]
-        columns = " + ".join(channel.source_columns)
-        unit = network.channel_unit(name)
-        lines.append(f"  {name} [{unit}]: {channel.aggregate} of {columns} [{channel.unit}] from {channel.source}")
+        unit, given = network.channel_unit(name), f"{channel.address} [{channel.unit}] from {channel.source}"
+        lines.append(f"  {name} [{unit}]: {channel.aggregate} of {given}")
     return lines
 
 

@@ -62,6 +62,7 @@ def pauses(monkeypatch):
         slept.append(seconds)
 
     monkeypatch.setattr(service.feeding.asyncio, "sleep", sleep)
+    monkeypatch.setattr(service.feeding.random, "uniform", lambda lower, upper: upper)
     return slept
 
 
