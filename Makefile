@@ -9,8 +9,8 @@ JOBS ?= auto
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
 
-run: $(VENV)/.ready  ## the demo home, streamed through the daemon: forecasts on REST and Zenoh, a live page
-	$(BIN)/thermogate demo
+run: $(VENV)/.ready  ## a living building read over Modbus by the daemon: forecasts on REST and Zenoh, a live page
+	$(BIN)/thermogate demo --live
 
 test: lint unit  ## lint, types and every test
 

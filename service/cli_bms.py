@@ -10,7 +10,7 @@ from pathlib import Path
 AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 
 _MOST_ZONES, _MOST_METERS, _MOST_REGISTERS = 80, 148, 10_000
-_LARGEST_PACE = 3600.0
+_SMALLEST_PACE, _LARGEST_PACE, _DEMO_PACE = 0.01, 3600.0, 600.0
 
 
 def add_to(add: AddCommand) -> None:
@@ -42,7 +42,7 @@ def add_to(add: AddCommand) -> None:
     )
     parser.add_argument(
         "--pace",
-        type=_number(0.01, _LARGEST_PACE),
+        type=_number(_SMALLEST_PACE, _LARGEST_PACE),
         default=60.0,
         metavar="X",
         help="simulated seconds per second, at most 3600 (default 60)",
@@ -98,6 +98,29 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
             overrides=arguments.overrides,
         )
     )
+
+
+def live_demo(directory: Path, arguments: argparse.Namespace) -> int:
+    """The demo with a living building: simulated behind Modbus, in this process, and read by the daemon."""
+    from replay.bms.background import living_bms
+    from replay.bms.serving import BmsOptions
+    from service.config import load
+    from service.daemon import run_daemon
+    from service.errors import ConfigError
+    from service.show import demo_requests
+
+    pace = arguments.pace or _DEMO_PACE
+    if arguments.days is not None:
+        raise ConfigError(["--days is the length of a recording; a --live building has no end, use --duration"])
+    if not _SMALLEST_PACE <= pace <= _LARGEST_PACE:
+        raise ConfigError([f"--pace {pace:g}: a --live building lives at {_SMALLEST_PACE:g} to {_LARGEST_PACE:g}"])
+    path = directory / "live.toml"
+    changes = [f"http.port={arguments.port}"]
+    options = BmsOptions(port=0, control_port=0, zenoh=None, pace=pace, config=path, overrides=changes)
+    with living_bms(options) as greeting:
+        config = load(path, arguments.overrides)
+        print("\n".join([*greeting[:-1], "", *demo_requests(config)]), flush=True)
+        return run_daemon(config, duration=arguments.duration)
 
 
 def _whole(lower: int, upper: int) -> Callable[[str], int]:

@@ -112,7 +112,7 @@ def demo_requests(config: Config) -> list[str]:
     host = f"[{config.http.host}]" if ":" in config.http.host else config.http.host
     url = f"http://{host}:{config.http.port}"
     zone = config.zones[0].id
-    lines = [f"Thermogate demo: a simulated home with the zones {', '.join(zone.id for zone in config.zones)}"]
+    lines = [f"Thermogate demo: a simulated building with the zones {', '.join(zone.id for zone in config.zones)}"]
     if config.http.port == 0:
         return [*lines, "The port is chosen now and said in the log below; Ctrl-C stops."]
     return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,14 +43,19 @@ class BmsOptions:
 def simulate_bms(options: BmsOptions) -> int:
     """Serve until SIGTERM or SIGINT; 0 after an orderly stop. ReplayError or ServiceError where the start fails."""
     configure_logging()
-    asyncio.run(_serve(options))
+
+    async def main() -> None:
+        stop = asyncio.Event()
+        for signum in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(signum, stop.set)
+        await serve(options, stop, lambda lines: print("\n".join(lines), flush=True))
+
+    asyncio.run(main())
     return 0
 
 
-async def _serve(options: BmsOptions) -> None:
-    stop = asyncio.Event()
-    for signum in (signal.SIGTERM, signal.SIGINT):
-        asyncio.get_running_loop().add_signal_handler(signum, stop.set)
+async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[str]], None]) -> None:
+    """Serve until `stop`; `ready` is called with what there is to say once everything answers."""
     simulation = Simulation(
         zones=options.zones,
         seed=options.seed,
@@ -77,7 +82,7 @@ async def _serve(options: BmsOptions) -> None:
         if publisher is not None:
             tasks.append(asyncio.create_task(publisher.run(options.publish_every)))
         await http.started(serving)
-        print("\n".join(_greeting(options, simulation, modbus.port, http.url)), flush=True)
+        ready(_greeting(options, simulation, modbus.port, http.url))
         await _until(stop, tasks)
         await http.stop(serving)
     finally:
