@@ -31,6 +31,7 @@ _DAY = 86_400
 _PARTICLES = 3000
 _POLLS_PER_PERIOD = 10
 _SHORTEST_POLL = 0.2
+_STUCK_PERIODS = 6
 _PER_STEP = ("process_sd", "volatility_sd", "jump_probability", "shrinkage")
 # What one knows of a building: each parameter within a box that has the truth in it, but not in its middle.
 _BELOW, _ABOVE = 6.0, 4.0
@@ -108,7 +109,7 @@ def _zone(
     network = zone_network(building, index, simulation.pace)
     options: Options = resolve(network, period * simulation.pace, {})
     channels = {
-        channel.zone_channel: _channel(device, channel)
+        channel.zone_channel: _channel(device, channel, period)
         for device in (by_room[index], weather)
         for channel in device.channels
         if channel.zone_channel is not None
@@ -116,7 +117,7 @@ def _zone(
     for other in building.neighbours(index):
         air = by_room[other].channel("T_air")
         assert air is not None
-        channels[f"T_{building.rooms[other].name}"] = _channel(by_room[other], air)
+        channels[f"T_{building.rooms[other].name}"] = _channel(by_room[other], air, period)
     return {
         "id": building.rooms[index].name,
         "period": format_duration(period),
@@ -139,7 +140,7 @@ def _source(device: Device, port: int, poll: float) -> dict[str, Any]:
     }
 
 
-def _channel(device: Device, channel: Channel) -> dict[str, Any]:
+def _channel(device: Device, channel: Channel, period: int) -> dict[str, Any]:
     register = channel.register
     table: dict[str, Any] = {
         "source": device.name,
@@ -151,6 +152,9 @@ def _channel(device: Device, channel: Channel) -> dict[str, Any]:
         table["order"] = register.order
     if register.can_be_unavailable:
         table["not_available"] = [math.nan if register.sentinel is None else register.sentinel]
+    if channel.zone_channel == "T_air":
+        # The noise of a sensor moves even a tenth of a degree sooner than that.
+        table["stuck_after"] = format_duration(_STUCK_PERIODS * period)
     scale = register.scale * channel.factor
     if scale != 1.0:
         table["scale"] = scale

@@ -8,11 +8,14 @@ import subprocess
 import time
 import urllib.request
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from integration.bms_process import Bms, simulated
 from integration.harness import THERMOGATE, Daemon
-from integration.test_simulate_bms import Bms, simulated
+
+from replay.bms.faults import MENU
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +27,10 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Bms, Daemo
     settings: dict[str, object] = {f"zones.{k}.estimator_options.particles": 200 for k in range(3)}
     with simulated(*arguments) as bms, Daemon(config, folder / "log", settings) as daemon:
         yield bms, daemon
+
+
+def switch_off(bms: Bms) -> None:
+    urllib.request.urlopen(urllib.request.Request(f"{bms.control}/faults", method="DELETE"), timeout=10).close()
 
 
 def ask(url: str) -> dict:
@@ -43,16 +50,28 @@ def test_every_room_is_read_and_forecast(plant: tuple[Bms, Daemon]) -> None:
         assert status == 200, forecast
 
 
-def test_a_fault_in_one_room_leaves_a_room_that_does_not_touch_it_alone(plant: tuple[Bms, Daemon]) -> None:
+def test_a_device_that_drops_out_stalls_its_room_until_it_is_back(plant: tuple[Bms, Daemon]) -> None:
     bms, daemon = plant
     daemon.wait(lambda zones: all(zone["samples"] >= 6 for zone in zones.values()))
     bms.post("/faults", {"kind": "drop", "device": "room3"})
-    before = daemon.wait(lambda zones: zones["room3"]["state"] == "stalled")["room1"]["samples"]
-    after = daemon.wait(lambda zones: zones["room1"]["samples"] >= before + 5)
-    assert after["room1"]["state"] == "running"
-    assert all(row["y"] is not None for row in daemon.history("room1")[-4:])
-    urllib.request.urlopen(urllib.request.Request(f"{bms.control}/faults", method="DELETE"), timeout=10).close()
+    daemon.wait(lambda zones: zones["room3"]["state"] == "stalled")
+    switch_off(bms)
     daemon.wait(lambda zones: zones["room3"]["state"] == "running")
+
+
+@pytest.mark.parametrize("kind", [kind for kind, entry in MENU.items() if entry.scope != "clock"])
+def test_no_fault_of_a_room_harms_one_that_does_not_touch_it(kind: str, plant: tuple[Bms, Daemon]) -> None:
+    bms, daemon = plant
+    before = daemon.wait(lambda zones: zones["room1"]["samples"] >= 6)["room1"]["samples"]
+    bms.post("/faults", {"kind": kind, "device": "room3"})
+    after = daemon.wait(lambda zones: zones["room1"]["samples"] >= before + 4)
+    switch_off(bms)
+    assert after["room1"]["state"] == "running"
+    rows = daemon.history("room1")[-4:]
+    assert [later["time"] > earlier["time"] for earlier, later in pairwise(rows)] == [True] * 3
+    for row in rows:
+        assert row["y"] is not None
+        assert row["lower"] < row["mean"] < row["upper"]
 
 
 def test_the_live_demo_serves_and_stops(tmp_path: Path) -> None:

@@ -79,6 +79,16 @@ def test_time_moves_by_itself_at_the_pace_that_was_asked_for() -> None:
     asyncio.run(main())
 
 
+def test_a_building_that_is_behind_says_how_far_and_catches_up() -> None:
+    clock = Clock()
+    plant = simulation(clock)
+    clock.now += 120
+    behind = plant.catch_up()
+    assert behind == 120 * 60 - plant.world.elapsed > 0
+    assert plant.catch_up() == 0
+    assert plant.world.elapsed == 120 * 60
+
+
 @pytest.mark.parametrize(
     ("function", "address", "unit", "code"),
     [
