@@ -5,7 +5,7 @@ import time
 from contextlib import aclosing
 
 import pytest
-from modbus_plant import WRITES, collect, plant, serving
+from integration.modbus_plant import WRITES, collect, plant, serving
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
 
