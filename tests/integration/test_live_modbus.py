@@ -14,7 +14,6 @@ import tomli_w
 from integration.harness import Daemon, free_port, thermogate
 from integration.modbus_plant import Plant, plant, serving
 
-
 WORDS = [215, 53, 400, 21]
 """Tenths of the room and of the outdoor temperature, W, and another room."""
 
