@@ -160,15 +160,14 @@ class CsvSource:
 
 
 def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
-    code, time, value = int(table.status[index, row]), float(table.times[row]), float(table.values[index, row])
+    code, when, value = int(table.status[index, row]), float(table.times[row]), float(table.values[index, row])
     place = f"{' + '.join(channel.columns)}, {'first' if row == 0 else 'last'} row"
-    verdict = "good" if code == Status.GOOD else Status(code).name.lower()
-    if channel.edge.counter and code == Status.GOOD:
-        place += ", counter"
-    shown = None if code != Status.GOOD or channel.edge.counter else value
-    return Probe(
-        channel.id, place, f"{value:g}" if isfinite(value) else "-", shown, time if isfinite(time) else None, verdict
-    )
+    time = when if isfinite(when) else None
+    if code != Status.GOOD:
+        return Probe(channel.id, place, "-", None, time, Status(code).name.lower().replace("_", " "))
+    if channel.edge.counter:
+        return Probe(channel.id, place, f"{value:g}", None, time, hints=("a counter: its differences become power",))
+    return Probe(channel.id, place, "-", value, time)
 
 
 class _Pacer:

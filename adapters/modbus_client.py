@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import termios
 import time
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -95,8 +96,8 @@ class ModbusLink:
         """Connect. Raises SourceUnavailable with the reason and the remedy."""
         try:
             connected = await self._client.connect()
-        except (ModbusException, OSError, ValueError) as error:
-            # The serial library's own errors are OSErrors.
+        except (ModbusException, OSError, ValueError, termios.error) as error:
+            # The serial library's own errors are OSErrors; settings that a port does not know are termios.error.
             raise SourceUnavailable(f"{self._line.place} cannot be opened ({error}); {self._remedy()}") from error
         if not connected:
             raise SourceUnavailable(f"no connection to {self._line.place}; {self._remedy()}")

@@ -13,6 +13,8 @@ from adapters.modbus_plan import Point, Request
 from adapters.reading import Fault, Probe, Quality, Reading
 from adapters.stuck import StuckWatch
 
+_NEARLY_NOTHING = 1e-6
+
 
 @dataclass(frozen=True)
 class ModbusChannel:
@@ -104,15 +106,19 @@ def probed(channel: ModbusChannel, answer: Answer) -> Probe:
         return Probe(channel.id, place, raw, None, answer.time, hints=(stand,))
     value = edge.value(number)
     fault = edge.fault(value)
-    if fault is None:
-        return Probe(channel.id, place, raw, value, answer.time)
     lower, upper = edge.valid
-    verdict = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+    if fault is not None:
+        verdict = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+    elif 0 < abs(number) < _NEARLY_NOTHING:
+        verdict = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
+    else:
+        return Probe(channel.id, place, raw, value, answer.time)
     return Probe(channel.id, place, raw, value, answer.time, verdict, tuple(_hints(channel, words)))
 
 
 def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:
     for order, number in other_orders(words, channel.format).items():
         value = channel.edge.value(number)
-        mark = "" if channel.edge.fault(value) else ", which is plausible"
+        plausible = channel.edge.fault(value) is None and abs(number) >= _NEARLY_NOTHING
+        mark = ", which is plausible" if plausible else ""
         yield f"{order} would be {value:.6g}{mark}"

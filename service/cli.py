@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from service import cli_bms
+from service import cli_bms, cli_probe
 from service.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
@@ -116,6 +116,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_with_config("check", _check, "Explain every mistake in a configuration, without connecting to anything.")
     add_with_config("show-config", _show_config, "Print the effective configuration as TOML, every default filled in.")
+
+    cli_probe.add_to(add)
 
     demo = add("demo", _demo, "Run the daemon on a simulated two-zone home, streamed faster than real time.")
     demo.add_argument(

@@ -136,7 +136,7 @@ def preset_table() -> list[str]:
         network = presets.network(name)
         states, inputs = ", ".join(network.nodes), ", ".join(network.inputs)
         rows.append((name, states, inputs, str(len(network.parameters)), network.description))
-    return _aligned(rows)
+    return aligned(rows)
 
 
 def parameter_table(network: Network) -> list[str]:
@@ -148,10 +148,11 @@ def parameter_table(network: Network) -> list[str]:
         rows.append((parameter.name, parameter.unit, *bounds, nominal, "yes" if parameter.free else "no"))
     channels = ", ".join(f"{channel} [{network.channel_unit(channel)}]" for channel in network.channels)
     title = f"{network.name}: {network.description}" if network.description else network.name
-    return [title, f"states: {', '.join(network.nodes)}", f"channels: {channels}", *_aligned(rows)]
+    return [title, f"states: {', '.join(network.nodes)}", f"channels: {channels}", *aligned(rows)]
 
 
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """The rows of a table as lines, every column as wide as its widest cell."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(_padded(row, widths)).rstrip() for row in rows]
 
