@@ -20,7 +20,7 @@ from typing import Any
 from service.api import create_app
 from service.config_models import Config
 from service.errors import ServiceError
-from service.feeding import feed, keep_time, watch_clock
+from service.feeding import end, feed, keep_time, watch_clock
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
 from service.http_server import HttpServer
 from service.logs import configure_logging
@@ -127,9 +127,7 @@ class Daemon:
                 tasks += [asyncio.create_task(clock) for clock in clocks]
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
+                await end(tasks)
                 await asyncio.gather(_drain(zones, workers), server.stop(serving))
         finally:
             stop.cancel()

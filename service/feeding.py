@@ -6,7 +6,7 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
@@ -25,6 +25,9 @@ GRACE = 1.0
 
 NOTABLE_JUMP = 2.0
 """What the wall clock may be set by without a word, in s."""
+
+_AGAIN_SECONDS = 0.5
+"""How long a cancelled task may take to clean up before it is cancelled again, in s."""
 
 _log = logging.getLogger(__name__)
 
@@ -69,6 +72,20 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
 async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
     for name in router.zones:
         await zones[name].source_failed(source, reason)
+
+
+async def end(tasks: Collection[asyncio.Task[None]]) -> None:
+    """Cancel `tasks` and wait until they are over, whatever comes of them.
+
+    One cancellation may not be enough: `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its
+    answers, passes over one that meets an answer.
+    """
+    pending = set(tasks)
+    while pending:
+        for task in pending:
+            task.cancel()
+        _, pending = await asyncio.wait(pending, timeout=_AGAIN_SECONDS)
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def keep_time(zone: Zone) -> None:
