@@ -4,13 +4,13 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
 
-.PHONY: run test lint unit coverage replay-ecolar clean help
+.PHONY: run test lint unit coverage replay-ecolar load-modbus clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
 
-run: $(VENV)/.ready  ## the demo home, streamed through the daemon: forecasts on REST and Zenoh, a live page
-	$(BIN)/thermogate demo
+run: $(VENV)/.ready  ## a living building read over Modbus by the daemon: forecasts on REST and Zenoh, a live page
+	$(BIN)/thermogate demo --live
 
 test: lint unit  ## lint, types and every test
 
@@ -34,6 +34,9 @@ replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's
 	  $(BIN)/thermogate replay deploy/examples/ecolar.toml --out var/ecolar/$$period \
 	    --set "sources.recording.files=[\"$(CURDIR)/var/ecolar/ecolar-$$period-SYNTHETIC.csv\"]" || exit 1; \
 	done
+
+load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
+	$(BIN)/python tests/integration/modbus_load.py --seconds 600
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info

@@ -12,8 +12,9 @@ import numpy as np
 
 from adapters.cells import FAULTS, Status
 from adapters.csv_table import CsvChannel, Layout, Table, column_problems, read_header, read_table
-from adapters.errors import SourceConfigError, SourceError
-from adapters.reading import Batch, Quality, Reading
+from adapters.edge import Converter
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.reading import Batch, Probe, Reading
 from adapters.timestamps import time_zone, timestamp_parser
 
 __all__ = ["CsvChannel", "CsvSource"]
@@ -83,6 +84,7 @@ class CsvSource:
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Deliver the rows from UTC second `start` on. Raises SourceUnavailable if a file cannot be read."""
         pacer = None if self._pace is None else _Pacer(self._pace)
+        converters = [Converter(channel.id, channel.edge) for channel in self._channels]
         clock = -inf
         for path in self._files:
             table = await self._read(path)
@@ -95,7 +97,7 @@ class CsvSource:
                     await asyncio.sleep(min(delay, _LONGEST_SLEEP))
                 if self._closed:
                     return
-                yield Batch(self._readings(table, begin, end), clock)
+                yield Batch(self._readings(table, begin, end, converters), clock)
 
     async def close(self) -> None:
         """End the delivery, also while a file is being read; safe to call twice."""
@@ -124,20 +126,48 @@ class CsvSource:
             edges = [first, *(np.flatnonzero(later) + first + 1).tolist(), rows]
         return ((begin, end) for begin, end in pairwise(edges) if begin < end)
 
-    def _readings(self, table: Table, begin: int, end: int) -> list[Reading]:
+    def _readings(self, table: Table, begin: int, end: int, converters: Sequence[Converter]) -> list[Reading]:
         times = table.times[begin:end].tolist()
         readings: list[Reading] = []
         for i, channel in enumerate(self._channels):
             values, status = table.values[i, begin:end].tolist(), table.status[i, begin:end]
-            if not status.any():
+            if not channel.edge.counter and not status.any():
                 readings += [Reading(channel.id, time, value) for time, value in zip(times, values, strict=True)]
                 continue
             for time, value, code in zip(times, values, status.tolist(), strict=True):
                 if code == Status.GOOD:
-                    readings.append(Reading(channel.id, time, value))
+                    counter = channel.edge.counter
+                    reading = converters[i].reading(time, value) if counter else Reading(channel.id, time, value)
+                    # A counter's first row is no power yet.
+                    if reading is not None:
+                        readings.append(reading)
                 elif code != Status.MISSING:
-                    readings.append(Reading(channel.id, time, value, Quality.BAD, FAULTS[code]))
+                    readings.append(converters[i].bad(time, FAULTS[code]))
         return readings
+
+    async def probe(self) -> list[Probe]:
+        """The first and the last row of the recording, for every channel."""
+        first = await self._read(self._files[0])
+        last = first if len(self._files) == 1 else await self._read(self._files[-1])
+        for path, table in ((self._files[0], first), (self._files[-1], last)):
+            if table.order.size == 0:
+                raise SourceUnavailable(f"sources.{self.name}: file '{path}' has no rows; give one that has")
+        return [
+            _probe(channel, i, table, row)
+            for i, channel in enumerate(self._channels)
+            for table, row in ((first, 0), (last, -1))
+        ]
+
+
+def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
+    code, when, value = int(table.status[index, row]), float(table.times[row]), float(table.values[index, row])
+    place = f"{' + '.join(channel.columns)}, {'first' if row == 0 else 'last'} row"
+    time = when if isfinite(when) else None
+    if code != Status.GOOD:
+        return Probe(channel.id, place, "-", None, time, Status(code).name.lower().replace("_", " "))
+    if channel.edge.counter:
+        return Probe(channel.id, place, f"{value:g}", None, time, hints=("a counter: its differences become power",))
+    return Probe(channel.id, place, "-", value, time)
 
 
 class _Pacer:

@@ -19,9 +19,9 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from adapters.cells import Array, Cells, Codes, Status, convert, parse_numbers, sum_cells
+from adapters.edge import PLAIN, Edge
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.timestamps import Moments, Parser, parse_timestamps, to_utc
-from adapters.units import IDENTITY, Affine
 
 # Reading a chunk holds the interpreter lock for a few milliseconds: little enough for the event loop beside it.
 _CHUNK_ROWS = 4096
@@ -29,18 +29,11 @@ _CHUNK_ROWS = 4096
 
 @dataclass(frozen=True)
 class CsvChannel:
-    """How columns become the readings of channel `id` ("zone/channel").
-
-    The sum over `columns` times `scale` plus `offset` is the value in the channel's own unit; `conversion` takes it to
-    the network's unit, in which `valid` bounds what is believed.
-    """
+    """How columns become the readings of channel `id` ("zone/channel"): their sum is the raw value for `edge`."""
 
     id: str
     columns: tuple[str, ...]
-    scale: float = 1.0
-    offset: float = 0.0
-    conversion: Affine = IDENTITY
-    valid: tuple[float, float] = (-inf, inf)
+    edge: Edge = PLAIN
 
 
 @dataclass(frozen=True)
@@ -59,7 +52,8 @@ class Table(NamedTuple):
     """The rows of one file in the order of time.
 
     `order` (n,) is UTC seconds, never falling; `times` (n,) is the same but NaN where the timestamp was refused, such a
-    row standing with the one before it in the file. `values` and `status` have shape (n_channels, n).
+    row standing with the one before it in the file. `values` and `status` have shape (n_channels, n); the values are
+    in the network's unit, except those of a counter, which are raw.
     """
 
     order: Array
@@ -111,8 +105,9 @@ def read_table(
             moments.append(parse_timestamps(_column(rows, position[layout.timestamp_column]), layout.parser))
             for channel, part in zip(channels, parts, strict=True):
                 columns = [parse_numbers(_column(rows, position[name]), layout.decimal) for name in channel.columns]
-                steps = ((channel.scale, channel.offset), channel.conversion)
-                part.append(convert(sum_cells(columns), steps, channel.valid))
+                edge = channel.edge
+                steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
+                part.append(convert(sum_cells(columns), steps, (-inf, inf) if edge.counter else edge.valid))
     return _table(moments, parts, layout.zone)
 
 

@@ -23,6 +23,10 @@ class Fault(StrEnum):
     OUT_OF_RANGE = "out_of_range"
     OUT_OF_ORDER = "out_of_order"
     DUPLICATED = "duplicated"
+    NOT_AVAILABLE = "not_available"
+    STUCK = "stuck"
+    COUNTER_RESET = "counter_reset"
+    REFUSED_BY_DEVICE = "refused_by_device"
     NAIVE_TIMESTAMP = "naive_timestamp"
     BAD_TIMESTAMP = "bad_timestamp"
 
@@ -52,13 +56,42 @@ class Batch(NamedTuple):
     now: float
 
 
+class Probe(NamedTuple):
+    """What one look at a channel found, for the person who sets it up.
+
+    `place` says where the value was looked for and `raw` what was found there, both as people write it. `value` is in
+    the network's unit and `time` UTC seconds; None where there is none. `verdict` is "good" or one sentence. `hints`
+    are other readings of the same raw value that might be meant.
+    """
+
+    channel: str
+    place: str
+    raw: str
+    value: float | None
+    time: float | None
+    verdict: str = "good"
+    hints: tuple[str, ...] = ()
+
+
 class Source(Protocol):
     """A source of readings. One object per `[sources.<name>]` table."""
 
     name: str
 
+    def check(self) -> list[str]:
+        """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
+        ...
+
     def batches(self, start: float | None) -> AsyncIterator[Batch]:
-        """Deliver batches in order, from UTC time `start` on (None: from the beginning); ends when the source does."""
+        """Deliver batches in order. A recorded source begins with UTC time `start` (None: its beginning) and ends; a
+        live one begins with now and does not end by itself.
+
+        Raises SourceUnavailable for what may pass, after which it may be called again, and SourceConfigError.
+        """
+        ...
+
+    async def probe(self) -> list[Probe]:
+        """Look at every channel once, in the order of the channels. Raises SourceUnavailable."""
         ...
 
     async def close(self) -> None:

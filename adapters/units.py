@@ -30,26 +30,42 @@ _DIMENSIONS: dict[str, dict[str, Affine]] = {
     "dimensionless": {"1": IDENTITY, "%": Affine(0.01, 0.0)},
 }
 
+ENERGIES = {"J": 1.0, "Wh": 3600.0, "kWh": 3.6e6, "MWh": 3.6e9, "MJ": 1e6, "GJ": 1e9}
+"""Units of energy, in J. A channel in one of them is a counter, or amounts of energy, of which power is made."""
+
 # Wider than any building: what lies outside is a broken sensor or a wrong unit, not weather.
 _VALID_RANGES = {"degC": (-60.0, 80.0), "W": (-1e6, 1e6), "W/m2": (-20.0, 2000.0)}
 
 
-def conversion(from_unit: str, to_unit: str) -> Affine:
+def conversion(from_unit: str, to_unit: str, nominal: float | None = None) -> Affine:
     """The conversion from `from_unit` to `to_unit`.
 
-    A unit that is not known here (a user's own heat-input unit) converts to itself only. Raises SourceConfigError with
-    the units that would do.
+    A unit that is not known here (a user's own heat-input unit) converts to itself only. Percent become power by
+    `nominal`, the power at 100 % in `to_unit`. Energy becomes power times s: what is left to do is to divide a
+    difference, or an amount, by the time that it took. Raises SourceConfigError with the units that would do.
     """
     if from_unit == to_unit:
         return IDENTITY
     for dimension, units in _DIMENSIONS.items():
         if to_unit not in units:
             continue
+        target = units[to_unit]
+        if dimension == "power" and from_unit in ENERGIES:
+            return Affine(ENERGIES[from_unit] / target.scale, 0.0)
+        if dimension == "power" and from_unit == "%":
+            if nominal is None:
+                raise SourceConfigError(
+                    f"unit '%' is no power by itself; give nominal, the power at 100 % in {to_unit}, "
+                    "such as nominal = 2000"
+                )
+            return Affine(nominal / 100, 0.0)
         if from_unit not in units:
+            more = f", % with nominal, and for energy {', '.join(ENERGIES)}" if dimension == "power" else ""
             raise SourceConfigError(
-                f"unit '{from_unit}' cannot be converted to {to_unit}; the units of {dimension} are {', '.join(units)}"
+                f"unit '{from_unit}' cannot be converted to {to_unit}; the units of {dimension} are "
+                f"{', '.join(units)}{more}"
             )
-        source, target = units[from_unit], units[to_unit]
+        source = units[from_unit]
         return Affine(source.scale / target.scale, (source.offset - target.offset) / target.scale)
     raise SourceConfigError(
         f"unit '{from_unit}' cannot be converted to '{to_unit}'; give the channel in {to_unit}, "

@@ -12,7 +12,7 @@ import numpy as np
 from adapters.reading import Fault, Quality, Reading
 from adapters.timestamps import EARLIEST, LATEST
 from estimator.network import Network
-from service.aggregation import Aggregate, aggregate, default_aggregate
+from service.aggregation import Aggregate, Span, aggregate, default_aggregate
 from service.errors import ConfigError
 from service.records import Array, Sample
 
@@ -28,9 +28,9 @@ class Alignment:
     """Turns the readings of one zone into samples, one for each closed interval of its grid.
 
     Interval k is [k period, (k + 1) period) in UTC seconds. It closes when the zone's clock reaches its end plus
-    `lateness`; the clock is the least of what its sources say, and a source that has ended no longer counts. Inside
-    open intervals readings may come in any order. A channel's usable readings are aggregated; without any its value
-    is NaN. Nothing is ever interpolated.
+    `lateness`; the clock is the least of what its sources say, and a source that has ended no longer counts. For live
+    sources the wall clock moves it on as well (`elapse`). Inside open intervals readings may come in any order. A
+    channel's usable readings are aggregated; without any its value is NaN. Nothing is ever interpolated.
 
     The first sample is the first interval with a usable reading. From there an interval without any becomes a sample of
     NaN, but at most `idle_limit` in a row: then the grid falls silent until readings come again. Samples are strictly
@@ -118,6 +118,14 @@ class Alignment:
             self._clocks[source] = max(now, self._clocks.get(source, -inf))
         return self._advance()
 
+    def elapse(self, now: float) -> list[Sample]:
+        """Wall-clock time `now` (UTC s) has come, whatever the sources say: the samples that close by it.
+
+        This is how the intervals of live sources close when these are silent.
+        """
+        self._clocks = {source: max(now, clock) for source, clock in self._clocks.items()}
+        return self._advance()
+
     def end(self, source: str) -> list[Sample]:
         """`source` has come to its end. With the last one every open interval closes, the incomplete one too."""
         self._clocks.pop(source, None)
@@ -188,20 +196,21 @@ class Alignment:
         if interval is not None:
             for slot, readings in enumerate(interval.readings):
                 if readings:
-                    values[slot], qualities[slot] = self._aggregated(slot, readings, interval.uncertain)
+                    values[slot], qualities[slot] = self._aggregated(slot, index, readings, interval.uncertain)
         split = self._outputs
         return Sample(
             index * self._period, values[:split], values[split:], tuple(qualities[:split]), tuple(qualities[split:])
         )
 
     def _aggregated(
-        self, slot: int, readings: dict[float, float], uncertain: set[tuple[int, float]]
+        self, slot: int, index: int, readings: dict[float, float], uncertain: set[tuple[int, float]]
     ) -> tuple[float, Quality]:
         rule = self._rules[slot]
         times = sorted(readings)
         used = times[rule.used]
         try:
-            value = rule.combine([readings[time] for time in used])
+            values = [readings[time] for time in used]
+            value = rule.combine(Span(used, values, index * self._period, (index + 1) * self._period))
         except OverflowError:
             return nan, Quality.BAD
         channel = self._channels[slot]

@@ -26,13 +26,19 @@ def install(app: FastAPI) -> None:
     async def live() -> FileResponse:
         return FileResponse(_STATIC / "index.html", headers=_HEADERS)
 
-    @app.get("/docs", include_in_schema=False)
-    async def documentation() -> FileResponse:
-        return FileResponse(_STATIC / "docs.html", headers=_HEADERS)
-
     @app.get("/static/plotly.min.js", include_in_schema=False)
     def plotly() -> Response:
         headers = {"Cache-Control": f"max-age={_DAY_SECONDS}"}
         return Response(get_plotlyjs(), media_type="text/javascript", headers=headers)
+
+    install_documentation(app)
+
+
+def install_documentation(app: FastAPI) -> None:
+    """Add the page at /docs and what it loads to `app`."""
+
+    @app.get("/docs", include_in_schema=False)
+    async def documentation() -> FileResponse:
+        return FileResponse(_STATIC / "docs.html", headers=_HEADERS)
 
     app.mount("/static", StaticFiles(directory=_STATIC), name="static")

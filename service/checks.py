@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from adapters.errors import SourceError
-from adapters.units import conversion
+from adapters.units import ENERGIES, conversion
 from estimator.errors import NetworkError, OptionsError
 from estimator.network import Network
 from estimator.registry import ESTIMATORS, resolve_options
 from service.aggregation import AGGREGATES
-from service.config_models import ChannelConfig, CsvConfig, ZoneConfig
+from service.config_models import ChannelConfig, SourceConfig, ZoneConfig
 from service.config_types import shown, suggestion
 from service.problems import Place, Problems
 from service.sources import SOURCE_KINDS, Binding
@@ -42,16 +42,20 @@ def check_ids(raw_zones: Sequence[Any], problems: Problems) -> None:
             problems.add(("zones", index, "id"), sentence)
 
 
-def check_zone(draft: ZoneDraft, source_names: Sequence[str], problems: Problems) -> None:
-    """Channels and network fit each other, every channel has its source, unit and aggregate, and the options hold."""
+def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> None:
+    """Channels and network fit each other, every channel has its source, unit and aggregate, and the options hold.
+
+    `kinds` maps the name of every source to its kind, None if that could not be read.
+    """
     if draft.network is not None:
-        _check_channel_names(draft, draft.network, problems)
+        _check_channel_names(draft, draft.network, kinds, problems)
         if draft.table is not None:
             _check_estimator(draft.place, draft.table, draft.network, problems)
+    _check_mixture(draft, kinds, problems)
     for name, channel in draft.channels.items():
         place = (*draft.place, "channels", name)
-        if source_names and channel.source not in source_names:
-            known = suggestion(channel.source, source_names, "the sources are")
+        if kinds and channel.source not in kinds:
+            known = suggestion(channel.source, kinds, "the sources are")
             problems.add((*place, "source"), f"there is no source {shown(channel.source)}; {known}")
         if channel.aggregate not in AGGREGATES:
             known = suggestion(channel.aggregate, AGGREGATES, "the aggregates are")
@@ -59,9 +63,15 @@ def check_zone(draft: ZoneDraft, source_names: Sequence[str], problems: Problems
         wrong_unit = _unit_problem(draft.network, name, channel)
         if wrong_unit:
             problems.add((*place, "unit"), wrong_unit)
+        elif draft.network is not None and name in draft.network.channels:
+            _check_use_of_energy(place, channel, draft.network.channel_unit(name), problems)
+        if draft.network is not None and name in draft.network.measured and channel.max_age is not None:
+            problems.add(
+                (*place, "max_age"), "is for inputs, which may be held; a measured temperature never is, remove it"
+            )
 
 
-def check_sources(tables: Mapping[str, CsvConfig], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+def check_sources(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
     """Every source can be opened and has the columns that the zones ask of it."""
     for name, table in tables.items():
         bindings = [binding for draft in drafts for binding in _bindings(name, draft)]
@@ -95,8 +105,11 @@ def _bindings(source: str, draft: ZoneDraft) -> list[Binding]:
     ]
 
 
-def _check_channel_names(draft: ZoneDraft, network: Network, problems: Problems) -> None:
+def _check_channel_names(
+    draft: ZoneDraft, network: Network, kinds: Mapping[str, str | None], problems: Problems
+) -> None:
     place = (*draft.place, "channels")
+    kind = next((kind for kind in kinds.values() if kind is not None), "csv")
     if draft.names is None:
         return
     for name in draft.names:
@@ -105,15 +118,43 @@ def _check_channel_names(draft: ZoneDraft, network: Network, problems: Problems)
             problems.add((*place, name), f'network "{network.name}" has no such channel; {known}')
     for name in network.channels:
         if name not in draft.names:
-            line = f'{name} = {{ source = "...", column = "...", unit = "{network.channel_unit(name)}" }}'
+            unit, example = network.channel_unit(name), SOURCE_KINDS[kind].example
+            line = f'{name} = {{ source = "...", {example}, unit = "{unit}" }}'
             problems.add((*place, name), f'is missing; network "{network.name}" needs it, so add a line such as {line}')
+
+
+def _check_mixture(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> None:
+    """No zone mixes live and recorded sources."""
+    sources = dict.fromkeys(channel.source for channel in draft.channels.values())
+    known = {name: kind for name in sources if (kind := kinds.get(name)) is not None}
+    live = [name for name, kind in known.items() if SOURCE_KINDS[kind].live]
+    recorded = [name for name in known if name not in live]
+    if live and recorded:
+        sentence = (
+            f"mix live telemetry ({', '.join(live)}) with recorded telemetry ({', '.join(recorded)}), "
+            "whose clocks differ; feed a zone from live sources only, or from recorded ones only"
+        )
+        problems.add((*draft.place, "channels"), sentence)
+
+
+def _check_use_of_energy(place: Place, channel: ChannelConfig, unit: str, problems: Problems) -> None:
+    energy = channel.unit in ENERGIES and channel.unit != unit
+    if channel.aggregate == "energy" and not energy:
+        known = ", ".join(ENERGIES)
+        problems.add((*place, "aggregate"), f'"energy" adds up amounts of energy; the unit must be one of {known}')
+    if channel.aggregate == "energy" and channel.valid is not None:
+        problems.add((*place, "valid"), "is a range of power, which amounts of energy do not have; remove it")
+    if channel.rollover is not None and not (energy and channel.aggregate != "energy"):
+        problems.add((*place, "rollover"), f"is for counters of energy, in one of {', '.join(ENERGIES)}; remove it")
+    if channel.nominal is not None and not (channel.unit == "%" and unit != "%"):
+        problems.add((*place, "nominal"), 'is the power at 100 %, for a channel of power in the unit "%"; remove it')
 
 
 def _unit_problem(network: Network | None, name: str, channel: ChannelConfig) -> str | None:
     if network is None:
         return None
     try:
-        conversion(channel.unit, network.channel_unit(name))
+        conversion(channel.unit, network.channel_unit(name), channel.nominal)
     except SourceError as error:
         return str(error)
     except NetworkError:

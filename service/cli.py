@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
+from service import cli_bms, cli_probe
 from service.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
@@ -116,6 +117,8 @@ def _parser() -> argparse.ArgumentParser:
     add_with_config("check", _check, "Explain every mistake in a configuration, without connecting to anything.")
     add_with_config("show-config", _show_config, "Print the effective configuration as TOML, every default filled in.")
 
+    cli_probe.add_to(add)
+
     demo = add("demo", _demo, "Run the daemon on a simulated two-zone home, streamed faster than real time.")
     demo.add_argument(
         "--directory", type=Path, metavar="DIR", help="keep files and state here (default: a temporary folder)"
@@ -124,14 +127,17 @@ def _parser() -> argparse.ArgumentParser:
         "--port", type=_port, default=8080, metavar="N", help="HTTP port, 0 for any free one (default 8080)"
     )
     demo.add_argument(
-        "--pace", type=_positive, default=1800.0, metavar="X", help="multiple of real time (default 1800)"
+        "--pace", type=_positive, metavar="X", help="multiple of real time (default 1800; live 600, at most 3600)"
     )
+    demo.add_argument("--days", type=_whole, metavar="N", help="length of the simulated period (default 56)")
     demo.add_argument(
-        "--days", type=_whole, default=56, metavar="N", help="length of the simulated period (default 56)"
+        "--live", action="store_true", help="read a simulated building over Modbus instead of streaming a recording"
     )
     demo.add_argument(
         "--duration", type=_positive, metavar="SECONDS", help="stop after so many seconds (default: never)"
     )
+
+    cli_bms.add_to(add)
 
     networks = add("networks", _networks, "List the network presets, or the parameters of one.")
     networks.add_argument(
@@ -238,8 +244,10 @@ def _demo(arguments: argparse.Namespace) -> int:
 
     kept = arguments.directory
     with nullcontext(kept) if kept else tempfile.TemporaryDirectory(prefix="thermogate-demo-") as directory:
-        path = write_demo(Path(directory), days=arguments.days, port=arguments.port, pace=arguments.pace)
-        config = _load(path, arguments)
+        if arguments.live:
+            return cli_bms.live_demo(Path(directory), arguments)
+        days, pace = arguments.days or 56, arguments.pace or 1800.0
+        config = _load(write_demo(Path(directory), days=days, port=arguments.port, pace=pace), arguments)
         print("\n".join(demo_requests(config)), flush=True)
         return run_daemon(config, duration=arguments.duration)
 

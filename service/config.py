@@ -13,13 +13,14 @@ from adapters.units import default_valid_range
 from estimator.network import Network
 from service.aggregation import default_aggregate
 from service.checks import ZoneDraft, check_ids, check_sources, check_use, check_zone
-from service.config_models import ChannelConfig, Config, CsvConfig, HttpConfig, SiteConfig, ZenohConfig, ZoneConfig
+from service.config_models import ChannelConfig, Config, HttpConfig, SiteConfig, SourceConfig, ZenohConfig, ZoneConfig
 from service.config_types import identifier, shown, suggestion
 from service.errors import ConfigError
 from service.network_models import PresetConfig
 from service.networks import read_network
 from service.overrides import apply_overrides
 from service.problems import Place, Problems, unknown_key
+from service.source_models import UnboundChannel
 from service.sources import SOURCE_KINDS
 
 __all__ = ["Config", "ZoneConfig", "load"]
@@ -79,10 +80,11 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     raw_sources = _raw_sources(raw, problems)
     raw_zones = _raw_zones(raw, problems)
     sources = {name: _read_source(name, table, problems, context) for name, table in raw_sources.items()}
-    drafts = [_read_zone(table, ("zones", index), problems, context) for index, table in enumerate(raw_zones)]
+    known = {name: (_kind(table), sources[name]) for name, table in raw_sources.items()}
+    drafts = [_read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
     check_ids(raw_zones, problems)
     for draft in drafts:
-        check_zone(draft, list(raw_sources), problems)
+        check_zone(draft, {name: kind for name, (kind, _) in known.items()}, problems)
     if raw_zones:
         check_use(list(raw_sources), raw_zones, problems)
     readable = {name: table for name, table in sources.items() if table is not None}
@@ -116,7 +118,7 @@ def _raw_zones(raw: Mapping[str, Any], problems: Problems) -> Sequence[Any]:
     return []
 
 
-def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str, Any]) -> CsvConfig | None:
+def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str, Any]) -> SourceConfig | None:
     place: Place = ("sources", name)
     try:
         identifier(name)
@@ -137,7 +139,33 @@ def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str
     return None
 
 
-def _read_zone(table: Any, place: Place, problems: Problems, context: Mapping[str, Any]) -> ZoneDraft:
+_Known = Mapping[str, tuple[str | None, SourceConfig | None]]
+"""The sources by name: kind and table, each None if it could not be read."""
+
+
+def _kind(table: Any) -> str | None:
+    """The kind of the source that `table` describes; None if there is no such kind."""
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return kind if isinstance(kind, str) and kind in SOURCE_KINDS else None
+
+
+def _read_channel(
+    table: Any, place: Place, sources: _Known, problems: Problems, context: Mapping[str, Any]
+) -> ChannelConfig | None:
+    """The channel in `table`, with what it takes over from its source, read by the kind of that source."""
+    name = table.get("source") if isinstance(table, dict) else None
+    kind, source = sources.get(name, (None, None)) if isinstance(name, str) else (None, None)
+    channel = problems.read(UnboundChannel if kind is None else SOURCE_KINDS[kind].channel, table, place, context)
+    if channel is None or source is None:
+        return channel
+    try:
+        return channel.within(source)
+    except ValueError as error:
+        problems.add(place, str(error))
+        return None
+
+
+def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, context: Mapping[str, Any]) -> ZoneDraft:
     """Read a zone part by part, so that a mistake in one part does not hide those in another."""
     if not isinstance(table, dict):
         problems.add(place, f"must be a [[zones]] table, not {shown(table)}")
@@ -153,7 +181,7 @@ def _read_zone(table: Any, place: Place, problems: Problems, context: Mapping[st
     if isinstance(table.get("channels"), dict):
         names = tuple(table["channels"])
         read = {
-            name: problems.read(ChannelConfig, channel, (*place, "channels", name), context)
+            name: _read_channel(channel, (*place, "channels", name), sources, problems, context)
             for name, channel in table["channels"].items()
         }
         channels = {name: channel for name, channel in read.items() if channel is not None}
@@ -168,9 +196,9 @@ def _completed(zone: ZoneConfig, network: Network) -> ZoneConfig:
         unit = network.channel_unit(name)
         believable = default_valid_range(unit)
         defaults: dict[str, Any] = {}
-        if channel.valid is None and all(map(isfinite, believable)):
+        if channel.valid is None and channel.aggregate != "energy" and all(map(isfinite, believable)):
             defaults["valid"] = believable
         if "aggregate" not in channel.model_fields_set:
-            defaults["aggregate"] = default_aggregate(unit)
+            defaults["aggregate"] = default_aggregate(unit, channel.unit)
         channels[name] = channel.model_copy(update=defaults)
     return zone.model_copy(update={"channels": channels})

@@ -10,12 +10,10 @@ import zlib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, SerializeAsAny, ValidationInfo, model_validator
 
 from service.config_types import (
-    Delimiter,
     Duration,
-    Encoding,
     Endpoint,
     FilePath,
     Flag,
@@ -23,20 +21,16 @@ from service.config_types import (
     Levels,
     LoopbackEndpoint,
     LoopbackHost,
-    NonZero,
-    Number,
-    Pace,
     Period,
     PositiveDuration,
-    Range,
     Text,
-    TimestampFormat,
-    TimeZone,
     choice,
     context,
     whole,
 )
+from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
+from service.source_models import ChannelConfig, CsvConfig
 
 Port = Annotated[int, BeforeValidator(whole(0, 65535))]
 Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("peer", "client", "router"))]
@@ -81,71 +75,8 @@ class ZenohConfig(BaseModel):
         return self
 
 
-class TimestampConfig(BaseModel):
-    """Which column holds the time, how it is written, and the time zone of naive times."""
-
-    model_config = TABLE
-
-    column: Text = Field(description='the name of the timestamp column, such as "Timestamp"')
-    format: TimestampFormat = "iso8601"
-    zone: TimeZone | None = None
-
-
-class CsvConfig(BaseModel):
-    """[sources.<name>] of kind "csv": recorded files, read in order."""
-
-    model_config = TABLE
-
-    kind: Literal["csv"] = "csv"
-    files: tuple[FilePath, ...] = Field(
-        min_length=1, description='the list of files to read in order, such as ["a.csv", "b.csv.gz"]'
-    )
-    delimiter: Delimiter = ","
-    decimal: Annotated[str, BeforeValidator(choice(".", ","))] = "."
-    encoding: Encoding = "utf-8"
-    timestamp: TimestampConfig = Field(
-        description='a table such as { column = "Timestamp", format = "iso8601", zone = "Europe/Berlin" }'
-    )
-    pace: Pace = float("inf")
-
-    @model_validator(mode="after")
-    def _readable(self) -> Self:
-        if self.delimiter == self.decimal:
-            raise ValueError(f'delimiter and decimal are both "{self.decimal}"; they must differ')
-        return self
-
-
-SourceConfig = CsvConfig
-
-
-class ChannelConfig(BaseModel):
-    """One channel of a zone: network value = (sum of columns * scale + offset), converted from `unit`."""
-
-    model_config = TABLE
-
-    source: Text = Field(description="the name of the [sources.<name>] table that delivers it")
-    column: Text | None = None
-    columns: tuple[Text, ...] | None = Field(
-        default=None, description='a list of columns to add up, such as ["my-pv1", "my-pv2"]'
-    )
-    unit: Text = Field(description='the unit that the column is in, such as "degC" or "kW"')
-    scale: NonZero = 1.0
-    offset: Number = 0.0
-    aggregate: Text = "mean"
-    valid: Range | None = Field(
-        default=None, description="two numbers, the smallest and the largest believable value in the network's unit"
-    )
-
-    @model_validator(mode="after")
-    def _one_or_several_columns(self) -> Self:
-        if (self.column is None) == (not self.columns):
-            raise ValueError("needs either column (one column) or columns (a list of columns to add up)")
-        return self
-
-    @property
-    def source_columns(self) -> tuple[str, ...]:
-        """The columns to add up, one or more."""
-        return (self.column,) if self.column is not None else self.columns or ()
+SourceConfig = Annotated[CsvConfig | ModbusConfig, Field(discriminator="kind")]
+"""The table of a source, told apart by its `kind`."""
 
 
 def default_seed(site: str, zone: str) -> int:
@@ -168,7 +99,7 @@ class ZoneConfig(BaseModel):
     hold_inputs: Duration = 900.0
     lateness: Duration = 0.0
     estimator_options: dict[str, Any] = Field(default={}, description="a table, such as particles = 9000")
-    channels: dict[str, ChannelConfig] = Field(
+    channels: dict[str, SerializeAsAny[ChannelConfig]] = Field(
         description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'
     )
 

@@ -20,14 +20,14 @@ from typing import Any
 from service.api import create_app
 from service.config_models import Config
 from service.errors import ServiceError
-from service.feeding import feed
+from service.feeding import end, feed, keep_time, watch_clock
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
 from service.http_server import HttpServer
 from service.logs import configure_logging
 from service.metrics import Metrics
 from service.publisher import Publisher
 from service.routing import Router
-from service.sources import build_source
+from service.sources import build_source, is_live
 from service.store import Store
 from service.zone import Plumbing, Zone
 
@@ -112,7 +112,7 @@ class Daemon:
                 return
             last = dict(zip(zones, preparing.result(), strict=True))
             for table in self._config.zones:
-                zones[table.id].align(make_alignment(table, last[table.id]))
+                zones[table.id].align(make_alignment(table, last[table.id]), is_live(table, self._config))
             serving = asyncio.create_task(server.run())
             workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
             try:
@@ -122,11 +122,12 @@ class Daemon:
                     if not await _before(stop, asyncio.ensure_future(waiting)):
                         return
                 tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
+                live = [zones[table.id] for table in self._config.zones if is_live(table, self._config)]
+                clocks = [keep_time(zone) for zone in live] + ([watch_clock()] if live else [])
+                tasks += [asyncio.create_task(clock) for clock in clocks]
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
+                await end(tasks)
                 await asyncio.gather(_drain(zones, workers), server.stop(serving))
         finally:
             stop.cancel()

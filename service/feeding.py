@@ -1,10 +1,12 @@
-"""One task per source: its batches, split by zone, aligned and accepted; its failures retried."""
+"""One task per source: its batches, split by zone, aligned and accepted; its failures retried. And the wall clock."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
+import random
+import time
+from collections.abc import Collection, Mapping
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
@@ -14,6 +16,18 @@ from service.zone import Zone
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 30.0
+
+TICK = 0.5
+"""How often the wall clock is looked at, in s."""
+
+GRACE = 1.0
+"""How long after its end and lateness an interval of a live zone waits for what is on its way, in s."""
+
+NOTABLE_JUMP = 2.0
+"""What the wall clock may be set by without a word, in s."""
+
+_AGAIN_SECONDS = 0.5
+"""How long a cancelled task may take to clean up before it is cancelled again, in s."""
 
 _log = logging.getLogger(__name__)
 
@@ -44,9 +58,11 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
             # Whatever else goes wrong in one source must not take the others down.
             reason = f"sources.{source.name} failed: {error!r}"
             _log.debug("%s", reason, exc_info=error)
-        _log.error("%s; trying again in %.0f s", reason, pause)
+        # Many daemons behind one switch must not all come back at the same moment.
+        wait = pause * random.uniform(0.5, 1.0)
+        _log.error("%s; trying again in %.1f s", reason, wait)
         await _tell(zones, router, source.name, reason)
-        await asyncio.sleep(pause)
+        await asyncio.sleep(wait)
         pause = min(2 * pause, LONGEST_PAUSE)
     for name in router.zones:
         await zones[name].end(source.name)
@@ -56,3 +72,42 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
 async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
     for name in router.zones:
         await zones[name].source_failed(source, reason)
+
+
+async def end(tasks: Collection[asyncio.Task[None]]) -> None:
+    """Cancel `tasks` and wait until they are over, whatever comes of them.
+
+    One cancellation may not be enough: `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its
+    answers, passes over one that meets an answer.
+    """
+    pending = set(tasks)
+    while pending:
+        for task in pending:
+            task.cancel()
+        _, pending = await asyncio.wait(pending, timeout=_AGAIN_SECONDS)
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def keep_time(zone: Zone) -> None:
+    """Let the wall clock close the intervals of a live zone, for ever: GRACE after their ends and lateness."""
+    while True:
+        await asyncio.sleep(TICK)
+        try:
+            await zone.elapse(time.time() - GRACE)
+        except Exception as error:
+            _log.error("zone '%s' cannot close its interval: %r", zone.id, error)
+
+
+async def watch_clock() -> None:
+    """Say when the wall clock of this machine is set, for ever.
+
+    After a jump forward the intervals that it passed over have no readings. After one backward readings are refused as
+    out of order until the clock has caught up with the samples there are.
+    """
+    beside = time.time() - time.monotonic()
+    while True:
+        await asyncio.sleep(TICK)
+        jump = time.time() - time.monotonic() - beside
+        if abs(jump) > NOTABLE_JUMP:
+            _log.warning("the wall clock of this machine was set by %+.1f s; live zones follow it", jump)
+            beside += jump

@@ -18,13 +18,16 @@ from service.worker import WorkerSettings, ZoneWorker
 def make_worker(zone: ZoneConfig) -> ZoneWorker:
     """A fresh worker of `zone`."""
     estimator = registry.build(zone.estimator, build_network(zone), zone.period, zone.estimator_options)
-    return ZoneWorker(estimator, WorkerSettings(zone.seed, zone.levels, zone.max_gap, zone.hold_inputs))
+    return ZoneWorker(
+        estimator, WorkerSettings(zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, _max_ages(zone))
+    )
 
 
 def make_alignment(zone: ZoneConfig, resume_after: int | None = None) -> Alignment:
     """The alignment of `zone`, going on after the sample at `resume_after` if there is one."""
     # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
-    bridged = max(zone.max_gap, ceil(zone.hold_inputs / zone.period)) + 1
+    longest = max(zone.hold_inputs, *_max_ages(zone).values(), 0.0)
+    bridged = max(zone.max_gap, ceil(longest / zone.period)) + 1
     return Alignment(
         build_network(zone),
         zone.period,
@@ -35,6 +38,10 @@ def make_alignment(zone: ZoneConfig, resume_after: int | None = None) -> Alignme
         idle_limit=bridged,
         resume_after=resume_after,
     )
+
+
+def _max_ages(zone: ZoneConfig) -> dict[str, float]:
+    return {name: table.max_age for name, table in zone.channels.items() if table.max_age is not None}
 
 
 def fingerprint(zone: ZoneConfig) -> str:

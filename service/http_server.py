@@ -30,8 +30,8 @@ class _QuietServer(uvicorn.Server):
 class HttpServer:
     """REST on the configured address. `run` serves until `stop`."""
 
-    def __init__(self, app: FastAPI, config: HttpConfig) -> None:
-        """Binds the address; ServiceError if that is impossible."""
+    def __init__(self, app: FastAPI, config: HttpConfig, setting: str = "http.port") -> None:
+        """Binds the address; ServiceError, naming the `setting` of the port, if that is impossible."""
         family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -41,7 +41,7 @@ class HttpServer:
             self._socket.close()
             raise ServiceError(
                 f"http: {config.host}:{config.port} cannot be used ({error.strerror}); "
-                "choose another http.port, or 0 for any free one"
+                f"choose another {setting}, or 0 for any free one"
             ) from error
         host, port = self._socket.getsockname()[:2]
         self.url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"

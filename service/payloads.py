@@ -146,8 +146,9 @@ class ChannelStatus(Payload):
     """When a channel last had a good reading."""
 
     channel: str
-    last_good: AwareDatetime
-    age_s: float = Field(description="s")
+    last_good: AwareDatetime | None = Field(description="null: never since the start")
+    age_s: Number = Field(description="age of last_good on the zone's clock, s")
+    stale: bool = Field(description="true if the last interval brought no good reading of it")
 
 
 class StatusPayload(Envelope):

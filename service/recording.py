@@ -12,7 +12,7 @@ from service.config_models import Config
 from service.errors import ServiceError
 from service.fitting import channels_of
 from service.routing import Router
-from service.sources import build_source
+from service.sources import SOURCE_KINDS, build_source
 
 
 class Part(NamedTuple):
@@ -30,11 +30,17 @@ async def recorded(
     """Deliver the recordings that feed `zones`, from UTC time `start` up to `end`, without any pacing.
 
     The source whose clock is furthest behind always comes next, so that no zone's intervals wait long for another
-    source. Raises ServiceError where a recording cannot be read.
+    source. Raises ServiceError where a source is live, or a recording cannot be read.
     """
-    unpaced = {name: table.model_copy(update={"pace": inf}) for name, table in config.sources.items()}
-    config = config.model_copy(update={"sources": unpaced})
     needed = {table.source for zone in config.zones if zone.id in zones for table in zone.channels.values()}
+    for name, table in config.sources.items():
+        if name in needed and SOURCE_KINDS[table.kind].live:
+            raise ServiceError(
+                f"sources.{name} is live ({table.kind}), and only recorded sources can be replayed; "
+                "name a zone that recordings feed with --zone, or replay another configuration"
+            )
+    unpaced = {name: config.sources[name].model_copy(update={"pace": inf}) for name in config.sources if name in needed}
+    config = config.model_copy(update={"sources": config.sources | unpaced})
     sources = {name: build_source(name, config) for name in config.sources if name in needed}
     routers = {name: Router(name, channels_of(name, config)) for name in sources}
     streams = {name: source.batches(start) for name, source in sources.items()}

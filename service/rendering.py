@@ -105,11 +105,16 @@ def status_payload(site: str, zone: str, status: ZoneStatus, update: Update | No
         segment=status.segment,
         outcome=None if update is None else update.outcome,
         faults=dict(status.faults),
-        channels=[
-            ChannelStatus(channel=channel, last_good=utc(when), age_s=now - when)
-            for channel, when in status.last_good.items()
-        ],
+        channels=[_channel(channel, status, now) for channel in status.channels],
     )
+
+
+def _channel(channel: str, status: ZoneStatus, now: float) -> ChannelStatus:
+    when, last = status.last_good.get(channel), status.last_sample_time
+    # Readings that were good since then are not in a sample yet.
+    stale = when is None or (last is not None and when < last)
+    age = None if when is None else now - when
+    return ChannelStatus(channel=channel, last_good=None if when is None else utc(when), age_s=age, stale=stale)
 
 
 def clock(status: ZoneStatus) -> float:

@@ -82,8 +82,7 @@ def summary(config: Config) -> list[str]:
         f"state in {config.site.state_dir}"
     ]
     for name, source in config.sources.items():
-        files = ", ".join(file.name for file in source.files)
-        lines.append(f"source {name}: {source.kind}, {_count(source.files, 'file')} ({files})")
+        lines.append(f"source {name}: {source.kind}, {source.described}")
     for zone in config.zones:
         lines += _zone_summary(zone)
     return lines
@@ -103,9 +102,8 @@ def _zone_summary(zone: ZoneConfig) -> list[str]:
         lines.append(f"  fixed parameters ({len(fixed)}): {', '.join(fixed)}")
     for name in network.channels:
         channel = zone.channels[name]
-        columns = " + ".join(channel.source_columns)
-        unit = network.channel_unit(name)
-        lines.append(f"  {name} [{unit}]: {channel.aggregate} of {columns} [{channel.unit}] from {channel.source}")
+        unit, given = network.channel_unit(name), f"{channel.address} [{channel.unit}] from {channel.source}"
+        lines.append(f"  {name} [{unit}]: {channel.aggregate} of {given}")
     return lines
 
 
@@ -114,7 +112,7 @@ def demo_requests(config: Config) -> list[str]:
     host = f"[{config.http.host}]" if ":" in config.http.host else config.http.host
     url = f"http://{host}:{config.http.port}"
     zone = config.zones[0].id
-    lines = [f"Thermogate demo: a simulated home with the zones {', '.join(zone.id for zone in config.zones)}"]
+    lines = [f"Thermogate demo: a simulated building with the zones {', '.join(zone.id for zone in config.zones)}"]
     if config.http.port == 0:
         return [*lines, "The port is chosen now and said in the log below; Ctrl-C stops."]
     return [
@@ -138,7 +136,7 @@ def preset_table() -> list[str]:
         network = presets.network(name)
         states, inputs = ", ".join(network.nodes), ", ".join(network.inputs)
         rows.append((name, states, inputs, str(len(network.parameters)), network.description))
-    return _aligned(rows)
+    return aligned(rows)
 
 
 def parameter_table(network: Network) -> list[str]:
@@ -150,10 +148,11 @@ def parameter_table(network: Network) -> list[str]:
         rows.append((parameter.name, parameter.unit, *bounds, nominal, "yes" if parameter.free else "no"))
     channels = ", ".join(f"{channel} [{network.channel_unit(channel)}]" for channel in network.channels)
     title = f"{network.name}: {network.description}" if network.description else network.name
-    return [title, f"states: {', '.join(network.nodes)}", f"channels: {channels}", *_aligned(rows)]
+    return [title, f"states: {', '.join(network.nodes)}", f"channels: {channels}", *aligned(rows)]
 
 
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """The rows of a table as lines, every column as wide as its widest cell."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(_padded(row, widths)).rstrip() for row in rows]
 

@@ -17,9 +17,10 @@ STATES = ("waiting", "running", "stalled", "failed")
 class ZoneStatus(NamedTuple):
     """How a zone is doing. Times are UTC seconds.
 
-    `state` is one of STATES and decides whether the zone counts as fed and fresh; `reason` is one sentence, empty while
-    running. `last_good` maps a channel to the time of its last good reading; `faults` counts bad readings by kind.
-    `now` is the clock that ages count from: a recording's own clock, or None for the wall clock.
+    `state` is one of STATES and decides whether the zone counts as fed and fresh; `reason` is one sentence; while
+    running it is empty, or says which live source does not deliver. `last_good` maps a channel to the time of its last
+    good reading; `faults` counts bad readings by kind. `now` is the clock that ages count from: a recording's own
+    clock, or None for the wall clock.
     """
 
     state: str
@@ -30,6 +31,8 @@ class ZoneStatus(NamedTuple):
     faults: Mapping[str, int]
     last_good: Mapping[str, float]
     now: float | None = None
+    channels: tuple[str, ...] = ()
+    """All channels of the network, also those that never had a good reading."""
 
 
 class FanStep(NamedTuple):

@@ -47,6 +47,8 @@ class WorkerSettings(NamedTuple):
     """Steps without a measured output that prediction bridges."""
     hold_inputs: float
     """Age in s up to which a missing input keeps its last value."""
+    max_ages: Mapping[str, float] = {}
+    """The same for the inputs that have an age of their own."""
 
 
 class Held(NamedTuple):
@@ -213,10 +215,10 @@ class ZoneWorker:
         for channel, value, when in zip(self.network.inputs, self.held.values, self.held.times, strict=True):
             if np.isnan(value):
                 return f"no reading of {channel} yet"
-            if now - when > self.settings.hold_inputs:
-                return (
-                    f"{channel} is {now - when:.0f} s old, older than hold_inputs = {self.settings.hold_inputs:.0f} s"
-                )
+            oldest = self.settings.max_ages.get(channel, self.settings.hold_inputs)
+            if now - when > oldest:
+                key = "its max_age" if channel in self.settings.max_ages else "hold_inputs"
+                return f"{channel} is {now - when:.0f} s old, older than {key} = {oldest:.0f} s"
         return None
 
     def _update(

@@ -80,6 +80,7 @@ class Zone:
         self.id = name
         self.estimator = estimator
         self._alignment: Alignment | None = None
+        self._live = False
         self._fingerprint = fingerprint
         self._make_worker = make_worker
         self._plumbing = plumbing
@@ -87,6 +88,7 @@ class Zone:
         self.network = self._worker.network
         self.period = float(self._worker.period)
         self._mailbox: asyncio.Queue[Sample | _Mark] = asyncio.Queue(MAILBOX)
+        self._accepting = asyncio.Lock()
         self._failure: str | None = None
         self._trouble: dict[str, str] = {}
         """Why a source does not deliver, by its name."""
@@ -108,18 +110,19 @@ class Zone:
         clocks = tuple(self._clocks.values())
         if self._failure is not None:
             state, reason = "failed", self._failure
-        elif trouble:
+        elif trouble and not self._live:
             state, reason = "stalled", trouble[0]
         elif progress.stalled is not None and self._worker.latest is not None:
-            state, reason = "stalled", progress.stalled
+            state, reason = "stalled", "; ".join((progress.stalled, *trouble))
         elif self._worker.latest is None:
-            state, reason = "waiting", progress.stalled or "no complete sample yet"
+            state, reason = "waiting", "; ".join((progress.stalled or "no complete sample yet", *trouble))
             if self._ended:
                 reason = "its recording has come to an end without one complete sample; see the faults"
         elif self._ended:
             state, reason = "stalled", "its recording has come to an end; the last forecast stands"
         else:
-            state, reason = "running", ""
+            # The clock of a live zone goes on without its sources: for a while held inputs carry the forecasts.
+            state, reason = "running", "; ".join(trouble)
         return ZoneStatus(
             state=state,
             reason=reason,
@@ -128,6 +131,7 @@ class Zone:
             segment=progress.segment,
             faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
             last_good=dict(alignment.last_good) if alignment else {},
+            channels=self.network.channels,
             now=min(clocks, default=None),
         )
 
@@ -172,16 +176,23 @@ class Zone:
             )
         return await store.last_sample_time(self.id)
 
-    def align(self, alignment: Alignment) -> None:
-        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`."""
-        self._alignment = alignment
+    def align(self, alignment: Alignment, live: bool = False) -> None:
+        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
+        wall clock (`elapse`), not by what its sources say the time is."""
+        self._alignment, self._live = alignment, live
 
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         assert self._alignment is not None
         self._trouble.pop(source, None)
-        self._clocks[source] = now
+        if not self._live:
+            self._clocks[source] = now
         await self.accept(self._alignment.add(source, readings, now))
+
+    async def elapse(self, now: float) -> None:
+        """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
+        assert self._alignment is not None
+        await self.accept(self._alignment.elapse(now))
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
@@ -202,11 +213,13 @@ class Zone:
 
     async def accept(self, samples: Iterable[Sample]) -> None:
         """Make samples durable and hand them to the worker."""
-        for sample in samples:
-            await self._append(sample)
-            # While the zone is failed the journal alone takes samples; the recovery reads them from there.
-            if self._failure is None:
-                await self._mailbox.put(sample)
+        # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
+        async with self._accepting:
+            for sample in samples:
+                await self._append(sample)
+                # While the zone is failed the journal alone takes samples; the recovery reads them from there.
+                if self._failure is None:
+                    await self._mailbox.put(sample)
 
     async def prepare(self) -> int | None:
         """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch

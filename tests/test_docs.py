@@ -21,7 +21,15 @@ from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
 from estimator import augmented_options, options, presets
 from estimator.types import Outcome
-from service import api_models, api_problems, config_models, network_models, payloads
+from service import (
+    api_models,
+    api_problems,
+    config_models,
+    modbus_models,
+    network_models,
+    payloads,
+    source_models,
+)
 from service.aggregation import AGGREGATES, default_aggregate
 from service.cli import main
 from service.config import load
@@ -41,10 +49,14 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[site]`": config_models.SiteConfig,
     "`[http]`": config_models.HttpConfig,
     "`[zenoh]`": config_models.ZenohConfig,
-    "`[sources.<name>]`": config_models.CsvConfig,
-    "`timestamp`": config_models.TimestampConfig,
+    "Recorded files": source_models.CsvConfig,
+    "Modbus": modbus_models.ModbusConfig,
+    "`serial`": modbus_models.SerialConfig,
+    "`timestamp`": source_models.TimestampConfig,
     "`[[zones]]`": config_models.ZoneConfig,
-    "`[zones.channels]`": config_models.ChannelConfig,
+    "`[zones.channels]`": source_models.ChannelConfig,
+    "Channels of recorded files": source_models.CsvChannelConfig,
+    "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
     "`solar`": network_models.SolarConfig,
@@ -109,6 +121,8 @@ def with_recordings(text: str, folder: Path) -> Path:
     """The configuration `text` as a file in `folder`, with a recording of the right columns for every file it names."""
     raw = tomllib.loads(text)
     for name, source in raw["sources"].items():
+        if source["kind"] != "csv":
+            continue
         channels = [channel for zone in raw["zones"] for channel in zone["channels"].values()]
         columns = [source["timestamp"]["column"]]
         for channel in channels:
@@ -159,14 +173,23 @@ def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().out in TEXT["configuration.md"]
 
 
+def own_fields(model: type[BaseModel]) -> set[str]:
+    """The keys of a table; of a channel of some kind of source those that not every channel has."""
+    common = source_models.ChannelConfig
+    return set(model.model_fields) - (
+        set(common.model_fields) if issubclass(model, common) and model is not common else set()
+    )
+
+
 @pytest.mark.parametrize("heading", TABLES)
 def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
-    assert sorted(first_names(tables(section("configuration.md", heading))[0])) == sorted(TABLES[heading].model_fields)
+    documented = first_names(tables(section("configuration.md", heading))[0])
+    assert sorted(documented) == sorted(own_fields(TABLES[heading]))
 
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
-    described = {config_models.Config, *TABLES.values()}
-    for module in (config_models, network_models):
+    described = {config_models.Config, source_models.UnboundChannel, *TABLES.values()}
+    for module in (config_models, modbus_models, network_models, source_models):
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
                 assert value in described, f"{value.__name__} has no table in configuration.md"
@@ -179,7 +202,7 @@ def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
         "`[site]`": effective["site"],
         "`[http]`": effective["http"],
         "`[zenoh]`": effective["zenoh"],
-        "`[sources.<name>]`": effective["sources"]["export"],
+        "Recorded files": effective["sources"]["export"],
         "`timestamp`": effective["sources"]["export"]["timestamp"],
         "`[[zones]]`": zone | {"estimator_options": {}},
         "`[zones.channels]`": zone["channels"]["T_i"],
@@ -194,11 +217,12 @@ def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
 def test_units_and_their_defaults_are_those_in_force() -> None:
     units, rules = tables(section("configuration.md", "`[zones.channels]`"))[1:]
     for unit, convertible, valid, rule in units[1:-1]:
-        assert all(conversion(other, unit) for other in names(convertible))
+        assert all(conversion(other, unit, nominal=1.0) for other in names(convertible) if other != "nominal")
         believable = default_valid_range(unit)
         assert [float(number) for number in re.findall(r"-?\d+(?:e\d+)?", valid)] in ([*believable], [])
         assert (valid == "none") == (believable[1] == float("inf"))
-        assert names(rule) == [default_aggregate(unit)]
+        assert names(rule)[:1] == [default_aggregate(unit)]
+        assert names(rule)[1:] in ([], [default_aggregate(unit, "kWh")])
     assert first_names(rules) == list(AGGREGATES)
 
 
@@ -259,6 +283,19 @@ def model_of(mark: str) -> tuple[type[BaseModel], bool]:
         if hasattr(module, match[1]):
             return getattr(module, match[1]), match[2] is not None
     raise AssertionError(f"there is no payload {match[1]}")
+
+
+def test_documented_defaults_of_modbus_are_those_in_force() -> None:
+    source = modbus_models.ModbusConfig.model_validate({"host": "10.0.0.5", "first_register": 0})
+    serial = modbus_models.SerialConfig.model_validate({"device": "/dev/ttyUSB0"})
+    for heading, model in (("Modbus", source), ("`serial`", serial)):
+        values = model.model_dump(mode="json")
+        for key, _, default, _ in tables(section("configuration.md", heading))[0][1:]:
+            (name,) = names(key)
+            if default.startswith("`"):
+                assert tomllib.loads(f"v = {default.strip('`')}")["v"] == values[name], f"{heading} {name}"
+            else:
+                assert default == "required" or name == "host" or values[name] is None
 
 
 @pytest.mark.parametrize("block", blocks("json"))

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adapters.csv_source import CsvChannel, CsvSource
+from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.reading import Fault, Quality, Reading
 from adapters.units import conversion
@@ -92,7 +93,7 @@ def test_an_unnamed_first_column_can_be_the_timestamp(tmp_path):
 
 def test_columns_are_summed_then_scaled_then_converted(tmp_path):
     path = write(tmp_path / "a.csv", "t,a,b\n0,0.5,0.25\n10,1,\n20,x,1\n30,,x\n40,1,1\n")
-    heat = CsvChannel("z/u", ("a", "b"), 2.0, 0.1, conversion("kW", "W"), (0.0, 3000.0))
+    heat = CsvChannel("z/u", ("a", "b"), Edge(2.0, 0.1, conversion("kW", "W"), (0.0, 3000.0)))
     assert readings(source(path, channels=[heat], timestamp_format="epoch")) == [
         Reading("z/u", 0.0, 1600.0),
         Reading("z/u", 20.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.NON_NUMERIC),
@@ -104,7 +105,7 @@ def test_columns_are_summed_then_scaled_then_converted(tmp_path):
 def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path):
     lines = ["t,T", "0,20", "10,broken", "20,nan", "30,-inf", "40,81", "50,", "60,NA", "70,21"]
     path = write(tmp_path / "a.csv", "\n".join(lines))
-    channel = CsvChannel("z/T", ("T",), valid=(-60.0, 80.0))
+    channel = CsvChannel("z/T", ("T",), Edge(valid=(-60.0, 80.0)))
     got = readings(source(path, channels=[channel], timestamp_format="epoch"))
     assert [(reading.time, reading.fault) for reading in got] == [
         (0.0, None),

@@ -86,7 +86,9 @@ class FakeZone:
         last = self.updates[-1].time if self.updates else None
         now = None if last is None else last + PERIOD + 60.0
         seen = dict.fromkeys(self.network.channels, last + 120.0) if last is not None else {}
-        return ZoneStatus(self.state, self.reason, last, len(self.updates), 0, self.faults, seen, now)
+        return ZoneStatus(
+            self.state, self.reason, last, len(self.updates), 0, self.faults, seen, now, self.network.channels
+        )
 
     def latest(self) -> Update | None:
         return self.updates[-1] if self.updates else None

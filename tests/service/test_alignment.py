@@ -68,7 +68,7 @@ def test_a_sum_beyond_all_numbers_is_bad_and_not_infinite():
 
 
 def test_wrong_settings_are_refused_with_the_right_ones():
-    with pytest.raises(ConfigError, match="aggregate 'median' is unknown; the aggregates are mean, first, last, min"):
+    with pytest.raises(ConfigError, match="aggregate 'median' is unknown; the aggregates are mean, time_weighted"):
         alignment({"T_i": "median"})
     with pytest.raises(ConfigError, match="channel 'T_adj' is unknown; the channels are T_i, T_out, u_heat"):
         alignment({"T_adj": "mean"})

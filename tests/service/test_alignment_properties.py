@@ -60,7 +60,7 @@ def test_whatever_comes_samples_lie_on_the_grid_and_rise_in_time(rounds):
         assert silent <= IDLE_LIMIT
 
 
-@pytest.mark.parametrize("rule", ["mean", "first", "last", "min", "max"])
+@pytest.mark.parametrize("rule", ["mean", "time_weighted", "first", "last", "min", "max"])
 @settings(deadline=None, max_examples=60)
 @given(rounds=batches)
 def test_a_value_lies_within_the_readings_of_its_interval_and_bad_means_none(rule, rounds):
@@ -95,7 +95,7 @@ plain = st.builds(Reading, st.just("T_i"), st.floats(0, 3000), st.floats(-50, 50
 @settings(deadline=None, max_examples=60)
 @given(st.lists(plain, unique_by=lambda reading: reading.time))
 def test_the_order_of_arrival_inside_open_intervals_does_not_matter(unordered):
-    for rule in ("mean", "sum", "first", "last"):
+    for rule in ("mean", "time_weighted", "sum", "first", "last"):
         _, samples = aligned([("a", unordered, nan)], rule)
         _, ordered = aligned([("a", [reading], nan) for reading in sorted(unordered, key=lambda r: r.time)], rule)
         assert [(sample.time, str(sample.outputs)) for sample in samples] == [

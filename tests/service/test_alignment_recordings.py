@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from adapters.csv_source import CsvChannel, CsvSource
+from adapters.edge import Edge
 from adapters.units import conversion, default_valid_range
 from estimator.presets import SOLAR_APERTURE, network
 from service.alignment import Alignment
@@ -38,8 +39,10 @@ def test_flexhouse_gives_one_sample_per_row():
         CsvChannel(
             f"flexhouse/{channel}",
             (column,),
-            conversion=conversion(unit, zone.channel_unit(channel)),
-            valid=default_valid_range(zone.channel_unit(channel)),
+            Edge(
+                conversion=conversion(unit, zone.channel_unit(channel)),
+                valid=default_valid_range(zone.channel_unit(channel)),
+            ),
         )
         for channel, (column, unit) in bindings.items()
     ]
@@ -85,9 +88,9 @@ def ecolar_day(tmp_path):
 def ecolar(path, **settings):
     zone = network("ecolar-6r4c")
     channels = [
-        CsvChannel(f"living/{channel}", columns, conversion=conversion("kW" if channel == "u_heat" else "degC", unit))
+        CsvChannel(f"living/{channel}", columns, Edge(conversion=conversion(given, unit)))
         for channel, columns in ECOLAR_COLUMNS.items()
-        for unit in [zone.channel_unit(channel)]
+        for unit, given in [(zone.channel_unit(channel), "kW" if channel == "u_heat" else "degC")]
     ]
     recording = CsvSource("raw", [path], channels, timestamp_column="Timestamp", zone="Europe/Berlin")
     return recording, channels, Alignment(zone, 300, {}, sources=["raw"], zone="living", **settings)

@@ -65,7 +65,9 @@ def test_version(capsys: Capture) -> None:
     assert capsys.readouterr().out.startswith("thermogate ")
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["check"], ["show-config"], ["demo"], ["networks"], ["replay"]])
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["check"], ["show-config"], ["demo"], ["simulate-bms"], ["networks"], ["replay"]]
+)
 def test_help(command: list[str], capsys: Capture) -> None:
     assert main([*command, "--help"]) == 0
 
@@ -91,6 +93,10 @@ def test_help(command: list[str], capsys: Capture) -> None:
         (["demo", "--pace", "0"], "'0' is not"),
         (["demo", "--pace", "fast"], "'fast' is not"),
         (["demo", "--days", "0"], "'0' is not a whole number"),
+        (["demo", "--live", "--days", "3"], "--days is the length of a recording"),
+        (["demo", "--live", "--pace", "9000"], "--pace 9000: a --live building lives at 0.01 to 3600"),
+        (["simulate-bms", "--zones", "0"], "'0' is not a whole number from 1 to 80"),
+        (["simulate-bms", "--zenoh", "nowhere"], "is not an endpoint"),
         (["demo", "--duration", "inf"], "'inf' is not a number above 0"),
     ],
 )

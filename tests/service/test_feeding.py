@@ -9,7 +9,7 @@ import pytest
 import service.feeding
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Batch, Reading
-from service.feeding import feed
+from service.feeding import end, feed
 from service.routing import Router
 
 
@@ -62,6 +62,7 @@ def pauses(monkeypatch):
         slept.append(seconds)
 
     monkeypatch.setattr(service.feeding.asyncio, "sleep", sleep)
+    monkeypatch.setattr(service.feeding.random, "uniform", lambda lower, upper: upper)
     return slept
 
 
@@ -110,3 +111,31 @@ def test_an_unexpected_error_is_retried_without_a_traceback(pauses, caplog):
     assert told[-1] == ("end", "bms")
     assert pauses == [1.0]
     assert "Traceback" not in caplog.text
+
+
+def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
+    monkeypatch.setattr(service.feeding, "_AGAIN_SECONDS", 0.01)
+
+    async def polls():
+        while True:
+            begun.set()
+            # What wait_for of Python 3.11 does with a cancellation in the moment in which its answer arrives.
+            try:
+                await asyncio.Event().wait()
+            except asyncio.CancelledError:
+                if missed:
+                    raise
+                missed.append(True)
+
+    async def fails():
+        raise ValueError("no longer of interest")
+
+    async def main():
+        tasks = [asyncio.create_task(work) for work in (polls(), fails())]
+        await begun.wait()
+        await end(tasks)
+        assert tasks[0].cancelled()
+
+    missed, begun = [], asyncio.Event()
+    asyncio.run(main())
+    assert missed

@@ -174,4 +174,4 @@ def test_status_without_a_clock_counts_on_the_wall_clock() -> None:
 def test_status_of_a_zone_without_samples() -> None:
     document = strict(to_json(status_payload("s", "z", FakeZone("z", state="waiting", reason="cold").status(), None)))
     assert (document["last_sample_time"], document["age_s"], document["reason"]) == (None, None, "cold")
-    assert document["channels"] == []
+    assert document["channels"][0] == {"channel": "T_air", "last_good": None, "age_s": None, "stale": True}

@@ -1,0 +1,86 @@
+"""From a raw number to a reading in the network's unit: scale, offset, unit, counters, and what is believable."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite, nan
+
+from adapters.reading import Fault, Quality, Reading
+from adapters.units import IDENTITY, Affine
+
+
+@dataclass(frozen=True)
+class Edge:
+    """How the raw values of a channel become values in the network's unit.
+
+    Raw value times `scale` plus `offset` is in the channel's own unit; `conversion` takes it to the network's, in which
+    `valid` bounds what is believed. A `counter` counts energy: the difference of two readings over the time between
+    them is the value. `rollover` is the raw value at which it starts again from 0, None if it never does.
+    """
+
+    scale: float = 1.0
+    offset: float = 0.0
+    conversion: Affine = IDENTITY
+    valid: tuple[float, float] = (-inf, inf)
+    counter: bool = False
+    rollover: float | None = None
+
+    def value(self, raw: float) -> float:
+        """`raw` in the network's unit (of a counter: in that unit times s)."""
+        return (raw * self.scale + self.offset) * self.conversion.scale + self.conversion.offset
+
+    def fault(self, value: float) -> Fault | None:
+        """Why `value`, in the network's unit, cannot be believed, or None."""
+        if not isfinite(value):
+            return Fault.NOT_FINITE
+        return None if self.valid[0] <= value <= self.valid[1] else Fault.OUT_OF_RANGE
+
+
+PLAIN = Edge()
+
+
+class Converter:
+    """Makes readings of `channel` out of raw values that come in the order of time; remembers a counter's last one."""
+
+    def __init__(self, channel: str, edge: Edge, *, dated_at_start: bool = True, longest_stretch: float = inf) -> None:
+        """`dated_at_start`: a counter's power is dated when the stretch began that it is the mean of, as in a
+        recording, whose time stamps say when a value begins to hold; or when that ended, as in live telemetry, where
+        intervals close meanwhile. `longest_stretch`: no power is made of a longer one, in s."""
+        self._channel, self._edge = channel, edge
+        self._dated_at_start, self._longest = dated_at_start, longest_stretch
+        self._last: tuple[float, float, Quality] | None = None
+
+    def reading(self, time: float, raw: float, quality: Quality = Quality.GOOD) -> Reading | None:
+        """The reading that `raw` brings; None for the first reading of a counter, which is no power yet."""
+        if self._edge.counter:
+            return self._power(time, raw, quality)
+        return self._believed(time, self._edge.value(raw), quality)
+
+    def bad(self, time: float, fault: Fault) -> Reading:
+        """A reading that could not be had or is not to be used."""
+        return Reading(self._channel, time, nan, Quality.BAD, fault)
+
+    def _power(self, time: float, raw: float, quality: Quality) -> Reading | None:
+        if not isfinite(raw):
+            return self.bad(time, Fault.NOT_FINITE)
+        last, self._last = self._last, (time, raw, quality)
+        if last is None or not 0 < time - last[0] <= self._longest:
+            return None
+        stretch = time - last[0]
+        when = last[0] if self._dated_at_start else time
+        counted = self._counted(raw - last[1])
+        value = counted * self._edge.scale * self._edge.conversion.scale / stretch
+        if counted < 0 or (raw < last[1] and self._edge.fault(value)):
+            return self.bad(when, Fault.COUNTER_RESET)
+        return self._believed(when, value, Quality.UNCERTAIN if Quality.UNCERTAIN in (quality, last[2]) else quality)
+
+    def _counted(self, difference: float) -> float:
+        """What was counted between two raw values; less than 0 if the counter was set back."""
+        rollover = self._edge.rollover
+        # A counter read every few seconds never goes half way round meanwhile: that is a new meter, or one set to 0.
+        rolled = difference < 0 and rollover is not None and difference + rollover <= rollover / 2
+        return difference + rollover if rolled and rollover is not None else difference
+
+    def _believed(self, time: float, value: float, quality: Quality) -> Reading:
+        fault = self._edge.fault(value)
+        return Reading(self._channel, time, value, quality) if fault is None else self.bad(time, fault)

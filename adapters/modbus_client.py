@@ -1,0 +1,181 @@
+"""The connection to a Modbus device or gateway: pymodbus behind four verbs, its errors as ours. It can only read."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import termios
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.client.base import ModbusBaseClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerType
+from pymodbus.pdu import ModbusPDU
+
+from adapters.errors import SourceUnavailable
+
+TRANSPORTS = ("tcp", "rtu-over-tcp", "rtu")
+
+EXCEPTIONS = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "device failure",
+    5: "acknowledge",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target does not respond",
+}
+"""What exception codes mean (Modbus application protocol 1.1b3, 7)."""
+
+_ABOUT_THE_UNIT = {5, 6, 10, 11}
+"""Codes that say that the unit cannot answer now, whatever it is asked."""
+
+# A silent unit behind a gateway is no reason to drop the connection; the source decides that.
+_NEVER = 1 << 30
+
+# What the library says in its log, the errors here say in the operator's words.
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+
+
+class NoAnswer(Exception):
+    """The unit did not answer, or cannot answer now; the connection may be sound."""
+
+
+class Refused(Exception):
+    """The device answered that it has no such registers, or does not give them away; the text says why."""
+
+
+class Answer(NamedTuple):
+    """Registers (0 to 65535) or bits (0 and 1), and the UTC s when they arrived."""
+
+    words: list[int]
+    time: float
+
+
+@dataclass(frozen=True)
+class Line:
+    """How to reach a device: over TCP at `host` and `port`, or at the serial port `device`.
+
+    `timeout` (s) holds for connecting and for every answer; a request is repeated `retries` times, and `pause` s are
+    kept between two requests.
+    """
+
+    transport: str = "tcp"
+    host: str = ""
+    port: int = 502
+    device: str = ""
+    baudrate: int = 19200
+    parity: str = "E"
+    data_bits: int = 8
+    stop_bits: int = 1
+    timeout: float = 3.0
+    retries: int = 1
+    pause: float = 0.0
+
+    @property
+    def place(self) -> str:
+        """Where it leads to."""
+        return self.device if self.transport == "rtu" else f"{self.host}:{self.port}"
+
+
+class ModbusLink:
+    """One connection; requests go out one after the other. Made inside the event loop that uses it."""
+
+    def __init__(self, line: Line) -> None:
+        self._line = line
+        self._client = _client(line)
+        self._client.set_max_no_responses(_NEVER)
+        self._free_at = 0.0
+
+    async def open(self) -> None:
+        """Connect. Raises SourceUnavailable with the reason and the remedy."""
+        try:
+            connected = await self._client.connect()
+        except (ModbusException, OSError, ValueError, termios.error) as error:
+            # The serial library's own errors are OSErrors; settings that a port does not know are termios.error.
+            raise SourceUnavailable(f"{self._line.place} cannot be opened ({error}); {self._remedy()}") from error
+        if not connected:
+            raise SourceUnavailable(f"no connection to {self._line.place}; {self._remedy()}")
+
+    async def read(self, unit: int, table: str, address: int, count: int) -> Answer:
+        """Read from a table. Raises NoAnswer, Refused, or SourceUnavailable once the connection is lost."""
+        for attempt in range(self._line.retries + 1):
+            await self._wait_for_the_line()
+            try:
+                response = await self._ask(unit, table, address, count)
+                arrived = time.time()
+            except ModbusException as error:
+                if not self._client.connected:
+                    raise SourceUnavailable(
+                        f"{self._line.place} has closed the connection; {self._remedy()}"
+                    ) from error
+                if attempt < self._line.retries:
+                    continue
+                raise NoAnswer(f"no answer within {self._line.timeout:g} s") from error
+            finally:
+                self._free_at = asyncio.get_running_loop().time() + self._line.pause
+            return Answer(_words(response, table, count), arrived)
+        raise AssertionError("the last attempt returns or raises")
+
+    def close(self) -> None:
+        """Close the connection; safe to call twice."""
+        self._client.close()
+
+    async def _ask(self, unit: int, table: str, address: int, count: int) -> ModbusPDU:
+        client = self._client
+        if table == "holding":
+            return await client.read_holding_registers(address, count=count, device_id=unit)
+        if table == "input":
+            return await client.read_input_registers(address, count=count, device_id=unit)
+        if table == "coil":
+            return await client.read_coils(address, count=count, device_id=unit)
+        return await client.read_discrete_inputs(address, count=count, device_id=unit)
+
+    async def _wait_for_the_line(self) -> None:
+        wait = self._free_at - asyncio.get_running_loop().time()
+        if wait > 0:
+            await asyncio.sleep(wait)
+
+    def _remedy(self) -> str:
+        if self._line.transport == "rtu":
+            return "check the cable, the name of the serial port and the right to use it"
+        return "check that the device is on, the cable, host and port"
+
+
+def _client(line: Line) -> ModbusBaseClient:
+    # Reconnecting and repeating are ours: the library would do both where nobody sees it.
+    if line.transport == "rtu":
+        return AsyncModbusSerialClient(
+            line.device,
+            baudrate=line.baudrate,
+            parity=line.parity,
+            bytesize=line.data_bits,
+            stopbits=line.stop_bits,
+            timeout=line.timeout,
+            retries=0,
+            reconnect_delay=0,
+        )
+    framer = FramerType.RTU if line.transport == "rtu-over-tcp" else FramerType.SOCKET
+    return AsyncModbusTcpClient(
+        line.host, port=line.port, framer=framer, timeout=line.timeout, retries=0, reconnect_delay=0
+    )
+
+
+def _words(response: ModbusPDU, table: str, count: int) -> list[int]:
+    if response.isError():
+        code = response.exception_code
+        meaning = f"exception {code} ({EXCEPTIONS.get(code, 'of its maker')})"
+        if code in _ABOUT_THE_UNIT:
+            raise NoAnswer(f"it answers with {meaning}")
+        raise Refused(meaning)
+    # Bits come in whole bytes, more of them than were asked for.
+    bits = [int(bit) for bit in response.bits[:count]]
+    words = list(response.registers) if table in ("holding", "input") else bits
+    if len(words) != count:
+        raise NoAnswer(f"it answers with {len(words)} values instead of {count}")
+    return words

@@ -1,0 +1,80 @@
+"""Which requests read a set of Modbus points: neighbours together, small gaps filled, none longer than allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+REGISTERS_AT_MOST = 125
+"""Registers that one answer can hold (Modbus application protocol 1.1b3, 6.3)."""
+
+BITS_AT_MOST = 2000
+
+TABLES = ("holding", "input", "coil", "discrete")
+"""The four tables of a device; the last two are of bits."""
+
+
+class Point(NamedTuple):
+    """Where the number of a channel is: `size` registers or bits of a unit from `address` on, counted from 0."""
+
+    unit: int
+    table: str
+    address: int
+    size: int
+
+
+class Request(NamedTuple):
+    """One read of `size` registers or bits from `address` on, and the points that it covers, in ascending order."""
+
+    unit: int
+    table: str
+    address: int
+    size: int
+    points: tuple[Point, ...]
+
+
+class Limits(NamedTuple):
+    """What a device allows: registers in a request, and registers without a channel that are read for the sake of fewer
+    requests. Of bits it is sixteen times as many. Without `batch` every point has a request of its own."""
+
+    batch: bool = True
+    registers: int = REGISTERS_AT_MOST
+    gap: int = 0
+
+
+def plan(points: Iterable[Point], limits: Limits) -> list[Request]:
+    """The requests that read `points`, in the order of unit, table and address; equal points are read once."""
+    requests: list[list[Point]] = []
+    for point in sorted(set(points)):
+        if requests and limits.batch and _fits(requests[-1], point, limits):
+            requests[-1].append(point)
+        else:
+            requests.append([point])
+    return [spanning(members) for members in requests]
+
+
+def spanning(points: Iterable[Point]) -> Request:
+    """One request for `points` of one unit and table."""
+    members = tuple(sorted(points))
+    address = members[0].address
+    return Request(*members[0][:3], _end(members) - address, members)
+
+
+def halves(request: Request) -> tuple[Request, Request]:
+    """Two requests for the points of one that has several, each without what lies between them."""
+    middle = len(request.points) // 2
+    return spanning(request.points[:middle]), spanning(request.points[middle:])
+
+
+def _fits(members: list[Point], point: Point, limits: Limits) -> bool:
+    if members[0][:2] != point[:2]:
+        return False
+    bits = point.table in ("coil", "discrete")
+    longest = min(BITS_AT_MOST, 16 * limits.registers) if bits else limits.registers
+    gap = 16 * limits.gap if bits else limits.gap
+    end = _end(members)
+    return point.address - end <= gap and max(end, point.address + point.size) - members[0].address <= longest
+
+
+def _end(points: Iterable[Point]) -> int:
+    return max(point.address + point.size for point in points)

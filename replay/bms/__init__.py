@@ -1,0 +1,1 @@
+"""A building that lives behind a Modbus server and a Zenoh publisher: `thermogate simulate-bms`."""

@@ -1,0 +1,219 @@
+"""The fault menu: what can go wrong in the plant, switched on and off while it runs, at once or later."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from replay.bms.plant import Channel, Device
+from replay.errors import ReplayError
+from service.durations import parse_duration
+
+
+class FaultError(ReplayError):
+    """A fault that the plant cannot have."""
+
+
+class Kind(NamedTuple):
+    """What a kind of fault acts on, what its `value` means, and the value when none is given."""
+
+    scope: str
+    default: float | None
+    lowest: float
+    highest: float
+    value_unit: str
+    meaning: str
+
+
+_ANY = math.inf
+MENU: dict[str, Kind] = {
+    "freeze": Kind("channel", None, 0, 0, "", "the value stays as it was when the fault began"),
+    "nan": Kind("channel", None, 0, 0, "", "no value: NaN in floats, the sentinel in integers, bad quality on Zenoh"),
+    "drift": Kind("channel", 0.1, -_ANY, _ANY, "units per minute", "the value moves away from the truth steadily"),
+    "swapped-words": Kind("registers", None, 0, 0, "", "the words of values longer than one register change places"),
+    "exception": Kind("requests", 4.0, 1, 11, "exception code", "requests are answered with a Modbus exception"),
+    "slow": Kind("requests", 2.0, 0, 3600, "s", "answers come late"),
+    "silent": Kind("requests", None, 0, 0, "", "requests are not answered, and nothing is published on Zenoh"),
+    "drop": Kind("requests", None, 0, 0, "", "the TCP connection is closed instead of an answer"),
+    "clock-jump": Kind("clock", 3600.0, -_ANY, _ANY, "s", "timestamps of what is published on Zenoh are off"),
+    "window": Kind("room", 80.0, 0, 1000, "W/K", "a window is left open: heat is lost that nothing measures"),
+}
+
+
+def _duration(value: object) -> float:
+    if isinstance(value, str) and value.replace(".", "", 1).isdecimal():
+        value = float(value)
+    return parse_duration(value)
+
+
+Duration = Annotated[float, BeforeValidator(_duration)]
+
+
+class FaultSpec(BaseModel):
+    """A fault as it is asked for. `device` None is every one, `channel` None all of the device's.
+
+    Durations are in real time: a number of seconds, or text such as "5min". Without `for` it lasts until it is removed.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    kind: str
+    device: str | None = None
+    channel: str | None = None
+    value: float | None = Field(default=None, allow_inf_nan=False)
+    after: Duration = 0.0
+    duration: Duration | None = Field(default=None, alias="for")
+
+
+class Fault(NamedTuple):
+    """A fault of the board: its number, what it is, and from when to when (seconds of the board's clock)."""
+
+    id: int
+    spec: FaultSpec
+    value: float
+    begins: float
+    ends: float
+
+    def concerns(self, device: str, channel: str | None) -> bool:
+        """Whether it acts on this channel of the device; `channel` None asks for the device as a whole."""
+        if self.spec.device not in (None, device):
+            return False
+        return self.spec.channel is None or self.spec.channel == channel
+
+
+def parse_spec(text: str) -> FaultSpec:
+    """A fault from the command line: KIND[:DEVICE[/CHANNEL]][,value=V][,after=D][,for=D]; FaultError otherwise."""
+    what, *settings = text.split(",")
+    kind, _, where = what.partition(":")
+    device, _, channel = where.partition("/")
+    given: dict[str, Any] = {"kind": kind.strip(), "device": device.strip() or None, "channel": channel.strip() or None}
+    for setting in settings:
+        name, equals, value = (part.strip() for part in setting.partition("="))
+        if not equals or name not in ("value", "after", "for"):
+            raise FaultError(f'--fault {text}: "{setting}" must be value=..., after=... or for=..., as in {_EXAMPLE}')
+        given[name] = value
+    try:
+        return FaultSpec.model_validate(given)
+    except ValidationError as error:
+        raise FaultError(f"--fault {text}: {explain(error)}") from None
+
+
+_EXAMPLE = "drift:room1/T_air,value=0.5,after=10min,for=1h"
+
+
+def explain(error: ValidationError) -> str:
+    """What is wrong, in one sentence."""
+    return "; ".join(
+        f"{'.'.join(map(str, problem['loc']))}: {problem['msg'].removeprefix('Value error, ')}"
+        for problem in error.errors()
+    )
+
+
+class FaultBoard:
+    """The faults that act now or will; `clock` gives seconds that never jump."""
+
+    def __init__(self, plant: Sequence[Device], clock: Callable[[], float]) -> None:
+        self._devices = {device.name: device for device in plant}
+        self._clock = clock
+        self._faults: list[Fault] = []
+        self._frozen: dict[tuple[int, str, str], float] = {}
+        self._ids = itertools.count(1)
+
+    def add(self, spec: FaultSpec) -> Fault:
+        """Switch a fault on, now or when its `after` has passed; FaultError says why the plant cannot have it."""
+        kind = self._checked(spec)
+        begins = self._clock() + spec.after
+        ends = math.inf if spec.duration is None else begins + spec.duration
+        value = spec.value if spec.value is not None else kind.default or 0.0
+        fault = Fault(next(self._ids), spec, value, begins, ends)
+        self._faults.append(fault)
+        return fault
+
+    def remove(self, number: int) -> bool:
+        """Switch fault `number` off; whether there was one."""
+        before = len(self._faults)
+        self._faults = [fault for fault in self._faults if fault.id != number]
+        self._frozen = {key: value for key, value in self._frozen.items() if key[0] != number}
+        return len(self._faults) < before
+
+    def clear(self) -> None:
+        """Switch every fault off."""
+        self._faults, self._frozen = [], {}
+
+    def listed(self) -> list[tuple[Fault, float]]:
+        """Every fault that acts or will, with the seconds from now to its beginning (negative: it acts)."""
+        now = self._clock()
+        for fault in [fault for fault in self._faults if fault.ends <= now]:
+            self.remove(fault.id)
+        return [(fault, fault.begins - now) for fault in self._faults]
+
+    def active(self, kind: str, device: str, channel: str | None = None) -> Fault | None:
+        """The fault of this kind that acts now on a channel, the newest if there are several."""
+        return next(self._acting(kind, device, channel), None)
+
+    def falsified(self, device: str, channel: str, value: float) -> float:
+        """What the sensor shows instead of `value`; NaN is "not available"."""
+        if not self._faults:
+            return value
+        now = self._clock()
+        for fault in self._acting("drift", device, channel):
+            value += fault.value * (now - fault.begins) / 60.0
+        frozen = self.active("freeze", device, channel)
+        if frozen is not None:
+            value = self._frozen.setdefault((frozen.id, device, channel), value)
+        if self.active("nan", device, channel) and self._channel(device, channel).register.can_be_unavailable:
+            return math.nan
+        return value
+
+    def _acting(self, kind: str, device: str, channel: str | None) -> Iterator[Fault]:
+        if not self._faults:
+            return
+        now = self._clock()
+        for fault in reversed(self._faults):
+            if fault.spec.kind == kind and fault.begins <= now < fault.ends and fault.concerns(device, channel):
+                yield fault
+
+    def _channel(self, device: str, channel: str) -> Channel:
+        found = self._devices[device].channel(channel)
+        assert found is not None
+        return found
+
+    def _checked(self, spec: FaultSpec) -> Kind:
+        kind = MENU.get(spec.kind)
+        if kind is None:
+            raise FaultError(f'there is no fault "{spec.kind}"; the menu is {", ".join(MENU)}')
+        if spec.value is not None and not kind.value_unit:
+            raise FaultError(f'"{spec.kind}" takes no value')
+        if spec.value is not None and not kind.lowest <= spec.value <= kind.highest:
+            raise FaultError(
+                f'the value of "{spec.kind}" must be from {kind.lowest:g} to {kind.highest:g} ({kind.value_unit}), '
+                f"not {spec.value:g}"
+            )
+        if spec.device is None:
+            if spec.channel is not None:
+                raise FaultError(f'channel "{spec.channel}" needs its device')
+        elif spec.device not in self._devices:
+            raise FaultError(f'there is no device "{spec.device}"; the devices are {", ".join(self._devices)}')
+        else:
+            self._check_place(spec, kind, self._devices[spec.device])
+        return kind
+
+    def _check_place(self, spec: FaultSpec, kind: Kind, device: Device) -> None:
+        if kind.scope == "room" and device.room is None:
+            raise FaultError(f'"{spec.kind}" happens in a room, and "{device.name}" is in none')
+        if spec.channel is None:
+            return
+        if kind.scope in ("room", "clock"):
+            raise FaultError(f'"{spec.kind}" concerns a device as a whole; leave the channel out')
+        channel = device.channel(spec.channel)
+        if channel is None:
+            names = ", ".join(channel.name for channel in device.channels)
+            raise FaultError(f'device "{device.name}" has no channel "{spec.channel}"; it has {names}')
+        if spec.kind == "nan" and not channel.register.can_be_unavailable:
+            raise FaultError(f"{device.name}/{channel.name} ({channel.register.type}) cannot say that it has no value")
+        if spec.kind == "swapped-words" and channel.register.words == 1:
+            raise FaultError(f"{device.name}/{channel.name} ({channel.register.type}) has one word only")

@@ -1,0 +1,119 @@
+"""`thermogate simulate-bms`: everything started, served until asked to stop, and stopped."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from replay.bms import register_map
+from replay.bms.control import create_control
+from replay.bms.faults import FaultSpec
+from replay.bms.modbus_server import ModbusServer
+from replay.bms.simulation import Simulation
+from replay.bms.written_config import write_config
+from replay.bms.zenoh_publisher import ZenohPublisher
+from service.config_models import HttpConfig
+from service.http_server import HttpServer
+from service.logs import configure_logging
+
+
+@dataclass(frozen=True)
+class BmsOptions:
+    """What the command line says. Ports of 0 are any free ones; `zenoh` None publishes nothing."""
+
+    zones: int = 4
+    port: int = 5020
+    control_port: int = 5021
+    zenoh: str | None = "tcp/127.0.0.1:7448"
+    publish_every: float = 1.0
+    pace: float = 60.0
+    seed: int = 1
+    meters: int = 0
+    registers: int = 100
+    faults: Sequence[FaultSpec] = ()
+    config: Path | None = None
+    register_map: Path | None = None
+    overrides: Sequence[str] = ()
+    """Changes to the written configuration, as of `--set`."""
+
+
+def simulate_bms(options: BmsOptions) -> int:
+    """Serve until SIGTERM or SIGINT; 0 after an orderly stop. ReplayError or ServiceError where the start fails."""
+    configure_logging()
+
+    async def main() -> None:
+        stop = asyncio.Event()
+        for signum in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(signum, stop.set)
+        await serve(options, stop, lambda lines: print("\n".join(lines), flush=True))
+
+    asyncio.run(main())
+    return 0
+
+
+async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[str]], None]) -> None:
+    """Serve until `stop`; `ready` is called with what there is to say once everything answers."""
+    simulation = Simulation(
+        zones=options.zones,
+        seed=options.seed,
+        pace=options.pace,
+        meters=options.meters,
+        registers=options.registers,
+    )
+    for fault in options.faults:
+        simulation.faults.add(fault)
+    http = HttpServer(create_control(simulation), HttpConfig(port=options.control_port), "--control-port")
+    modbus: ModbusServer | None = None
+    publisher: ZenohPublisher | None = None
+    tasks: list[asyncio.Task[None]] = []
+    try:
+        modbus = await ModbusServer.start(simulation, options.port)
+        if options.zenoh is not None:
+            publisher = await asyncio.to_thread(ZenohPublisher.open, options.zenoh, simulation)
+        if options.config is not None:
+            write_config(options.config, simulation, modbus.port, options.overrides)
+        if options.register_map is not None:
+            options.register_map.write_text(register_map.as_csv(simulation.plant), encoding="utf-8")
+        serving = asyncio.create_task(http.run())
+        tasks = [serving, asyncio.create_task(simulation.run())]
+        if publisher is not None:
+            tasks.append(asyncio.create_task(publisher.run(options.publish_every)))
+        await http.started(serving)
+        ready(_greeting(options, simulation, modbus.port, http.url))
+        await _until(stop, tasks)
+        await http.stop(serving)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        http.close()
+        if publisher is not None:
+            await asyncio.to_thread(publisher.close)
+        if modbus is not None:
+            await modbus.stop()
+
+
+async def _until(stop: asyncio.Event, tasks: Sequence[asyncio.Task[None]]) -> None:
+    """Wait for `stop`; the failure of a task is raised."""
+    stopping = asyncio.create_task(stop.wait())
+    done, _ = await asyncio.wait([stopping, *tasks], return_when=asyncio.FIRST_COMPLETED)
+    stopping.cancel()
+    for task in done:
+        task.result()
+
+
+def _greeting(options: BmsOptions, simulation: Simulation, port: int, url: str) -> list[str]:
+    lines = [
+        *register_map.as_text(simulation.plant),
+        "",
+        f"SYNTHETIC building, {options.zones} rooms, {options.pace:g} simulated s per s, seed {options.seed}",
+        f"Modbus TCP  127.0.0.1:{port}; registers count from 0",
+        f"Zenoh       {options.zenoh or 'off'}" + ("; keys bms/{plain,json,senml}/**" if options.zenoh else ""),
+        f"Control     {url}; GET /state, /faults, /menu, /registers; POST /faults; DELETE /faults/<id>",
+    ]
+    if options.config is not None:
+        lines.append(f"Configuration: thermogate run {options.config}")
+    return [*lines, "Ctrl-C stops."]

@@ -1,0 +1,69 @@
+"""The building in time: the world kept up with the clock, and what its sensors say, faults included."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from replay.bms.building import design
+from replay.bms.faults import FaultBoard
+from replay.bms.plant import Channel, Device, devices
+from replay.bms.world import STEP, World
+
+TICK = 0.1
+"""Real seconds between two looks at the clock."""
+_MOST_STEPS = 1000  # per tick, so that the servers get their turn; some 20 ms
+
+_log = logging.getLogger(__name__)
+
+
+class Simulation:
+    """A world, its devices and their faults. `clock` gives real seconds that never jump."""
+
+    def __init__(
+        self,
+        *,
+        zones: int,
+        seed: int,
+        pace: float,
+        meters: int = 0,
+        registers: int = 100,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.pace = pace
+        self.building = design(zones, seed)
+        self.world = World(self.building, seed)
+        self.plant = devices(self.building, pace=pace, meters=meters, registers=registers)
+        self.faults = FaultBoard(self.plant, clock)
+        self._clock = clock
+        self._began = clock()
+
+    def value(self, device: Device, channel: Channel) -> float:
+        """What the sensor of `channel` says now; NaN for "not available"."""
+        return self.faults.falsified(device.name, channel.name, channel.read(self.world.now))
+
+    def catch_up(self) -> float:
+        """Live up to now, or as far as one tick may; how many simulated seconds are missing after that."""
+        windows = np.zeros(len(self.building.rooms))
+        for device in self.plant:
+            if device.room is not None and (fault := self.faults.active("window", device.name)):
+                windows[device.room] = fault.value
+        due = int((self._clock() - self._began) * self.pace / STEP)
+        lived = int(self.world.elapsed / STEP)
+        for _ in range(min(due - lived, _MOST_STEPS)):
+            self.world.step(windows)
+        return max(due - lived - _MOST_STEPS, 0) * STEP
+
+    async def run(self) -> None:
+        """Keep up with the clock until cancelled."""
+        warned = False
+        while True:
+            behind = self.catch_up()
+            if behind and not warned:
+                warned = True
+                _log.warning("the building is %.0f s behind its pace of %g; take a slower one", behind, self.pace)
+            await asyncio.sleep(TICK)

@@ -1,0 +1,117 @@
+"""The building living: physics in exact steps, thermostats, people, and the noise of the sensors."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.types import Array
+from replay.bms.building import AIR, ENVELOPE, HEATER, NODES, Building, whole_network
+from replay.bms.calendar import FIRST_MIDNIGHT, Calendar
+from replay.localtime import HOUR
+from replay.simulate import dynamics
+
+STEP = 5.0
+"""Simulated seconds per step."""
+BEGIN = 6 * HOUR
+"""The building wakes at this time of its first day, seconds after midnight."""
+
+_PROCESS_NOISE_SD = 0.0005  # K per node and step
+_SENSOR_NOISE_SD = 0.03  # K
+
+
+class Snapshot(NamedTuple):
+    """The building between two steps. Arrays are per room (N,).
+
+    `time` is in simulated UTC seconds, temperatures in degC, `power`, `gain` (people, sun and windows, all of it
+    unmeasured but for the sun's irradiance) in W, `energy` in J since the beginning, `opening` in W/K. `noise` (N + 1,)
+    in K is what the sensors add: one of every room, then the outdoor one.
+    """
+
+    time: float
+    air: Array
+    envelope: Array
+    heater: Array
+    set_point: Array
+    power: Array
+    energy: Array
+    gain: Array
+    opening: Array
+    noise: Array
+    outdoor: float
+    irradiance: float
+
+
+class World:
+    """A building and its calendar, advanced step by step; the same seed and windows always give the same numbers."""
+
+    def __init__(self, building: Building, seed: int) -> None:
+        network, theta = whole_network(building)
+        self._dynamics = dynamics(network, theta, STEP)
+        self._thermostats = [room.thermostat for room in building.rooms]
+        self._aperture = np.array([room.theta["A_w"] for room in building.rooms])
+        self._calendar = Calendar(len(building.rooms), seed)
+        self._rng = np.random.default_rng([seed, 0x11FE])
+        self._steps = 0
+        self._memory = [0.0] * len(building.rooms)
+        self._energy = np.zeros(len(building.rooms))
+        self._state = self._settled(building)
+        self.now = self._look(np.zeros(len(building.rooms)))
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated seconds lived so far."""
+        return self._steps * STEP
+
+    def step(self, windows: Array) -> None:
+        """Live one STEP; `windows` (N,) in W/K are openings to the outside beside those of the people."""
+        now = self.now
+        heat = np.zeros_like(self._state)
+        heat[AIR :: len(NODES)] = now.gain
+        inputs = np.concatenate([[now.outdoor], now.power])
+        noise = _PROCESS_NOISE_SD * self._rng.standard_normal(len(heat))
+        step = self._dynamics
+        self._state = step.transition @ self._state + step.input @ inputs + step.heat @ heat + noise
+        self._energy = self._energy + now.power * STEP
+        self._steps += 1
+        self.now = self._look(windows)
+
+    def _look(self, windows: Array) -> Snapshot:
+        """What holds over the next step."""
+        time = BEGIN + self.elapsed
+        moment = self._calendar.at(time)
+        air = self._state[AIR :: len(NODES)].copy()
+        power = np.zeros(len(air))
+        for index, thermostat in enumerate(self._thermostats):
+            excess = float(air[index] - moment.set_point[index])
+            self._memory[index], power[index] = thermostat.step(self._memory[index], excess, STEP)
+        opening = moment.opening + windows
+        return Snapshot(
+            time=FIRST_MIDNIGHT + time,
+            air=air,
+            envelope=self._state[ENVELOPE :: len(NODES)].copy(),
+            heater=self._state[HEATER :: len(NODES)].copy(),
+            set_point=moment.set_point,
+            power=power,
+            energy=self._energy,
+            gain=moment.gain + self._aperture * moment.irradiance + opening * (moment.outdoor - air),
+            opening=opening,
+            noise=_SENSOR_NOISE_SD * self._rng.standard_normal(len(air) + 1),
+            outdoor=moment.outdoor,
+            irradiance=moment.irradiance,
+        )
+
+    def _settled(self, building: Building) -> Array:
+        """Rooms at their first set-point, with walls and heaters as they would be after a long time there."""
+        moment = self._calendar.at(BEGIN)
+        state = np.empty(len(NODES) * len(building.rooms))
+        for index, room in enumerate(building.rooms):
+            theta, air = room.theta, moment.set_point[index]
+            flow = (air - moment.outdoor) / (1 / theta["g_air_env"] + 1 / theta["g_env_out"])
+            state[index * len(NODES) :][: len(NODES)] = (
+                air,
+                air - flow / theta["g_air_env"],
+                air + flow / theta["g_air_heater"],
+            )
+        return state

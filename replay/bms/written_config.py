@@ -1,0 +1,175 @@
+"""The Thermogate configuration that reads the simulated building over Modbus, one zone per room.
+
+The daemon stamps readings by the wall clock, and at a pace of p the building lives p simulated seconds in one of them.
+What the daemon sees is therefore, exactly, a building in real time whose capacitances are a p-th of the true ones:
+C / p dT/dt = sum of flows. Conductances, powers and the solar aperture stay as they are. Noise constants of the
+estimator that belong to a step are written out as they would be for the simulated length of that step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from estimator.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
+from estimator.options import Options, resolve
+from replay.bms.building import NODES, Building
+from replay.bms.plant import Channel, Device
+from replay.bms.simulation import Simulation
+from service.durations import format_duration
+from service.overrides import apply_overrides
+from service.show import network_table
+
+SIMULATED_PERIOD = 600.0
+"""Length of a zone's step in simulated s, as near as whole seconds of real time allow."""
+
+_DAY = 86_400
+_PARTICLES = 3000
+_POLLS_PER_PERIOD = 10
+_SHORTEST_POLL = 0.2
+_STUCK_PERIODS = 6
+_PER_STEP = ("process_sd", "volatility_sd", "jump_probability", "shrinkage")
+# What one knows of a building: each parameter within a box that has the truth in it, but not in its middle.
+_BELOW, _ABOVE = 6.0, 4.0
+_PARTITION_BOX = (2.0, 200.0)  # W/K
+
+
+def write_config(path: Path, simulation: Simulation, port: int, overrides: Sequence[str] = ()) -> None:
+    """Write the TOML for the server on `port`, with `overrides` (as of --set) applied; ConfigError for wrong ones."""
+    raw = apply_overrides(configuration(simulation, port), overrides)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(_HEAD.format(pace=simulation.pace) + tomli_w.dumps(raw), encoding="utf-8")
+
+
+def configuration(simulation: Simulation, port: int) -> dict[str, Any]:
+    """The configuration as TOML tables."""
+    period = zone_period(simulation.pace)
+    by_room = {device.room: device for device in simulation.plant if device.room is not None}
+    weather = next(device for device in simulation.plant if device.name == "weather")
+    return {
+        "site": {"id": "simulated-bms", "state_dir": "state"},
+        "http": {"host": "127.0.0.1", "port": 8080},
+        "zenoh": {"listen": ["tcp/127.0.0.1:7447"]},
+        "sources": {
+            device.name: _source(device, port, max(period / _POLLS_PER_PERIOD, _SHORTEST_POLL))
+            for device in (weather, *by_room.values())
+        },
+        "zones": [_zone(simulation, period, index, weather, by_room) for index in by_room],
+    }
+
+
+def zone_period(pace: float) -> int:
+    """Whole real seconds that divide a day and come nearest to SIMULATED_PERIOD from below, 1 at least."""
+    longest = max(int(SIMULATED_PERIOD / pace), 1)
+    return max(seconds for seconds in range(1, min(longest, _DAY) + 1) if _DAY % seconds == 0)
+
+
+def zone_network(building: Building, index: int, pace: float) -> Network:
+    """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
+    room = building.rooms[index]
+    beside = [building.rooms[other].name for other in building.neighbours(index)]
+    neighbours = {f"T_{name}": f"g_{name}" for name in beside}
+    seen = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
+    units = {"C": "J/K", "g": "W/K", "A": "m2"}
+    return Network(
+        name=room.name,
+        capacitances={node: node.replace("T_", "C_") for node in NODES},
+        boundaries=("T_out", *neighbours),
+        conductances=(
+            Conductance("g_air_env", ("T_air", "T_env")),
+            Conductance("g_env_out", ("T_env", "T_out")),
+            Conductance("g_air_heater", ("T_air", "T_heater")),
+            *(Conductance(name, ("T_air", boundary)) for boundary, name in neighbours.items()),
+        ),
+        heat_inputs=(HeatInput("u_heat", "T_heater"), HeatInput("I_sol", "T_air", Gain(parameter="A_w"), "W/m2")),
+        parameters=(
+            *(
+                Parameter(name, units[name[0]], _rounded(value / _BELOW), _rounded(value * _ABOVE))
+                for name, value in seen.items()
+            ),
+            *(Parameter(name, "W/K", *_PARTITION_BOX) for name in neighbours.values()),
+        ),
+        measured=("T_air",),
+        initial={"T_env": InitialTemperature("measured", 5.0), "T_heater": InitialTemperature("measured", 10.0)},
+    ).validate()
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+def _zone(
+    simulation: Simulation, period: int, index: int, weather: Device, by_room: dict[int, Device]
+) -> dict[str, Any]:
+    building = simulation.building
+    network = zone_network(building, index, simulation.pace)
+    options: Options = resolve(network, period * simulation.pace, {})
+    channels = {
+        channel.zone_channel: _channel(device, channel, period)
+        for device in (by_room[index], weather)
+        for channel in device.channels
+        if channel.zone_channel is not None
+    }
+    for other in building.neighbours(index):
+        air = by_room[other].channel("T_air")
+        assert air is not None
+        channels[f"T_{building.rooms[other].name}"] = _channel(by_room[other], air, period)
+    return {
+        "id": building.rooms[index].name,
+        "period": format_duration(period),
+        "hold_inputs": format_duration(3 * period),
+        "estimator": "rbpf",
+        "network": network_table(network),
+        "estimator_options": {"particles": _PARTICLES} | {name: getattr(options, name) for name in _PER_STEP},
+        "channels": {name: channels[name] for name in network.channels},
+    }
+
+
+def _source(device: Device, port: int, poll: float) -> dict[str, Any]:
+    return {
+        "kind": "modbus",
+        "host": "127.0.0.1",
+        "port": port,
+        "unit_id": device.unit_id,
+        "first_register": 0,
+        "poll": format_duration(poll),
+    }
+
+
+def _channel(device: Device, channel: Channel, period: int) -> dict[str, Any]:
+    register = channel.register
+    table: dict[str, Any] = {
+        "source": device.name,
+        "table": register.table,
+        "register": register.address,
+        "type": register.type,
+    }
+    if register.words > 1 or register.order != "ABCD":
+        table["order"] = register.order
+    if register.can_be_unavailable:
+        table["not_available"] = [math.nan if register.sentinel is None else register.sentinel]
+    if channel.zone_channel == "T_air":
+        # The noise of a sensor moves even a tenth of a degree sooner than that.
+        table["stuck_after"] = format_duration(_STUCK_PERIODS * period)
+    scale = register.scale * channel.factor
+    if scale != 1.0:
+        table["scale"] = scale
+    unit = "W" if channel.factor != 1.0 else channel.unit
+    # Relays and valves move within a step: their mean is what heats.
+    return table | {"unit": unit, "aggregate": "mean"}
+
+
+_HEAD = """\
+# Written by `thermogate simulate-bms --write-config`: reads a SYNTHETIC building over Modbus, one zone per room.
+#
+# Its pace is {pace:g}: {pace:g} simulated seconds pass in one second of the wall clock, by which the daemon stamps
+# readings. What the daemon sees is therefore, exactly, a building in real time whose capacitances are 1/{pace:g} of the
+# true ones: the bounds of every capacitance below are around C / {pace:g}. Conductances [W/K], powers [W] and apertures
+# [m2] are the true ones. Periods are short for the same reason, and the estimator's constants per step are those of a
+# step's simulated length.
+
+"""

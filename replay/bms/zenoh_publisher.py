@@ -1,0 +1,115 @@
+"""The BMS's own Zenoh session: every published channel, again and again, in three formats.
+
+`bms/plain/<device>/<channel>` and `bms/json/<device>/<channel>` carry one value each, `bms/senml/<device>` all of a
+device. Publishers keep a cache and can be detected, so that an advanced subscriber recovers what it missed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+import zenoh
+import zenoh.ext
+
+from replay.bms.payloads import Published, as_json, plain, senml
+from replay.bms.plant import Device
+from replay.bms.simulation import Simulation
+from replay.errors import ReplayError
+
+CACHED = 60
+"""Samples that each publisher keeps for those who come back."""
+_CLOSE_SECONDS = 1.0
+
+_log = logging.getLogger(__name__)
+
+
+class ZenohPublisher:
+    """An open session that listens on one loopback endpoint."""
+
+    def __init__(self, session: zenoh.Session, simulation: Simulation) -> None:
+        self._session = session
+        self._simulation = simulation
+        self._devices = [device for device in simulation.plant if device.published]
+        self._publishers = {
+            key: zenoh.ext.declare_advanced_publisher(
+                session,
+                key,
+                encoding=zenoh.Encoding.TEXT_PLAIN if key.startswith("bms/plain/") else zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+                cache=zenoh.ext.CacheConfig(max_samples=CACHED),
+                sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=1.0, sporadic_heartbeat=None),
+                publisher_detection=True,
+            )
+            for device in self._devices
+            for key in _keys(device)
+        }
+
+    @classmethod
+    def open(cls, endpoint: str, simulation: Simulation) -> ZenohPublisher:
+        """Listen on `endpoint`; ReplayError if it cannot be had."""
+        config = zenoh.Config()
+        for key, value in {
+            "mode": "peer",
+            "listen/endpoints": [endpoint],
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            # A cache needs to know how old its samples are; plain payloads have no other time.
+            "timestamping/enabled": True,
+        }.items():
+            config.insert_json5(key, json.dumps(value))
+        try:
+            return cls(zenoh.open(config), simulation)
+        except zenoh.ZError as error:
+            raise ReplayError(
+                f"--zenoh {endpoint}: the endpoint cannot be used ({str(error).splitlines()[0].split(' at /')[0]}); "
+                'choose another, or "off" for none'
+            ) from None
+
+    async def run(self, every: float) -> None:
+        """Publish every `every` s until cancelled."""
+        while True:
+            self.publish(time.time())
+            await asyncio.sleep(every)
+
+    def publish(self, now: float) -> None:
+        """Put every channel once, stamped `now` (UTC seconds) as far as its device's clock is right."""
+        faults = self._simulation.faults
+        for device in self._devices:
+            jump = faults.active("clock-jump", device.name)
+            stamp = now + (jump.value if jump else 0.0)
+            readings = [
+                Published(channel.name, channel.unit, stamp, self._simulation.value(device, channel))
+                for channel in device.channels
+                if not faults.active("silent", device.name, channel.name)
+            ]
+            for reading in readings:
+                self._publishers[f"bms/plain/{device.name}/{reading.channel}"].put(plain(reading))
+                self._publishers[f"bms/json/{device.name}/{reading.channel}"].put(as_json(reading))
+            if readings:
+                self._publishers[f"bms/senml/{device.name}"].put(senml(device.name, readings))
+
+    def close(self) -> None:
+        """Undeclare everything and close the session; gives up after a second rather than hang."""
+        closing = threading.Thread(target=self._undeclare, name="zenoh-close", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_SECONDS)
+        if closing.is_alive():
+            _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
+
+    def _undeclare(self) -> None:
+        steps: list[Callable[[], object]] = [publisher.undeclare for publisher in self._publishers.values()]
+        for step in (*steps, self._session.close):
+            try:
+                step()
+            except zenoh.ZError as error:
+                _log.debug("while closing Zenoh: %s", error)
+
+
+def _keys(device: Device) -> list[str]:
+    single = [f"bms/{form}/{device.name}/{channel.name}" for form in ("plain", "json") for channel in device.channels]
+    return [*single, f"bms/senml/{device.name}"]

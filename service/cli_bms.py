@@ -1,0 +1,156 @@
+"""`thermogate simulate-bms`: its arguments, and what they start."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
+
+_MOST_ZONES, _MOST_METERS, _MOST_REGISTERS = 80, 148, 10_000
+_SMALLEST_PACE, _LARGEST_PACE, _DEMO_PACE = 0.01, 3600.0, 600.0
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("simulate-bms", _simulate_bms, "Simulate a building behind a Modbus TCP server and a Zenoh publisher.")
+    parser.add_argument(
+        "--zones", type=_whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
+    )
+    parser.add_argument(
+        "--port",
+        type=_whole(0, 65535),
+        default=5020,
+        metavar="N",
+        help="Modbus port, 0 for any free one (default 5020)",
+    )
+    parser.add_argument(
+        "--control-port",
+        type=_whole(0, 65535),
+        default=5021,
+        metavar="N",
+        help="HTTP port of the control surface, 0 for any free one (default 5021)",
+    )
+    parser.add_argument(
+        "--zenoh",
+        type=_endpoint,
+        default="tcp/127.0.0.1:7448",
+        metavar="ENDPOINT",
+        help='where the BMS listens for Zenoh, "off" for nowhere (default tcp/127.0.0.1:7448)',
+    )
+    parser.add_argument(
+        "--pace",
+        type=_number(_SMALLEST_PACE, _LARGEST_PACE),
+        default=60.0,
+        metavar="X",
+        help="simulated seconds per second, at most 3600 (default 60)",
+    )
+    parser.add_argument(
+        "--seed", type=_whole(0, 2**63 - 1), default=1, metavar="N", help="of building, weather and people (default 1)"
+    )
+    parser.add_argument(
+        "--devices", type=_whole(0, _MOST_METERS), default=0, metavar="N", help="further devices for load (default 0)"
+    )
+    parser.add_argument(
+        "--registers",
+        type=_whole(1, _MOST_REGISTERS),
+        default=100,
+        metavar="N",
+        help="registers of each further device (default 100)",
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="SPEC",
+        dest="faults",
+        help="KIND[:DEVICE[/CHANNEL]][,value=V][,after=D][,for=D], such as drift:room1/T_air,value=0.5,after=10min; "
+        "may be given several times",
+    )
+    parser.add_argument(
+        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building over Modbus"
+    )
+    parser.add_argument("--write-map", type=Path, metavar="PATH", help="write the register map as CSV")
+
+
+def _simulate_bms(arguments: argparse.Namespace) -> int:
+    from replay.bms.faults import parse_spec
+    from replay.bms.serving import BmsOptions, simulate_bms
+    from service.errors import ConfigError
+
+    if arguments.overrides and arguments.write_config is None:
+        raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
+    return simulate_bms(
+        BmsOptions(
+            zones=arguments.zones,
+            port=arguments.port,
+            control_port=arguments.control_port,
+            zenoh=None if arguments.zenoh == "off" else arguments.zenoh,
+            pace=arguments.pace,
+            seed=arguments.seed,
+            meters=arguments.devices,
+            registers=arguments.registers,
+            faults=[parse_spec(text) for text in arguments.faults],
+            config=arguments.write_config,
+            register_map=arguments.write_map,
+            overrides=arguments.overrides,
+        )
+    )
+
+
+def live_demo(directory: Path, arguments: argparse.Namespace) -> int:
+    """The demo with a living building: simulated behind Modbus, in this process, and read by the daemon."""
+    from replay.bms.background import living_bms
+    from replay.bms.serving import BmsOptions
+    from service.config import load
+    from service.daemon import run_daemon
+    from service.errors import ConfigError
+    from service.show import demo_requests
+
+    pace = arguments.pace or _DEMO_PACE
+    if arguments.days is not None:
+        raise ConfigError(["--days is the length of a recording; a --live building has no end, use --duration"])
+    if not _SMALLEST_PACE <= pace <= _LARGEST_PACE:
+        raise ConfigError([f"--pace {pace:g}: a --live building lives at {_SMALLEST_PACE:g} to {_LARGEST_PACE:g}"])
+    path = directory / "live.toml"
+    changes = [f"http.port={arguments.port}"]
+    options = BmsOptions(port=0, control_port=0, zenoh=None, pace=pace, config=path, overrides=changes)
+    with living_bms(options) as greeting:
+        config = load(path, arguments.overrides)
+        print("\n".join([*greeting[:-1], "", *demo_requests(config)]), flush=True)
+        return run_daemon(config, duration=arguments.duration)
+
+
+def _whole(lower: int, upper: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.isdecimal() or not lower <= int(text) <= upper:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
+        return int(text)
+
+    return parse
+
+
+def _number(lower: float, upper: float) -> Callable[[str], float]:
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not lower <= value <= upper:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number from {lower:g} to {upper:g}")
+        return value
+
+    return parse
+
+
+def _endpoint(text: str) -> str:
+    from service.config_types import loopback_endpoint
+
+    if text == "off":
+        return text
+    try:
+        return loopback_endpoint(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

@@ -1,0 +1,174 @@
+"""Load of the Modbus source: many devices with many registers, polled at a steady pace by one event loop.
+
+    python tests/integration/modbus_load.py --seconds 600
+
+The devices live in a process of their own. Printed are polls made and missed, how late answers came at worst, the share
+of one processor that the polling process used, and its resident memory at the beginning and at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import multiprocessing
+import resource
+import sys
+import time
+from itertools import pairwise
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from adapters.edge import Edge
+from adapters.modbus_client import Line
+from adapters.modbus_codec import Format
+from adapters.modbus_plan import Limits
+from adapters.modbus_source import ModbusChannel, ModbusSource
+
+MOST_GROWTH = 5.0
+"""MB that memory may grow by; the arrival times that are kept for the report are part of it."""
+
+_SETTLING = 3.0
+"""Seconds before the measurement begins, in which every device is connected to and every buffer filled once."""
+
+
+class Load(NamedTuple):
+    """What was measured."""
+
+    devices: int
+    channels: int
+    seconds: float
+    polls: int
+    missed: int
+    """Polls that should have been made and were not."""
+    readings: int
+    worst_gap: float
+    """Longest time between two answers of a device, in polls."""
+    cpu: float
+    """Share of one processor."""
+    memory_before: float
+    memory_after: float
+    """Resident memory in MB."""
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        return [
+            f"{self.devices} devices x {self.channels} registers for {self.seconds:.0f} s",
+            f"polls {self.polls}, missed {self.missed}, readings {self.readings}, worst gap {self.worst_gap:.2f} polls",
+            f"processor {100 * self.cpu:.1f} % of one core",
+            f"memory {self.memory_before:.1f} MB before, {self.memory_after:.1f} MB after",
+        ]
+
+
+def _serve(devices: int, registers: int, pipe: Connection) -> None:
+    """Serve every device on a port of its own until the process is ended; the ports go through `pipe`."""
+
+    async def serve() -> None:
+        ports = []
+        for device in range(devices):
+            words = [200 + (7 * device + k) % 50 for k in range(registers)]
+            simulated = SimDevice(1, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)])
+            server = ModbusTcpServer(simulated, address=("127.0.0.1", 0))
+            await server.serve_forever(background=True)
+            ports.append(server.transport.sockets[0].getsockname()[1])
+        pipe.send(ports)
+        await asyncio.Event().wait()
+
+    asyncio.run(serve())
+
+
+def _memory() -> float:
+    """Resident memory of this process in MB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+async def _poll(source: ModbusSource, arrivals: list[float], counts: list[int]) -> None:
+    async for batch in source.batches(None):
+        arrivals.append(asyncio.get_running_loop().time())
+        counts.append(len(batch.readings))
+
+
+async def _measure(ports: list[int], registers: int, seconds: float, poll: float) -> Load:
+    sources = [
+        ModbusSource(
+            f"device-{port}",
+            Line(host="127.0.0.1", port=port),
+            [
+                ModbusChannel(f"z/c{k}", k, Format("int16"), edge=Edge(0.1, valid=(-60.0, 80.0)))
+                for k in range(registers)
+            ],
+            poll=poll,
+            limits=Limits(),
+        )
+        for port in ports
+    ]
+    arrivals: list[list[float]] = [[] for _ in ports]
+    counts: list[list[int]] = [[] for _ in ports]
+    tasks = [
+        asyncio.create_task(_poll(source, arrived, counted))
+        for source, arrived, counted in zip(sources, arrivals, counts, strict=True)
+    ]
+    await asyncio.sleep(_SETTLING)
+    for kept in (*arrivals, *counts):
+        kept.clear()
+    memory, cpu, began = _memory(), time.process_time(), time.monotonic()
+    await asyncio.sleep(seconds)
+    cpu, took, after = time.process_time() - cpu, time.monotonic() - began, _memory()
+    for task in tasks:
+        task.cancel()
+    outcomes = await asyncio.gather(*tasks, return_exceptions=True)
+    failures = [outcome for outcome in outcomes if not isinstance(outcome, asyncio.CancelledError)]
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(tasks)} sources failed: {failures[0]!r}")
+    expected = int(took / poll)
+    gaps = [later - earlier for arrived in arrivals for earlier, later in pairwise(arrived)]
+    return Load(
+        devices=len(ports),
+        channels=registers,
+        seconds=took,
+        polls=sum(map(len, arrivals)),
+        missed=sum(max(0, expected - len(arrived)) for arrived in arrivals) + sum(source.late for source in sources),
+        readings=sum(map(sum, counts)),
+        worst_gap=max(gaps, default=0.0) / poll,
+        cpu=cpu / took,
+        memory_before=memory,
+        memory_after=after,
+    )
+
+
+def measure(devices: int, registers: int, seconds: float, poll: float = 1.0) -> Load:
+    """Poll `devices` devices with `registers` registers each every `poll` s for `seconds`."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=_serve, args=(devices, registers, there), daemon=True)
+    process.start()
+    try:
+        if not here.poll(60):
+            raise RuntimeError("the simulated devices did not start within 60 s")
+        return asyncio.run(_measure(here.recv(), registers, seconds, poll))
+    finally:
+        process.terminate()
+        process.join()
+
+
+def main() -> int:
+    """Measure as the arguments say; 1 if a poll was missed or memory has grown by more than MOST_GROWTH."""
+    parser = argparse.ArgumentParser(description="load of the Modbus source")
+    parser.add_argument("--devices", type=int, default=50)
+    parser.add_argument("--registers", type=int, default=100)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--poll", type=float, default=1.0)
+    arguments = parser.parse_args()
+    load = measure(arguments.devices, arguments.registers, arguments.seconds, arguments.poll)
+    print("\n".join(load.lines()))
+    return 1 if load.missed or load.memory_after > load.memory_before + MOST_GROWTH else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,193 @@
+"""The daemon on live Modbus: forecasts, a sensor that goes stale, a device that goes away and comes back, a probe."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import tomli_w
+from integration.harness import Daemon, free_port, thermogate
+from integration.modbus_plant import Plant, plant, serving
+
+WORDS = [215, 53, 400, 21]
+"""Tenths of the room and of the outdoor temperature, W, and another room."""
+
+
+@contextmanager
+def running(site: Plant, port: int = 0) -> Iterator[Plant]:
+    """`site` served by a thread of its own."""
+    loop = asyncio.new_event_loop()
+    ready, stop = threading.Event(), asyncio.Event()
+
+    async def serve() -> None:
+        async with serving(site, port=port):
+            ready.set()
+            await stop.wait()
+
+    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
+    thread.start()
+    try:
+        assert ready.wait(10)
+        yield site
+    finally:
+        loop.call_soon_threadsafe(stop.set)
+        thread.join()
+        loop.close()
+
+
+def configuration(folder: Path, ports: dict[str, int]) -> Path:
+    """One zone per source, one-second samples, few particles."""
+    tenths = {"type": "int16", "scale": 0.1, "unit": "degC"}
+    tables = {
+        "site": {"id": "plant", "state_dir": str(folder / "state")},
+        "sources": {
+            name: {
+                "kind": "modbus",
+                "host": "127.0.0.1",
+                "port": port,
+                "poll": 0.2,
+                "timeout": 0.5,
+                "retries": 0,
+                "first_register": 0,
+                "fill_gaps": 0,
+            }
+            for name, port in ports.items()
+        },
+        "zones": [
+            {
+                "id": f"zone-{name}",
+                "period": "1s",
+                "network": "tite",
+                "hold_inputs": "4s",
+                "estimator_options": {"particles": 50},
+                "channels": {
+                    "T_i": {"source": name, "register": 0, **tenths},
+                    "T_out": {"source": name, "register": 1, **tenths},
+                    "u_heat": {"source": name, "register": 2, "type": "uint16", "unit": "W"},
+                },
+            }
+            for name in ports
+        ],
+    }
+    path = folder / "plant.toml"
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    return path
+
+
+def until(daemon: Daemon, zone: str, done, timeout: float = 30) -> dict:
+    """Poll a zone's status until it is as wanted."""
+    deadline = time.monotonic() + timeout
+    status: dict = {}
+    while time.monotonic() < deadline:
+        status = daemon.get(f"/zones/{zone}")[1]["status"]
+        if done(status):
+            return status
+        time.sleep(0.1)
+    raise AssertionError(f"{status}; {daemon.log()}")
+
+
+def channel(status: dict, name: str) -> dict:
+    return next(one for one in status["channels"] if one["channel"] == name)
+
+
+def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tmp_path: Path) -> None:
+    with running(plant(holding=WORDS)) as site:
+        config = configuration(tmp_path, {"bms": site.port})
+        with Daemon(config, tmp_path / "log") as daemon:
+            until(daemon, "zone-bms", lambda status: status["samples"] >= 3)
+            _, forecast = daemon.get("/zones/zone-bms/forecast")
+            assert forecast["mean"] == pytest.approx(21.5, abs=1.0)
+            assert [used["held"] for used in forecast["inputs"]] == [False, False]
+            assert not any(one["stale"] for one in daemon.get("/zones/zone-bms")[1]["status"]["channels"])
+
+            site.refused.add((1, "holding", 1))
+            status = until(daemon, "zone-bms", lambda status: channel(status, "T_out")["stale"], timeout=5)
+            assert status["state"] == "running"
+            assert not channel(status, "T_i")["stale"]
+            assert status["faults"]["refused_by_device"] >= 1
+            _, forecast = daemon.get("/zones/zone-bms/forecast")
+            assert [used["held"] for used in forecast["inputs"]] == [True, False], "the forecast says what is held"
+            assert forecast["quality"] == "uncertain"
+
+            status = until(daemon, "zone-bms", lambda status: status["state"] == "stalled")
+            assert "T_out is" in status["reason"]
+            assert daemon.terminate()[0] == 0
+        assert "the device refuses zone-bms/T_out (unit 1 holding 1): exception 2" in daemon.log()
+        assert "Traceback" not in daemon.log()
+
+
+def test_a_device_that_goes_away_harms_no_other_zone_and_is_found_again(tmp_path: Path) -> None:
+    port = free_port()
+    with running(plant(holding=WORDS)) as other:
+        config = configuration(tmp_path, {"lost": port, "other": other.port})
+        with Daemon(config, tmp_path / "log") as daemon:
+            with running(plant(holding=WORDS), port):
+                until(daemon, "zone-lost", lambda status: status["samples"] >= 2)
+            status = until(daemon, "zone-lost", lambda status: "sources.lost" in status["reason"])
+            assert status["state"] == "running", "held inputs carry the forecasts for a while"
+            status = until(daemon, "zone-lost", lambda status: status["state"] == "stalled")
+            assert "T_out is" in status["reason"]
+            assert f"no connection to 127.0.0.1:{port}" in status["reason"]
+            assert all(one["stale"] for one in status["channels"])
+            code, ready = daemon.get("/readyz")
+            assert code == 503
+            assert [zone["id"] for zone in ready["zones"]] == ["zone-lost"]
+
+            before = daemon.get("/zones/zone-other")[1]["status"]
+            with running(plant(holding=WORDS), port):
+                until(daemon, "zone-lost", lambda status: status["state"] == "running" and not status["reason"], 60)
+            after = daemon.get("/zones/zone-other")[1]["status"]
+            assert after["samples"] > before["samples"]
+            assert (after["segment"], after["faults"]) == (1, {})
+            assert daemon.terminate()[0] == 0
+        assert "Traceback" not in daemon.log()
+
+
+def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Path) -> None:
+    with running(plant(holding=WORDS)) as site:
+        config = configuration(tmp_path, {"bms": site.port})
+        done = thermogate("probe", config)
+        assert (done.returncode, done.stderr) == (0, "")
+        title, header, *rows = done.stdout.splitlines()
+        assert title == f"source bms: tcp 127.0.0.1:{site.port}, polled every 0.2s"
+        assert header.split() == ["channel", "where", "raw", "value", "unit", "age", "verdict"]
+        assert rows[0].startswith("zone-bms/T_i")
+        assert "unit 1 holding 0 int16   0x00d7  21.5   degC" in rows[0]
+        assert all(row.endswith(" s  good") for row in rows)
+
+        site.registers[1, "holding"][0] = 0xD700
+        wrong = thermogate("probe", config, "--source", "bms")
+        assert wrong.returncode == 1
+        assert "implausible: not within -60 to 80\n    BADC would be 21.5, which is plausible" in wrong.stdout
+    gone = thermogate("probe", config)
+    assert gone.returncode == 1
+    assert gone.stdout == ""
+    assert gone.stderr.startswith(f"thermogate: sources.bms: no connection to 127.0.0.1:{site.port}; check")
+    assert len(gone.stderr.splitlines()) == 1
+
+
+def test_a_probe_of_an_unknown_source_names_the_known_ones(tmp_path: Path) -> None:
+    done = thermogate("probe", configuration(tmp_path, {"bms": 502}), "--source", "bsm")
+    assert done.returncode == 2
+    assert done.stderr == 'thermogate: --source: there is no source "bsm"; the sources are bms\n'
+
+
+def test_a_probe_of_a_recording_shows_its_ends() -> None:
+    done = thermogate("probe", Path(__file__).parents[2] / "deploy" / "examples" / "generic-csv.toml")
+    assert done.returncode == 0
+    assert [line.split("  ")[0] for line in done.stdout.splitlines()[2:4]] == ["room-1/T_i", "room-1/T_i"]
+    assert "Raumtemperatur, first row" in done.stdout
+    assert "Raumtemperatur, last row" in done.stdout
+
+
+def test_only_recordings_can_be_replayed(tmp_path: Path) -> None:
+    done = thermogate("replay", configuration(tmp_path, {"bms": 502}), "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "thermogate: sources.bms is live (modbus), and only recorded sources can be replayed;"
+    )
