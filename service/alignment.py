@@ -52,6 +52,7 @@ class Alignment:
         idle_limit: int = 12,
         resume_after: int | None = None,
         resume_idle: int = 0,
+        live: bool = False,
     ) -> None:
         """Args:
         network: gives the channels and their order.
@@ -64,6 +65,7 @@ class Alignment:
         resume_after: time of the last sample before a restart. Readings up to its interval are passed over in silence,
             for they have been processed, and the grid goes on with the next interval.
         resume_idle: how many samples of NaN in a row ended with `resume_after`.
+        live: the sources never deliver anything twice, so that nothing is passed over in silence.
 
         Raises ConfigError for a period that is no whole number of seconds, an unknown rule or an unknown channel.
         """
@@ -85,6 +87,7 @@ class Alignment:
         self._slots = {prefix + channel: slot for slot, channel in enumerate(self._channels)}
         self._period = int(period)
         self._lateness = lateness
+        self._live = live
         self._idle_limit = idle_limit
         self._clocks = dict.fromkeys(sources, -inf)
         self._open: dict[int, _Interval] = {}
@@ -146,7 +149,7 @@ class Alignment:
             self.faults[fault or Fault.BAD_TIMESTAMP] += 1
             return None
         index = int(time // self._period)
-        if index <= self._resumed:
+        if index <= self._resumed and not self._live:
             return None
         if fault is None and index <= self._closed:
             fault = Fault.OUT_OF_ORDER

@@ -112,7 +112,8 @@ class Daemon:
                 return
             last = dict(zip(zones, preparing.result(), strict=True))
             for table in self._config.zones:
-                zones[table.id].align(make_alignment(table, last[table.id]), is_live(table, self._config))
+                live = is_live(table, self._config)
+                zones[table.id].align(make_alignment(table, last[table.id], live), live)
             serving = asyncio.create_task(server.run())
             workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
             try:
@@ -122,8 +123,8 @@ class Daemon:
                     if not await _before(stop, asyncio.ensure_future(waiting)):
                         return
                 tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
-                live = [zones[table.id] for table in self._config.zones if is_live(table, self._config)]
-                clocks = [keep_time(zone) for zone in live] + ([watch_clock()] if live else [])
+                clocks = [keep_time(zones[table.id]) for table in self._config.zones if is_live(table, self._config)]
+                clocks += [watch_clock()] if clocks else []
                 tasks += [asyncio.create_task(clock) for clock in clocks]
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:

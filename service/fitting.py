@@ -23,8 +23,8 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
     )
 
 
-def make_alignment(zone: ZoneConfig, resume_after: int | None = None) -> Alignment:
-    """The alignment of `zone`, going on after the sample at `resume_after` if there is one."""
+def make_alignment(zone: ZoneConfig, resume_after: int | None = None, live: bool = False) -> Alignment:
+    """The alignment of `zone`, `live` or recorded, going on after the sample at `resume_after` if there is one."""
     # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
     longest = max(zone.hold_inputs, *_max_ages(zone).values(), 0.0)
     bridged = max(zone.max_gap, ceil(longest / zone.period)) + 1
@@ -37,6 +37,7 @@ def make_alignment(zone: ZoneConfig, resume_after: int | None = None) -> Alignme
         lateness=zone.lateness,
         idle_limit=bridged,
         resume_after=resume_after,
+        live=live,
     )
 
 

@@ -23,6 +23,7 @@ from estimator.types import ParameterSummary
 from service import snapshot
 from service.alignment import Alignment
 from service.errors import ServiceError, StateMismatch
+from service.health import state_and_reason
 from service.journal import HistoryRow
 from service.metrics import Metrics
 from service.records import Sample, Update
@@ -108,21 +109,14 @@ class Zone:
         # Copied in one go: the event loop may change them while a worker thread asks.
         progress, alignment, trouble = self._worker.progress, self._alignment, tuple(self._trouble.values())
         clocks = tuple(self._clocks.values())
-        if self._failure is not None:
-            state, reason = "failed", self._failure
-        elif trouble and not self._live:
-            state, reason = "stalled", trouble[0]
-        elif progress.stalled is not None and self._worker.latest is not None:
-            state, reason = "stalled", "; ".join((progress.stalled, *trouble))
-        elif self._worker.latest is None:
-            state, reason = "waiting", "; ".join((progress.stalled or "no complete sample yet", *trouble))
-            if self._ended:
-                reason = "its recording has come to an end without one complete sample; see the faults"
-        elif self._ended:
-            state, reason = "stalled", "its recording has come to an end; the last forecast stands"
-        else:
-            # The clock of a live zone goes on without its sources: for a while held inputs carry the forecasts.
-            state, reason = "running", "; ".join(trouble)
+        state, reason = state_and_reason(
+            progress,
+            has_forecast=self._worker.latest is not None,
+            failure=self._failure,
+            trouble=trouble,
+            live=self._live,
+            ended=self._ended,
+        )
         return ZoneStatus(
             state=state,
             reason=reason,

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
 import tomli_w
+import zenoh
 from integration.harness import Daemon, free_port, thermogate
 from integration.modbus_plant import Plant, plant, serving
 
@@ -91,6 +94,17 @@ def until(daemon: Daemon, zone: str, done, timeout: float = 30) -> dict:
     raise AssertionError(f"{status}; {daemon.log()}")
 
 
+@contextmanager
+def listening(endpoint: str) -> Iterator[zenoh.Session]:
+    """A Zenoh session that listens at `endpoint` alone."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"peer"')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    with zenoh.open(config) as session:
+        yield session
+
+
 def channel(status: dict, name: str) -> dict:
     return next(one for one in status["channels"] if one["channel"] == name)
 
@@ -119,6 +133,29 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
             assert daemon.terminate()[0] == 0
         assert "the device refuses zone-bms/T_out (unit 1 holding 1): exception 2" in daemon.log()
         assert "Traceback" not in daemon.log()
+
+
+def test_staleness_reaches_zenoh_with_the_first_interval_that_lacks_the_channel(tmp_path: Path) -> None:
+    endpoint, refusing, seen = f"tcp/127.0.0.1:{free_port()}", threading.Event(), threading.Event()
+    first: dict = {}
+
+    def note(sample: zenoh.Sample) -> None:
+        status = json.loads(sample.payload.to_bytes())
+        if refusing.is_set() and not seen.is_set() and channel(status, "T_out")["stale"]:
+            first.update(status)
+            seen.set()
+
+    with running(plant(holding=WORDS)) as site, listening(endpoint) as session:
+        subscriber = session.declare_subscriber("thermogate/plant/zone-bms/status", note)
+        settings = {"zenoh.enabled": True, "zenoh.listen": [], "zenoh.connect": [endpoint]}
+        with Daemon(configuration(tmp_path, {"bms": site.port}), tmp_path / "log", settings) as daemon:
+            until(daemon, "zone-bms", lambda status: status["samples"] >= 2)
+            refusing.set()
+            site.refused.add((1, "holding", 1))
+            assert seen.wait(20), daemon.log()
+        subscriber.undeclare()
+    last_good = datetime.fromisoformat(channel(first, "T_out")["last_good"])
+    assert datetime.fromisoformat(first["last_sample_time"]) - last_good <= timedelta(seconds=1), "one period"
 
 
 def test_a_device_that_goes_away_harms_no_other_zone_and_is_found_again(tmp_path: Path) -> None:

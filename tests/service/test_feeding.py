@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import random
 from math import inf
 
 import pytest
@@ -63,6 +64,7 @@ def pauses(monkeypatch):
 
     monkeypatch.setattr(service.feeding.asyncio, "sleep", sleep)
     monkeypatch.setattr(service.feeding.random, "uniform", lambda lower, upper: upper)
+    assert service.feeding.LONGEST_PAUSE <= 30.0
     return slept
 
 
@@ -95,6 +97,14 @@ def test_pauses_are_bounded_and_short_again_after_progress(pauses):
     source = Scripted(*[([], down)] * 8, ([batch(5.0)], down), ([], None))
     run(source)
     assert pauses == [1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0, 30.0, 1.0]
+
+
+def test_pauses_differ_so_that_many_daemons_do_not_come_back_at_once(pauses, monkeypatch):
+    monkeypatch.setattr(service.feeding.random, "uniform", random.Random(5).uniform)
+    down = SourceUnavailable("sources.bms: down")
+    run(Scripted(*[([], down)] * 40, ([], None)))
+    assert all(15.0 <= pause <= 30.0 for pause in pauses[5:])
+    assert len(set(pauses[5:])) > 30
 
 
 def test_a_source_that_is_described_wrongly_stays_off(pauses, caplog):

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import time
 from math import isnan
 
 import pytest
@@ -12,7 +13,8 @@ from adapters.reading import Quality, Reading
 from estimator.presets import network
 from service.alignment import Alignment
 from service.feeding import GRACE, keep_time, watch_clock
-from service.worker import WorkerSettings, ZoneWorker
+from service.health import state_and_reason
+from service.worker import Progress, WorkerSettings, ZoneWorker
 
 TITE = network("tite")
 HOUR = 3600.0
@@ -108,6 +110,61 @@ def test_an_input_is_held_for_its_own_age():
     assert [update.forecast.inputs[1].held for update in held] == [False] * 3
     assert next_step(4) is None
     assert zone.progress.stalled == "T_out is 1200 s old, older than its max_age = 900 s"
+
+
+def test_after_a_restart_with_a_clock_set_back_readings_are_counted_as_refused():
+    align = alignment(resume_after=10 * PERIOD, live=True)
+    align.add("bms", readings(9 * PERIOD + 5.0), 9 * PERIOD + 5.0)
+    assert align.faults["out_of_order"] == len(TITE.channels)
+    recorded = alignment(resume_after=10 * PERIOD)
+    recorded.add("bms", readings(9 * PERIOD + 5.0), 9 * PERIOD + 5.0)
+    assert not recorded.faults, "a recording is read again from the start, which is no fault"
+
+
+ENDED = "its recording has come to an end; the last forecast stands"
+TROUBLE = ("sources.bms: no connection to 10.0.0.5:502; check the cable",)
+
+
+@pytest.mark.parametrize(
+    ("progress", "known", "state", "reason"),
+    [
+        (Progress(last_time=0), {}, "running", ""),
+        (Progress(last_time=0), {"live": True, "trouble": TROUBLE}, "running", TROUBLE[0]),
+        (Progress(last_time=0), {"trouble": TROUBLE}, "stalled", TROUBLE[0]),
+        (
+            Progress(stalled="T_out is old"),
+            {"live": True, "trouble": TROUBLE},
+            "stalled",
+            f"T_out is old; {TROUBLE[0]}",
+        ),
+        (
+            Progress(),
+            {"live": True, "trouble": TROUBLE, "has_forecast": False},
+            "waiting",
+            f"no complete sample yet; {TROUBLE[0]}",
+        ),
+        (Progress(stalled="no reading of T_out yet"), {"has_forecast": False}, "waiting", "no reading of T_out yet"),
+        (Progress(), {"failure": "it broke", "trouble": TROUBLE, "live": True}, "failed", "it broke"),
+        (
+            Progress(last_time=0),
+            {"ended": True},
+            "stalled",
+            "its recording has come to an end; the last forecast stands",
+        ),
+    ],
+)
+def test_the_state_of_a_zone_says_what_is_known(progress, known, state, reason):
+    facts = {"has_forecast": True, "failure": None, "trouble": (), "live": False, "ended": False} | known
+    assert state_and_reason(progress, **facts) == (state, reason)
+
+
+def test_a_live_zone_whose_newest_sample_lies_in_the_future_is_stalled_and_says_why():
+    facts = {"has_forecast": True, "failure": None, "trouble": (), "ended": False}
+    tomorrow = Progress(last_time=int(time.time()) + 86400)
+    state, reason = state_and_reason(tomorrow, live=True, **facts)
+    assert state == "stalled"
+    assert "set the clock, or give the zone's state up with --reset" in reason
+    assert state_and_reason(tomorrow, live=False, **facts) == ("running", "")
 
 
 class Clock:

@@ -178,8 +178,8 @@ def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path
 
 
 def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(service.zone, "FIRST_PAUSE", 0.3)
-    monkeypatch.setattr(service.zone, "LONGEST_PAUSE", 0.3)
+    monkeypatch.setattr(service.zone, "FIRST_PAUSE", 1.5)
+    monkeypatch.setattr(service.zone, "LONGEST_PAUSE", 1.5)
 
     async def scenario():
         async with plumbing(tmp_path) as shared:
