@@ -37,22 +37,21 @@ def parse_time(value: object, form: str, zone: ZoneInfo | None, near: float) -> 
 def _from_text(text: str, zone: ZoneInfo | None, near: float) -> float:
     try:
         moment = datetime.fromisoformat(text.strip())
-        if moment.tzinfo is not None:
-            return moment.timestamp()
-        if zone is None:
-            raise NaiveTime(f'has the time "{text}" without offset; give time_zone')
+    except ValueError:
+        raise ValueError(f'has the time "{text}", which is not a time such as "2026-01-15T12:00:00Z"') from None
+    if moment.tzinfo is not None:
+        return moment.timestamp()
+    if zone is None:
+        raise NaiveTime(f'has the time "{text}" without offset; give time_zone')
+    try:
         return _local(moment, zone, near)
     except OverflowError:
         raise ValueError(f'has the time "{text}", which is out of this world') from None
-    except NaiveTime:
-        raise
-    except ValueError:
-        raise ValueError(f'has the time "{text}", which is not a time such as "2026-01-15T12:00:00Z"') from None
 
 
 def _local(moment: datetime, zone: ZoneInfo, near: float) -> float:
     passes = [moment.replace(tzinfo=zone, fold=fold).timestamp() for fold in (0, 1)]
     there = [time for time in passes if datetime.fromtimestamp(time, zone).replace(tzinfo=None) == moment]
     if not there:
-        raise ValueError("falls into the hour that spring skips")
+        raise ValueError(f"has the time {moment}, which is in the hour that spring skips")
     return min(there, key=lambda time: abs(time - near))

@@ -65,8 +65,8 @@ class Connection:
             "listen/endpoints": list(self.listen),
             "listen/exit_on_failure": True,
             "connect/endpoints": list(self.connect),
-            "connect/timeout_ms": int(1000 * self.timeout),
-            "connect/exit_on_failure": self.mode == "client",
+            # For one attempt at one endpoint; a client that gave all of its time to the first would never try the next.
+            "transport/unicast/open_timeout": int(1000 * self.timeout),
             "connect/retry": {"period_init_ms": 500, "period_max_ms": _LONGEST_PAUSE_MS, "period_increase_factor": 2},
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
