@@ -84,12 +84,16 @@ class ZenohSource:
             for key in self._channels.keys:
                 link.subscribe(key, partial(inbox.put, key), self._intake.recover)
             watch = _Watch(self.name, self._connection)
+            look_at = time.monotonic()
             while True:
                 shares = await inbox.take(_LOOK)
                 if shares:
                     yield Batch(self._readings(shares), time.time() - TRANSIT)
                     # A flood must leave the loop to others as well.
                     await asyncio.sleep(0)
+                if time.monotonic() < look_at:
+                    continue
+                look_at = time.monotonic() + _LOOK
                 if watch.joined(link.connected):
                     yield Batch([], time.time() - TRANSIT)
                 if watch.quiet():
