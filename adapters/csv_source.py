@@ -145,7 +145,7 @@ class CsvSource:
                     readings.append(converters[i].bad(time, FAULTS[code]))
         return readings
 
-    async def probe(self) -> list[Probe]:
+    async def probe(self, seconds: float) -> list[Probe]:
         """The first and the last row of the recording, for every channel."""
         first = await self._read(self._files[0])
         last = first if len(self._files) == 1 else await self._read(self._files[-1])

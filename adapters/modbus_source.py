@@ -84,7 +84,7 @@ class ModbusSource:
         finally:
             link.close()
 
-    async def probe(self) -> list[Probe]:
+    async def probe(self, seconds: float) -> list[Probe]:
         """Every channel, each by a request of its own."""
         link = await self._open()
         silent: dict[int, str] = {}

@@ -27,8 +27,12 @@ class Fault(StrEnum):
     STUCK = "stuck"
     COUNTER_RESET = "counter_reset"
     REFUSED_BY_DEVICE = "refused_by_device"
+    REPORTED_BAD = "reported_bad"
+    WRONG_UNIT = "wrong_unit"
+    OVERRUN = "overrun"
     NAIVE_TIMESTAMP = "naive_timestamp"
     BAD_TIMESTAMP = "bad_timestamp"
+    AHEAD_OF_TIME = "ahead_of_time"
 
 
 class Reading(NamedTuple):
@@ -90,8 +94,9 @@ class Source(Protocol):
         """
         ...
 
-    async def probe(self) -> list[Probe]:
-        """Look at every channel once, in the order of the channels. Raises SourceUnavailable."""
+    async def probe(self, seconds: float) -> list[Probe]:
+        """Look at every channel once, in the order of the channels; one that tells by itself is given `seconds` to do
+        so. Raises SourceUnavailable."""
         ...
 
     async def close(self) -> None:

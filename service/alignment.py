@@ -11,6 +11,7 @@ import numpy as np
 
 from adapters.reading import Fault, Quality, Reading
 from adapters.timestamps import EARLIEST, LATEST
+from adapters.units import default_valid_range
 from estimator.network import Network
 from service.aggregation import Aggregate, Span, aggregate, default_aggregate
 from service.errors import ConfigError
@@ -81,6 +82,11 @@ class Alignment:
         self._outputs = len(network.measured)
         self._rules: list[Aggregate] = [
             aggregate(aggregates.get(channel, default_aggregate(network.channel_unit(channel))))
+            for channel in self._channels
+        ]
+        # Amounts of energy have no range of their own; the power that they amount to has.
+        self._believable = [
+            default_valid_range(network.channel_unit(channel)) if aggregates.get(channel) == "energy" else (-inf, inf)
             for channel in self._channels
         ]
         prefix = "" if zone is None else f"{zone}/"
@@ -215,6 +221,10 @@ class Alignment:
             values = [readings[time] for time in used]
             value = rule.combine(Span(used, values, index * self._period, (index + 1) * self._period))
         except OverflowError:
+            return nan, Quality.BAD
+        lower, upper = self._believable[slot]
+        if not lower <= value <= upper:
+            self.faults[Fault.OUT_OF_RANGE] += 1
             return nan, Quality.BAD
         channel = self._channels[slot]
         self.last_good[channel] = times[-1]

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from adapters.reading import Probe
     from service.config import Config
 
+LISTEN_SECONDS = 5.0
+
 AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 
 
@@ -22,6 +24,23 @@ def add_to(add: AddCommand) -> None:
     parser = add("probe", _probe, "Read every channel once and show what is made of it; 0 if all is good, 1 otherwise.")
     parser.add_argument("config", type=Path, metavar="CONFIG", help="the configuration file (TOML)")
     parser.add_argument("--source", metavar="NAME", help="look at the channels of this source only (default: all)")
+    parser.add_argument(
+        "--seconds",
+        type=_seconds,
+        default=LISTEN_SECONDS,
+        metavar="S",
+        help=f"how long to listen to a source that publishes by itself, at most (default: {LISTEN_SECONDS:g})",
+    )
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not 0 < seconds <= 3600:
+        raise argparse.ArgumentTypeError(f'must be a number of seconds above 0 and up to 3600, not "{text}"')
+    return seconds
 
 
 def _probe(arguments: argparse.Namespace) -> int:
@@ -34,10 +53,11 @@ def _probe(arguments: argparse.Namespace) -> int:
     if wanted is not None and wanted not in config.sources:
         known = suggestion(wanted, config.sources, "the sources are")
         raise ConfigError([f'--source: there is no source "{wanted}"; {known}'])
-    return asyncio.run(_probe_all(config, list(config.sources) if wanted is None else [wanted]))
+    names = list(config.sources) if wanted is None else [wanted]
+    return asyncio.run(_probe_all(config, names, arguments.seconds))
 
 
-async def _probe_all(config: Config, names: Iterable[str]) -> int:
+async def _probe_all(config: Config, names: Iterable[str], seconds: float) -> int:
     """Probe one source after the other, so that one that is not there does not hide the rest."""
     from adapters.errors import SourceError
     from service.sources import bindings, build_source
@@ -46,7 +66,7 @@ async def _probe_all(config: Config, names: Iterable[str]) -> int:
     for name in names:
         source = build_source(name, config)
         try:
-            probes = await source.probe()
+            probes = await source.probe(seconds)
         except SourceError as error:
             print(f"thermogate: {error}", file=sys.stderr)
             good = False

@@ -31,6 +31,7 @@ from service.config_types import (
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
+from service.zenoh_models import ZenohSourceConfig
 
 Port = Annotated[int, BeforeValidator(whole(0, 65535))]
 Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("peer", "client", "router"))]
@@ -75,7 +76,7 @@ class ZenohConfig(BaseModel):
         return self
 
 
-SourceConfig = Annotated[CsvConfig | ModbusConfig, Field(discriminator="kind")]
+SourceConfig = Annotated[CsvConfig | ModbusConfig | ZenohSourceConfig, Field(discriminator="kind")]
 """The table of a source, told apart by its `kind`."""
 
 

@@ -22,6 +22,7 @@ from service.durations import DAY, format_duration, parse_duration
 _IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _ENDPOINT = re.compile(r"(?P<protocol>tcp|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})")
+_SOURCE_ENDPOINT = re.compile(_ENDPOINT.pattern.replace("tcp|udp|ws", "tcp|tls|quic|udp|ws"))
 _SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 1200, 1800, 3600, 7200)
 
 
@@ -187,6 +188,16 @@ def endpoint(value: object) -> str:
     return str(value)
 
 
+def zenoh_endpoint(value: object) -> str:
+    match = _SOURCE_ENDPOINT.fullmatch(text(value))
+    if not match or int(match["port"]) > 65535:
+        raise ValueError(
+            f"{shown(value)} is not an endpoint; write protocol/host:port with tcp, tls, quic, udp or ws, such as "
+            '"tls/bms.example:7447"'
+        )
+    return str(value)
+
+
 def loopback_endpoint(value: object) -> str:
     host = endpoint(value).split("/", 1)[1].rsplit(":", 1)[0]
     if not is_loopback(host):
@@ -269,6 +280,7 @@ Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
 LoopbackHost = Annotated[str, BeforeValidator(loopback_host)]
 Endpoint = Annotated[str, BeforeValidator(endpoint)]
 LoopbackEndpoint = Annotated[str, BeforeValidator(loopback_endpoint)]
+SourceEndpoint = Annotated[str, BeforeValidator(zenoh_endpoint)]
 TimeZone = Annotated[str, BeforeValidator(time_zone)]
 TimestampFormat = Annotated[str, BeforeValidator(timestamp_format)]
 Delimiter = Annotated[str, BeforeValidator(delimiter)]

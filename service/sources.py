@@ -14,10 +14,14 @@ from adapters.modbus_plan import Limits
 from adapters.modbus_source import ModbusChannel, ModbusSource
 from adapters.reading import Source
 from adapters.units import ENERGIES, conversion, default_valid_range
+from adapters.zenoh_connection import Connection, Tls
+from adapters.zenoh_points import Dating, ZenohChannel
+from adapters.zenoh_source import Intake, ZenohSource
 from service.config_models import ChannelConfig, Config, ZoneConfig
 from service.modbus_models import ModbusChannelConfig, ModbusConfig
 from service.networks import build_network
 from service.source_models import CsvChannelConfig, CsvConfig
+from service.zenoh_models import ZenohChannelConfig, ZenohSourceConfig
 
 
 class Binding(NamedTuple):
@@ -137,7 +141,32 @@ def _modbus_channel(id: str, channel: ModbusChannelConfig, unit: str, table: Mod
     )
 
 
+def _build_zenoh(name: str, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> ZenohSource:
+    tls = None if table.tls is None else Tls(**dict(table.tls))
+    return ZenohSource(
+        name,
+        Connection(
+            table.mode,
+            table.connect,
+            table.listen,
+            table.timeout,
+            table.user,
+            table.password_file,
+            table.password_env,
+            table.users_file,
+            tls,
+        ),
+        [_zenoh_channel(binding.id, binding.channel, binding.unit) for binding in bindings],
+        Intake(Dating(table.times, table.max_ahead), table.recover, table.queue, table.longest_stretch),
+    )
+
+
+def _zenoh_channel(id: str, channel: ZenohChannelConfig, unit: str) -> ZenohChannel:
+    return ZenohChannel(id, channel.key, channel.payload_format, edge_of(channel, unit), channel.stuck_after)
+
+
 SOURCE_KINDS: dict[str, SourceKind] = {
     "csv": SourceKind(CsvConfig, CsvChannelConfig, False, 'column = "..."', _build_csv),
     "modbus": SourceKind(ModbusConfig, ModbusChannelConfig, True, 'register = 0, type = "float32"', _build_modbus),
+    "zenoh": SourceKind(ZenohSourceConfig, ZenohChannelConfig, True, 'key = "..."', _build_zenoh),
 }

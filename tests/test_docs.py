@@ -29,6 +29,7 @@ from service import (
     network_models,
     payloads,
     source_models,
+    zenoh_models,
 )
 from service.aggregation import AGGREGATES, default_aggregate
 from service.cli import main
@@ -52,11 +53,14 @@ TABLES: dict[str, type[BaseModel]] = {
     "Recorded files": source_models.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
+    "Zenoh as a source": zenoh_models.ZenohSourceConfig,
+    "`tls`": zenoh_models.TlsConfig,
     "`timestamp`": source_models.TimestampConfig,
     "`[[zones]]`": config_models.ZoneConfig,
     "`[zones.channels]`": source_models.ChannelConfig,
     "Channels of recorded files": source_models.CsvChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
+    "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
     "`solar`": network_models.SolarConfig,
@@ -285,13 +289,22 @@ def model_of(mark: str) -> tuple[type[BaseModel], bool]:
     raise AssertionError(f"there is no payload {match[1]}")
 
 
-def test_documented_defaults_of_modbus_are_those_in_force() -> None:
+def test_documented_defaults_of_live_sources_are_those_in_force() -> None:
     source = modbus_models.ModbusConfig.model_validate({"host": "10.0.0.5", "first_register": 0})
     serial = modbus_models.SerialConfig.model_validate({"device": "/dev/ttyUSB0"})
-    for heading, model in (("Modbus", source), ("`serial`", serial)):
+    heard = zenoh_models.ZenohSourceConfig.model_validate({"connect": ["tcp/10.0.0.5:7447"]})
+    described = {
+        "Modbus": source,
+        "`serial`": serial,
+        "Zenoh as a source": heard,
+        "`tls`": zenoh_models.TlsConfig(),
+    }
+    for heading, model in described.items():
         values = model.model_dump(mode="json")
         for key, _, default, _ in tables(section("configuration.md", heading))[0][1:]:
             (name,) = names(key)
+            if name == "connect":
+                continue  # one of connect and listen has to be given to make the model at all
             if default.startswith("`"):
                 assert tomllib.loads(f"v = {default.strip('`')}")["v"] == values[name], f"{heading} {name}"
             else:

@@ -65,7 +65,7 @@ def test_rows_of_the_hour_that_autumn_repeats_are_an_hour_apart(tmp_path):
 
 
 def test_a_probe_shows_the_first_and_the_last_row(tmp_path):
-    probes = asyncio.run(source(tmp_path, ROWS, "4500,12,95\n").probe())
+    probes = asyncio.run(source(tmp_path, ROWS, "4500,12,95\n").probe(1.0))
     assert [(probe.channel, probe.time, probe.value, probe.verdict) for probe in probes] == [
         ("z/u", 0.0, None, "good"),
         ("z/u", 4500.0, None, "good"),
@@ -77,4 +77,4 @@ def test_a_probe_shows_the_first_and_the_last_row(tmp_path):
 
 def test_a_probe_of_a_file_without_rows_is_one_sentence(tmp_path):
     with pytest.raises(SourceUnavailable, match=r"sources.log: file '.*0.csv' has no rows; give one that has"):
-        asyncio.run(source(tmp_path, "").probe())
+        asyncio.run(source(tmp_path, "").probe(1.0))

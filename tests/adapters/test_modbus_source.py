@@ -365,7 +365,7 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
             ]
             wide = Edge(conversion=conversion("kWh", "W"), counter=True, scale=0.1)
             meter = channel("meter", 2, Format("uint16"), edge=wide)
-            found = await source(site.port, [*channels, meter], timeout=0.2).probe()
+            found = await source(site.port, [*channels, meter], timeout=0.2).probe(1.0)
             return found, len(site.requests(2))
 
     probes, asked = run(job())
@@ -384,7 +384,7 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
 def test_a_probe_marks_the_order_that_would_be_plausible():
     async def job():
         async with serving(plant(holding=[0xA041, 0x00CC])) as site:
-            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe()
+            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe(1.0)
 
     (probe,) = run(job())
     assert probe.verdict == "doubtful: nearly but not quite 0, as numbers with swapped registers are"
@@ -394,7 +394,7 @@ def test_a_probe_marks_the_order_that_would_be_plausible():
 def test_a_probe_of_a_value_out_of_range_says_the_range_and_the_other_orders():
     async def job():
         async with serving(plant(holding=[0x4B41, 0xC0AC])) as site:
-            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe()
+            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe(1.0)
 
     (probe,) = run(job())
     assert probe.verdict == "implausible: not within -60 to 80"
@@ -405,7 +405,7 @@ def test_a_probe_of_a_device_that_is_not_there_is_one_sentence():
     async def job():
         async with serving(plant(holding=[1])) as site:
             port = site.port
-        await source(port, [channel("c", 0)]).probe()
+        await source(port, [channel("c", 0)]).probe(1.0)
 
     with pytest.raises(SourceUnavailable, match="no connection to"):
         run(job())

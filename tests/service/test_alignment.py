@@ -67,6 +67,17 @@ def test_a_sum_beyond_all_numbers_is_bad_and_not_infinite():
     assert sample.input_quality[0] is BAD
 
 
+def test_energy_that_no_building_uses_is_refused_as_the_power_that_it_amounts_to():
+    align = alignment({"u_heat": "energy"})
+    amounts = [Reading("u_heat", 0.0, 1.5e5), Reading("u_heat", 100.0, 1.5e5), Reading("u_heat", 300.0, 1e12)]
+    plausible, wrong = align.add("a", amounts, 600.0)
+    assert plausible.inputs[1] == 1000.0
+    assert isnan(wrong.inputs[1])
+    assert wrong.input_quality[1] is BAD
+    assert align.faults == {Fault.OUT_OF_RANGE: 1}
+    assert align.last_good == {"u_heat": 100.0}
+
+
 def test_wrong_settings_are_refused_with_the_right_ones():
     with pytest.raises(ConfigError, match="aggregate 'median' is unknown; the aggregates are mean, time_weighted"):
         alignment({"T_i": "median"})

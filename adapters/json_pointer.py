@@ -1,0 +1,34 @@
+"""JSON pointers (RFC 6901): where in a document a value stands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+_INDEX = re.compile(r"0|[1-9][0-9]*")
+_LONE_TILDE = re.compile(r"~(?![01])")
+
+MISSING: Any = object()
+"""What `resolve` gives where a document has nothing at the pointer."""
+
+
+def parse(pointer: str) -> tuple[str, ...]:
+    """The reference tokens of `pointer`; "" is the whole document. ValueError if it is no JSON pointer."""
+    if pointer and not pointer.startswith("/"):
+        raise ValueError(f'"{pointer}" is no JSON pointer; begin it with /, such as "/present/value"')
+    if _LONE_TILDE.search(pointer):
+        raise ValueError(f'"{pointer}" is no JSON pointer; write ~ as ~0, and / inside a name as ~1')
+    return tuple(token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:])
+
+
+def resolve(document: object, tokens: Sequence[str]) -> Any:
+    """What stands in `document` at `tokens`, or MISSING."""
+    for token in tokens:
+        if isinstance(document, dict) and token in document:
+            document = document[token]
+        elif isinstance(document, list) and _INDEX.fullmatch(token) and int(token) < len(document):
+            document = document[int(token)]
+        else:
+            return MISSING
+    return document

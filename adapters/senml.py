@@ -1,0 +1,81 @@
+"""SenML packs in JSON (RFC 8428): base fields resolved into records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+ABSOLUTE_FROM = 2.0**28
+"""Times from here on are UTC s since 1970; below, s from now on (section 4.5.3)."""
+
+# Symbols of the registry (RFC 8428 and 8798) that are written differently here; all others are written alike.
+_UNITS = {"Cel": "degC", "/": "1", "%EL": "%"}
+
+_VERSION = 10
+
+
+class Record(NamedTuple):
+    """A resolved record.
+
+    `value` is a number or bool, or None where there is none; `text` says that it has some other kind of value instead.
+    `time` is UTC s, or s from now on where it is below ABSOLUTE_FROM; None if not given. `unit` is written as
+    Thermogate writes it. `fields` are the record's own, as they came.
+    """
+
+    name: str
+    value: float | bool | None
+    text: bool
+    time: float | None
+    unit: str | None
+    fields: Mapping[str, Any]
+
+
+def records(document: object) -> Iterator[Record]:
+    """The records of a pack, which is an array of objects; a single object is taken for an array of one.
+
+    Raises ValueError with one sentence where the pack as a whole cannot be understood.
+    """
+    pack = [document] if isinstance(document, dict) else document
+    if not isinstance(pack, list):
+        raise ValueError("is no SenML pack, which is an array of records")
+    base: dict[str, Any] = {}
+    for fields in pack:
+        if not isinstance(fields, dict):
+            raise ValueError("has a record that is no object")
+        unknown = [label for label in fields if label.endswith("_")]
+        if unknown:
+            raise ValueError(f'has the field "{unknown[0]}", which must be understood and is not')
+        base |= {label: fields[label] for label in ("bn", "bt", "bu", "bv", "bver") if label in fields}
+        if _number(base, "bver", _VERSION) > _VERSION:
+            raise ValueError(f"is written in version {base['bver']:g} of SenML; {_VERSION} is the newest that is known")
+        if fields.keys() & {"n", "v", "vb", "vs", "vd", "s"} or "bn" not in fields:
+            yield _resolved(fields, base)
+
+
+def _resolved(fields: Mapping[str, Any], base: Mapping[str, Any]) -> Record:
+    name = f"{base.get('bn', '')}{fields.get('n', '')}"
+    value = fields.get("v", fields.get("vb"))
+    text = (value is not None and not isinstance(value, int | float)) or bool(fields.keys() & {"vs", "vd"})
+    # A base value alone is a value; a null is none, whatever the base.
+    if "bv" in base and not text and not fields.keys() & {"vb"} and fields.get("v", 0) is not None:
+        value = _number(fields, "v", 0.0) + _number(base, "bv", 0.0)
+    timed = "t" in fields or "bt" in base
+    unit = fields.get("u", base.get("bu"))
+    return Record(
+        name,
+        None if text else value,
+        text,
+        _number(fields, "t", 0.0) + _number(base, "bt", 0.0) if timed else None,
+        None if unit is None else _UNITS.get(str(unit), str(unit)),
+        fields,
+    )
+
+
+def _number(fields: Mapping[str, Any], label: str, default: float) -> float:
+    value = fields.get(label, default)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f'has a "{label}" that is no number')
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f'has a "{label}" that no computer measures') from None

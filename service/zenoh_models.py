@@ -1,0 +1,221 @@
+"""[sources.<name>] of kind "zenoh" and its channels, as they are written in the configuration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+from zoneinfo import ZoneInfo
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
+
+from adapters.json_pointer import parse
+from adapters.payload_time import TIME_FORMATS
+from adapters.zenoh_payload import FORMATS, PayloadFormat, quality_word
+from adapters.zenoh_points import TIMES
+from service.config_types import (
+    Duration,
+    FilePath,
+    Flag,
+    PositiveDuration,
+    SourceEndpoint,
+    Text,
+    TimeZone,
+    choice,
+    is_loopback,
+    shown,
+    whole,
+)
+from service.durations import format_duration
+from service.network_models import TABLE
+from service.source_models import ChannelConfig
+
+LONGEST_TIMEOUT = 60.0
+
+_INHERITED = ("format", "time_format", "time_zone", "good", "uncertain", "stuck_after")
+_POINTERS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
+"""Which pointers a format has."""
+
+
+def pointer(value: object) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f'must be a JSON pointer in quotes, such as "/present/value", not {shown(value)}')
+    parse(value)
+    return value
+
+
+def word(value: object) -> str:
+    if not isinstance(value, str | int | float):
+        raise ValueError(f'must be a text, a number, true or false, such as "good" or 192, not {shown(value)}')
+    return quality_word(value)
+
+
+def bearable(seconds: float) -> float:
+    if seconds > LONGEST_TIMEOUT:
+        raise ValueError(f"must be at most {format_duration(LONGEST_TIMEOUT)}, not {format_duration(seconds)}")
+    return seconds
+
+
+def different(times: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(times)) < len(times):
+        raise ValueError(f"{shown(times)} names the same time twice")
+    return times
+
+
+Pointer = Annotated[str, BeforeValidator(pointer)]
+Words = tuple[Annotated[str, BeforeValidator(word)], ...]
+Format = Annotated[str, BeforeValidator(choice(*FORMATS))]
+TimeFormat = Annotated[str, BeforeValidator(choice(*TIME_FORMATS))]
+_WORDS = 'a list of what stands for it, such as ["good", 192]'
+
+
+class TlsConfig(BaseModel):
+    """tls of a Zenoh source: certificates, as files in PEM."""
+
+    model_config = TABLE
+
+    ca: FilePath | None = None
+    certificate: FilePath | None = None
+    private_key: FilePath | None = None
+    mutual: Flag = True
+    verify_name: Flag = True
+
+    @model_validator(mode="after")
+    def _paired(self) -> Self:
+        if (self.certificate is None) != (self.private_key is None):
+            raise ValueError("certificate and private_key belong together; give both, or neither")
+        return self
+
+
+class ZenohSourceConfig(BaseModel):
+    """[sources.<name>] of kind "zenoh": what a building management system publishes, in a session of its own."""
+
+    model_config = TABLE
+
+    kind: Literal["zenoh"] = "zenoh"
+    mode: Annotated[Literal["client", "peer", "router"], BeforeValidator(choice("client", "peer", "router"))] = "client"
+    connect: tuple[SourceEndpoint, ...] = Field(
+        default=(), description='a list of endpoints, such as ["tcp/192.168.1.30:7447"]'
+    )
+    listen: tuple[SourceEndpoint, ...] = Field(
+        default=(), description='a list of endpoints, such as ["tcp/127.0.0.1:7449"]'
+    )
+    timeout: Annotated[PositiveDuration, AfterValidator(bearable)] = 5.0
+    user: Text | None = None
+    password_file: FilePath | None = None
+    password_env: Text | None = None
+    users_file: FilePath | None = None
+    tls: TlsConfig | None = None
+    times: Annotated[tuple[Annotated[str, BeforeValidator(choice(*TIMES))], ...], AfterValidator(different)] = Field(
+        default=TIMES, min_length=1, description=f"a list of {', '.join(TIMES)} in the order of preference"
+    )
+    max_ahead: Duration = 10.0
+    recover: Duration = 0.0
+    queue: Annotated[int, BeforeValidator(whole(1, 100_000))] = 1000
+    longest_stretch: PositiveDuration = 900.0
+    format: Format = "plain"
+    value: Pointer = "/value"
+    time: Pointer | None = None
+    quality: Pointer | None = None
+    time_format: TimeFormat = "iso8601"
+    time_zone: TimeZone | None = None
+    good: Words = Field(default=("good",), description=_WORDS)
+    uncertain: Words = Field(default=("uncertain",), description=_WORDS)
+    stuck_after: PositiveDuration | None = None
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if not self.connect and not self.listen:
+            raise ValueError('needs connect, such as connect = ["tcp/192.168.1.30:7447"], or listen')
+        if self.mode == "client" and (self.listen or not self.connect):
+            raise ValueError('mode "client" only connects; give connect and no listen, or mode "peer" or "router"')
+        return self
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        passwords = [self.password_file, self.password_env]
+        if (self.user is None) != (passwords.count(None) == 2) or None not in passwords:
+            raise ValueError("user goes with the password's place: give user and one of password_file and password_env")
+        encrypted = [endpoint for endpoint in self.listen if endpoint.startswith(("tls/", "quic/"))]
+        certificate = self.tls is not None and self.tls.certificate is not None
+        if encrypted and not certificate:
+            raise ValueError(f"listening on {encrypted[0]} needs tls.certificate and tls.private_key")
+        for endpoint in self.listen:
+            mutual = endpoint in encrypted and self.tls is not None and self.tls.mutual and self.tls.ca is not None
+            if not (is_loopback(_host(endpoint)) or mutual or self.users_file is not None):
+                raise ValueError(
+                    f"listening on {endpoint} lets other machines in: give users_file, or listen on tls with tls.ca, "
+                    "tls.certificate and tls.private_key and mutual = true"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _recoverable(self) -> Self:
+        if self.recover and self.times[0] == "arrival":
+            raise ValueError(
+                'recover brings samples long after they were sent, which times must then not date by their "arrival"; '
+                'put "payload" or "zenoh" first'
+            )
+        return self
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        listening = f"listening on {', '.join(self.listen)}" if self.listen else ""
+        connecting = f"connecting to {', '.join(self.connect)}" if self.connect else ""
+        return f"{self.mode} {' and '.join(filter(None, (connecting, listening)))}"
+
+
+def _host(endpoint: str) -> str:
+    return endpoint.split("/", 1)[1].rsplit(":", 1)[0]
+
+
+class ZenohChannelConfig(ChannelConfig):
+    """A channel of a Zenoh source; what is None is taken over from the source."""
+
+    key: Text = Field(description='the key expression that it is published on, such as "bms/room1/T_air"')
+    format: Format | None = None
+    value: Pointer | None = None
+    time: Pointer | None = None
+    quality: Pointer | None = None
+    record: Text | None = None
+    time_format: TimeFormat | None = None
+    time_zone: TimeZone | None = None
+    good: Words | None = Field(default=None, description=_WORDS)
+    uncertain: Words | None = Field(default=None, description=_WORDS)
+    stuck_after: PositiveDuration | None = None
+
+    @property
+    def address(self) -> str:
+        """Key and format."""
+        return " ".join(filter(None, (self.key, self.format, self.value, self.record)))
+
+    @property
+    def payload_format(self) -> PayloadFormat:
+        """How its payloads are written; of a channel that is `within` its source."""
+        # What SenML states is the unit of its own number, before scale and offset.
+        untouched = self.scale == 1.0 and self.offset == 0.0
+        return PayloadFormat(
+            str(self.format),
+            parse(self.value or ""),
+            None if self.time is None else parse(self.time),
+            None if self.quality is None else parse(self.quality),
+            str(self.time_format),
+            None if self.time_zone is None else ZoneInfo(self.time_zone),
+            frozenset(self.good or ()),
+            frozenset(self.uncertain or ()),
+            self.record,
+            self.unit if untouched else None,
+        )
+
+    def within(self, table: ZenohSourceConfig) -> Self:
+        """With what the source says for all of its channels; ValueError where the result cannot be read."""
+        form = self.format or table.format
+        pointers = _POINTERS[form]
+        for name in ("value", "time", "quality"):
+            if getattr(self, name) is not None and name not in pointers:
+                raise ValueError(f'format "{form}" has no {name}; remove it, or use format "json"')
+        if self.record is not None and form != "senml":
+            raise ValueError(f'record is for format "senml", not "{form}"')
+        taken: dict[str, Any] = {
+            name: getattr(table, name) for name in (*_INHERITED, *pointers) if getattr(self, name) is None
+        }
+        return self.model_copy(update=taken)
