@@ -24,6 +24,7 @@ from service.feeding import feed
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
 from service.http_server import HttpServer
 from service.logs import configure_logging
+from service.loop_delay import watch_loop
 from service.metrics import Metrics
 from service.publisher import Publisher
 from service.routing import Router
@@ -105,6 +106,7 @@ class Daemon:
         app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"))
         server = HttpServer(app, self._config.http)
         stop = asyncio.create_task(self._stopping.wait())
+        watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
         tasks: list[asyncio.Task[None]] = []
         try:
             preparing = asyncio.gather(*(zone.prepare() for zone in zones.values()))
@@ -130,6 +132,7 @@ class Daemon:
                 await asyncio.gather(_drain(zones, workers), server.stop(serving))
         finally:
             stop.cancel()
+            watching.cancel()
             server.close()
 
     async def _feed(self, name: str, zones: Mapping[str, Zone], last: Mapping[str, int | None]) -> None:
