@@ -7,6 +7,7 @@ SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are w
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import os
 import signal
@@ -123,6 +124,8 @@ class Daemon:
                     waiting = asyncio.to_thread(publisher.await_subscriber, self._config.zenoh.await_subscriber)
                     if not await _before(stop, asyncio.ensure_future(waiting)):
                         return
+                # What was made at the start stays: a collection that looks through it would hold the loop for long.
+                gc.freeze()
                 tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -130,17 +130,24 @@ class Journal:
 
     def append(self, zone: str, sample: Sample) -> bool:
         """Store `sample`, durable on return with the history recorded so far; False if its time is already stored."""
-        row = (
-            zone,
-            sample.time,
-            _to_blob(sample.outputs),
-            _to_blob(sample.inputs),
-            ",".join(sample.output_quality),
-            ",".join(sample.input_quality),
-        )
+        return self.append_all([(zone, sample)]) == 1
+
+    def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
+        """Store samples of zones, all or none of them, as `append`; how many were not stored already."""
+        rows = [
+            (
+                zone,
+                sample.time,
+                _to_blob(sample.outputs),
+                _to_blob(sample.inputs),
+                ",".join(sample.output_quality),
+                ",".join(sample.input_quality),
+            )
+            for zone, sample in accepted
+        ]
         with self._transaction() as cursor:
-            cursor.execute("INSERT OR IGNORE INTO samples VALUES (?, ?, ?, ?, ?, ?, NULL)", row)
-            return cursor.rowcount == 1
+            cursor.executemany("INSERT OR IGNORE INTO samples VALUES (?, ?, ?, ?, ?, ?, NULL)", rows)
+            return cursor.rowcount
 
     def record(self, zone: str, update: Update) -> None:
         """Add or replace the history row of `update`; durable with the next append, flush or close."""
