@@ -85,7 +85,7 @@ class DaemonProcess:
         try:
             code = self.process.wait(_STOP_SECONDS)
         except subprocess.TimeoutExpired:
-            raise MeasurementError(f"the daemon does not stop within {_STOP_SECONDS:g} s; look at {self._log}") from None
+            raise MeasurementError(f"the daemon does not stop within {_STOP_SECONDS:g} s; see {self._log}") from None
         if code != 0:
             raise MeasurementError(f"the daemon stopped with exit code {code}; its log: {self._last_line()}")
         return time.monotonic() - began

@@ -39,6 +39,9 @@ DRAIN_SECONDS = 2.0
 SAVE_SECONDS = 1.0
 """How long it then waits for the checkpoints."""
 
+_NICENESS = 5
+"""Of the threads that compute; Linux keeps it per thread."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -72,8 +75,8 @@ class Daemon:
         if duration is not None:
             loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
-        pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator")
-        asking = ThreadPoolExecutor(1, thread_name_prefix="asking")
+        pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=_stand_back)
+        asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=_stand_back)
         publisher: Publisher | None = None
         try:
             for name in reset:
@@ -148,6 +151,11 @@ class Daemon:
             await feed(source, Router(name, channels_of(name, self._config)), zones, start)
         finally:
             await source.close()
+
+
+def _stand_back() -> None:
+    """In a thread that computes: let the event loop go first where processors are short, so that REST stays prompt."""
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
 
 
 async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:

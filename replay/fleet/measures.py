@@ -27,7 +27,7 @@ def origin(arrivals: Arrivals, every: float) -> float:
 
 
 def rounds(arrivals: Arrivals, scenario: Scenario) -> list[dict[str, Any]]:
-    """Per measured round: its instant (monotonic s), and s from there to the first, the median and the last forecast."""
+    """Per measured round: its instant (monotonic s), and s from there to the first, median and last forecast."""
     begin, start = min(arrivals), origin(arrivals, scenario.every)
     found = []
     for index in range(LONE_ROUNDS + 1, LONE_ROUNDS + 1 + scenario.rounds):

@@ -60,7 +60,8 @@ def zone_ids(count: int) -> list[str]:
 def write(scenario: Scenario, folder: Path, zenoh_port: int, options: Mapping[str, object] | None = None) -> Path:
     """Write recording and configuration into `folder`; the configuration's path.
 
-    `options` are further estimator options; the daemon connects to a listener on `zenoh_port`. Raises MeasurementError for a preset that the recording cannot feed.
+    `options` are further estimator options; the daemon connects to a listener on `zenoh_port`. Raises MeasurementError
+    for a preset that the recording cannot feed.
     """
     house = network(scenario.preset)
     recording = semi_synthetic.generate(None, seed=1)
