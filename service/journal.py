@@ -25,6 +25,8 @@ SCHEMA_VERSION = 1
 _BUSY_SECONDS = 5.0
 _PAGE = 1000
 _PENDING_LIMIT = 1000
+_ROWS_AT_ONCE = 250
+"""SQLite takes 32,766 values in a statement; the widest row has 18."""
 
 _SCHEMA = """
 CREATE TABLE samples (
@@ -90,7 +92,8 @@ class HistoryRow(NamedTuple):
 
 
 _COLUMNS = ", ".join(HistoryRow._fields)
-_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}) VALUES ({', '.join('?' * (len(HistoryRow._fields) + 1))})"
+_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS})"
+_ACCEPT = "INSERT OR IGNORE INTO samples (zone, time, outputs, inputs, output_quality, input_quality)"
 
 
 class Journal:
@@ -146,8 +149,7 @@ class Journal:
             for zone, sample in accepted
         ]
         with self._transaction() as cursor:
-            cursor.executemany("INSERT OR IGNORE INTO samples VALUES (?, ?, ?, ?, ?, ?, NULL)", rows)
-            return cursor.rowcount
+            return _insert(cursor, _ACCEPT, rows)
 
     def record(self, zone: str, update: Update) -> None:
         """Add or replace the history row of `update`; durable with the next append, flush or close."""
@@ -228,7 +230,7 @@ class Journal:
             cursor = self._connection.cursor()
             try:
                 cursor.execute("BEGIN IMMEDIATE")
-                cursor.executemany(_RECORD, self._pending)
+                _insert(cursor, _RECORD, self._pending)
                 yield cursor
                 cursor.execute("COMMIT")
             except BaseException:
@@ -237,6 +239,20 @@ class Journal:
                     cursor.execute("ROLLBACK")
                 raise
         self._pending.clear()
+
+
+def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> int:
+    """Insert `rows`; how many went in.
+
+    Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
+    compute, which for a thousand zones would take longer than the writing.
+    """
+    inserted = 0
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        part = rows[first : first + _ROWS_AT_ONCE]
+        places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
+        inserted += cursor.execute(f"{statement} VALUES {places}", [value for row in part for value in row]).rowcount
+    return inserted
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:
