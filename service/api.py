@@ -87,8 +87,9 @@ def _add_operations(
         encode, media_type = choose_encoder(request.headers.get("accept", ""))
         body, headers = encode(metrics_registry), {"Content-Type": media_type}
         if gzip_accepted(request.headers.get("accept-encoding", "")):
-            body, headers = gzip.compress(body, compresslevel=1), headers | {"Content-Encoding": "gzip"}
-        return Response(body, headers=headers | {"Vary": "Accept-Encoding"})
+            body = gzip.compress(body, compresslevel=1)
+            headers |= {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"}
+        return Response(body, headers=headers)
 
 
 def _document(app: FastAPI) -> dict[str, Any]:

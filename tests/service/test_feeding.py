@@ -110,3 +110,23 @@ def test_an_unexpected_error_is_retried_without_a_traceback(pauses, caplog):
     assert told[-1] == ("end", "bms")
     assert pauses == [1.0]
     assert "Traceback" not in caplog.text
+
+
+def test_a_zone_that_fails_does_not_keep_the_others_from_their_readings(pauses, caplog):
+    class Failing(Recorder):
+        async def deliver(self, source, readings, now):
+            if not self.told:
+                self.told.append(("failing", now, 0))
+                raise RuntimeError("out of order")
+            await super().deliver(source, readings, now)
+
+    ids = [f"z{index}" for index in range(2 * service.feeding.TOGETHER)]
+    zones = {zone: Failing() if zone == "z0" else Recorder() for zone in ids}
+    together = Batch([Reading(f"{zone}/T_i", 1.0, 20.0) for zone in ids], 1.0)
+    source = Scripted(([together], None), ([together], None))
+    asyncio.run(feed(source, Router("bms", [f"{zone}/T_i" for zone in ids]), zones, None))
+    assert zones["z0"].told[0] == ("failing", 1.0, 0)
+    assert zones["z1"].told[0] == ("deliver", 1.0, 1)
+    assert all(("deliver", 1.0, 1) in zone.told for zone in zones.values())
+    assert source.starts == [None, None]
+    assert "out of order" in caplog.text
