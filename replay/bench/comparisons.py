@@ -2,7 +2,7 @@
 
 Each takes the network's matrices of every particle, discretises them exactly (zero-order hold by the matrix exponential
 of the augmented matrix), predicts, and assimilates one output, in float64. That is the core of an update, not all of
-it: no volatility, quantiles, gate or rejuvenation. The project's own line is its discretisation, prediction and
+it: no volatility, quantiles, gate or rejuvenation. The project's own line is its prediction, volatility included, and
 measurement update alone, from the same particles.
 """
 
@@ -67,14 +67,13 @@ def comparisons(sizes: Sizes) -> Mapping[str, Any]:
 
 
 def _own(problem: Problem, sizes: Sizes) -> dict[str, Any]:
-    """Volatility draws come with `predict`; with one missing output of two the update would be the same."""
-    steps = problem.filter._steps
-    state, alpha = problem.state, np.exp(problem.state.log_alpha)
-    node = int(problem.filter.network.nodes.index("T_i"))
+    """The filter's own prediction, which also takes the volatility a step on, and its measurement update."""
+    estimator, state, node = problem.filter, problem.state, problem.filter.network.nodes.index("T_i")
 
     def step() -> Array:
-        mean, covariance = steps.propagate(state.coordinates, state.mean, state.covariance, alpha, problem.inputs)
-        return np.asarray(steps.assimilate(mean, covariance, node, float(problem.y), problem.variance).mean[node])
+        ahead = estimator.predict(state, problem.inputs)
+        y, variance = float(problem.y), problem.variance
+        return np.asarray(estimator._steps.assimilate(ahead.mean, ahead.covariance, node, y, variance).mean[node])
 
     return _measured(step, sizes.particles, sizes.growth_repeats)
 
