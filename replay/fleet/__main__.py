@@ -30,7 +30,7 @@ def main() -> int:
     if not 1 <= given.zones <= 1000 or given.rounds < 1 or given.clients < 1 or min(given.every, given.pause) <= 0:
         parser.error("zones are 1 to 1,000; rounds and clients at least 1; every and pause above 0")
     scenario = Scenario(given.zones, given.particles, given.network, given.every, given.rounds)
-    for old in ("state", "fleet.csv", "fleet.toml", "daemon.log"):
+    for old in ("state", "compiled", "fleet.csv", "fleet.toml", "daemon.log"):
         path = given.out / old
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import subprocess
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from replay.fleet import measures
 from replay.fleet.clients import Clients
 from replay.fleet.listener import Listener
 from replay.fleet.scenario import LONE_ROUNDS, Scenario, write, zone_ids
-from replay.processes import DaemonProcess
+from replay.processes import COMMAND, DaemonProcess
 
 _POLL_SECONDS = 0.2
 
@@ -37,6 +38,7 @@ def run(
         raise MeasurementError(f"{folder} holds the state of an earlier run; remove it or choose another folder")
     port = _free_port()
     config = write(scenario, folder, port, options)
+    _compile(config, folder)
     with Listener(port) as listener, DaemonProcess(config, folder / "daemon.log") as daemon:
         url = daemon.url()
         serving = time.monotonic() - daemon.began
@@ -72,6 +74,14 @@ def run(
         "cpu_seconds_per_round": used / scenario.rounds,
         "stop_s": stopping,
     }
+
+
+def _compile(config: Path, folder: Path) -> None:
+    """Replay one zone, so that the kernels are on disk and no instant falls into their compilation."""
+    command = [*COMMAND, "replay", str(config), "--zone", zone_ids(1)[0], "--out", str(folder / "compiled")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise MeasurementError(f"the zones cannot be replayed: {done.stderr.strip()}")
 
 
 def _await(daemon: DaemonProcess, listener: Listener, forecasts: int, patience: float) -> int:
