@@ -198,7 +198,9 @@ class Journal:
 
     def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first."""
-        self.flush()
+        # Reading need not wait for the disk because of other zones.
+        if any(row[0] == zone for row in self._pending):
+            self.flush()
         where, bounds = "zone = ?", [zone]
         for condition, bound in (("time >= ?", start), ("time < ?", end)):
             if bound is not None:
