@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
 
-.PHONY: run test lint unit coverage replay-ecolar load-modbus clean help
+.PHONY: run test lint unit coverage replay-ecolar bench load-fleet load-modbus clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -38,6 +38,12 @@ replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's
 load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
 	$(BIN)/python tests/integration/modbus_load.py --seconds 600
 
+bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
+	$(BIN)/python -m replay.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
+
+load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
+	$(BIN)/python -m replay.fleet $(FLEET)
+
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -49,3 +55,7 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	  { echo "Python's venv module is missing; on Debian or Ubuntu: apt-get install python3-venv"; exit 2; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
+
+$(VENV)/.bench: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \
+	  echo "the extra 'bench' cannot be installed; what needs it is left out"

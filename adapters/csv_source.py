@@ -128,13 +128,14 @@ class CsvSource:
 
     def _readings(self, table: Table, begin: int, end: int, converters: Sequence[Converter]) -> list[Reading]:
         times = table.times[begin:end].tolist()
+        block, codes = table.values[:, begin:end].tolist(), table.status[:, begin:end]
+        spoiled = (codes != Status.GOOD).any(axis=1).tolist()
         readings: list[Reading] = []
-        for i, channel in enumerate(self._channels):
-            values, status = table.values[i, begin:end].tolist(), table.status[i, begin:end]
-            if not channel.edge.counter and not status.any():
+        for i, (channel, values) in enumerate(zip(self._channels, block, strict=True)):
+            if not channel.edge.counter and not spoiled[i]:
                 readings += [Reading(channel.id, time, value) for time, value in zip(times, values, strict=True)]
                 continue
-            for time, value, code in zip(times, values, status.tolist(), strict=True):
+            for time, value, code in zip(times, values, codes[i].tolist(), strict=True):
                 if code == Status.GOOD:
                     counter = channel.edge.counter
                     reading = converters[i].reading(time, value) if counter else Reading(channel.id, time, value)

@@ -7,3 +7,7 @@ class ReplayError(Exception):
 
 class WeatherFileError(ReplayError):
     """A weather file that cannot be read or is not on the grid it has to be on."""
+
+
+class MeasurementError(ReplayError):
+    """A measurement that cannot be made, or a measured process that does not do what it should."""

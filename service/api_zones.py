@@ -49,7 +49,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         return zones[zone]
 
     @router.get("", response_model=ZonesPayload, responses=documented(500), summary="Every zone and how it is doing")
-    async def list_zones() -> Response:
+    def list_zones() -> Response:
         return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in zones.values()]))
 
     @router.get(

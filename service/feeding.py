@@ -6,12 +6,12 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Source
-from service.routing import Router
+from service.routing import Delivery, Router
 from service.zone import Zone
 
 FIRST_PAUSE = 1.0
@@ -29,6 +29,9 @@ NOTABLE_JUMP = 2.0
 _AGAIN_SECONDS = 0.5
 """How long a cancelled task may take to clean up before it is cancelled again, in s."""
 
+TOGETHER = 32
+"""Zones that take in their shares in one turn of the event loop: some ms of it at most."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -41,8 +44,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
     while True:
         try:
             async for batch in source.batches(position):
-                for delivery in router.split(batch):
-                    await zones[delivery.zone].deliver(source.name, delivery.readings, delivery.now)
+                await _deliver(router.split(batch), zones)
                 if isfinite(batch.now):
                     # Were it asked again, it is for what comes after this.
                     position = nextafter(batch.now, inf)
@@ -67,6 +69,19 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
     for name in router.zones:
         await zones[name].end(source.name)
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
+
+
+async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) -> None:
+    """Hand every zone its share, some zones at a time, whose samples then share a commit of the journal."""
+    for first in range(0, len(deliveries), TOGETHER):
+        delivering = [
+            zones[share.zone].deliver(share.source, share.readings, share.now)
+            for share in deliveries[first : first + TOGETHER]
+        ]
+        # One zone's failure must not keep the others from their samples.
+        for result in await asyncio.gather(*delivering, return_exceptions=True):
+            if isinstance(result, BaseException):
+                raise result
 
 
 async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:

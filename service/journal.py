@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,6 +25,8 @@ SCHEMA_VERSION = 1
 _BUSY_SECONDS = 5.0
 _PAGE = 1000
 _PENDING_LIMIT = 1000
+_ROWS_AT_ONCE = 250
+"""SQLite takes 32,766 values in a statement; the widest row has 18."""
 
 _SCHEMA = """
 CREATE TABLE samples (
@@ -89,7 +91,8 @@ class HistoryRow(NamedTuple):
 
 
 _COLUMNS = ", ".join(HistoryRow._fields)
-_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}) VALUES ({', '.join('?' * (len(HistoryRow._fields) + 1))})"
+_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS})"
+_ACCEPT = "INSERT OR IGNORE INTO samples (zone, time, outputs, inputs, output_quality, input_quality)"
 
 
 class Journal:
@@ -129,17 +132,23 @@ class Journal:
 
     def append(self, zone: str, sample: Sample) -> bool:
         """Store `sample`, durable on return with the history recorded so far; False if its time is already stored."""
-        row = (
-            zone,
-            sample.time,
-            _to_blob(sample.outputs),
-            _to_blob(sample.inputs),
-            ",".join(sample.output_quality),
-            ",".join(sample.input_quality),
-        )
+        return self.append_all([(zone, sample)]) == 1
+
+    def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
+        """Store samples of zones, all or none of them, as `append`; how many were not stored already."""
+        rows = [
+            (
+                zone,
+                sample.time,
+                _to_blob(sample.outputs),
+                _to_blob(sample.inputs),
+                ",".join(sample.output_quality),
+                ",".join(sample.input_quality),
+            )
+            for zone, sample in accepted
+        ]
         with self._transaction() as cursor:
-            cursor.execute("INSERT OR IGNORE INTO samples VALUES (?, ?, ?, ?, ?, ?, NULL)", row)
-            return cursor.rowcount == 1
+            return _insert(cursor, _ACCEPT, rows)
 
     def record(self, zone: str, update: Update) -> None:
         """Add or replace the history row of `update`; durable with the next append, flush or close."""
@@ -188,7 +197,9 @@ class Journal:
 
     def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first."""
-        self.flush()
+        # Reading need not wait for the disk because of other zones.
+        if any(row[0] == zone for row in self._pending):
+            self.flush()
         where, bounds = "zone = ?", [zone]
         for condition, bound in (("time >= ?", start), ("time < ?", end)):
             if bound is not None:
@@ -220,7 +231,7 @@ class Journal:
             cursor = self._connection.cursor()
             try:
                 cursor.execute("BEGIN IMMEDIATE")
-                cursor.executemany(_RECORD, self._pending)
+                _insert(cursor, _RECORD, self._pending)
                 yield cursor
                 cursor.execute("COMMIT")
             except BaseException:
@@ -229,6 +240,20 @@ class Journal:
                     cursor.execute("ROLLBACK")
                 raise
         self._pending.clear()
+
+
+def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> int:
+    """Insert `rows`; how many went in.
+
+    Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
+    compute, which for a thousand zones would take longer than the writing.
+    """
+    inserted = 0
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        part = rows[first : first + _ROWS_AT_ONCE]
+        places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
+        inserted += cursor.execute(f"{statement} VALUES {places}", [value for row in part for value in row]).rowcount
+    return inserted
 
 
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:

@@ -13,6 +13,7 @@ from service.records import Update
 from service.rendering import clock
 from service.view import STATES, ZoneView
 
+_DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
@@ -35,6 +36,12 @@ class Metrics:
             zone,
             registry=registry,
         )
+        self._loop_delay = Histogram(
+            "thermogate_event_loop_delay_seconds",
+            "How late the event loop served a timer",
+            buckets=_DELAY_BUCKETS,
+            registry=registry,
+        )
         registry.register(_StatusCollector(zones))
 
     def observe(self, zone: str, update: Update) -> None:
@@ -48,6 +55,10 @@ class Metrics:
             self._n_eff.labels(zone).set(update.effective_sample_size)
         for interval in update.forecast.outputs[0].intervals[:1]:
             self._width.labels(zone).set(interval.upper - interval.lower)
+
+    def observe_loop_delay(self, seconds: float) -> None:
+        """Take in how late the event loop was for one timer."""
+        self._loop_delay.observe(seconds)
 
 
 class _StatusCollector(Collector):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import fcntl
 import os
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
@@ -35,19 +36,34 @@ class Store:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._journal = Journal.open(state_dir / "journal.sqlite3")
         self.checkpoints = CheckpointStore(state_dir / "checkpoints")
+        self._recorded: deque[tuple[str, Update]] = deque()
+        """Updates on their way to the journal's thread."""
+        self._accepted: list[tuple[str, Sample]] = []
+        """Samples that the next commit takes along."""
+        self._commit: asyncio.Task[None] | None = None
+        """That commit, while samples can still join it."""
+        self._committing = asyncio.Lock()
 
     async def claim(self, zone: str, fingerprint: str) -> None:
         """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
         if not await self._run(self._journal.claim, zone, fingerprint):
             raise StateMismatch(zone, self.path)
 
-    async def append(self, zone: str, sample: Sample) -> bool:
-        """Make an accepted sample durable; False if it already was."""
-        return await self._run(self._journal.append, zone, sample)
+    async def append(self, zone: str, sample: Sample) -> None:
+        """Make an accepted sample durable, unless it already is.
 
-    async def record(self, zone: str, update: Update) -> None:
+        Samples that come while another commit is under way share the next one: a thousand zones whose samples land
+        at once need a few commits, not a thousand.
+        """
+        self._accepted.append((zone, sample))
+        if self._commit is None:
+            self._commit = asyncio.create_task(self._commit_accepted())
+        # One zone that is stopped must not take the commit of the others with it.
+        await asyncio.shield(self._commit)
+
+    def record(self, zone: str, update: Update) -> None:
         """Add an update to the history; durable with the next `append` or `flush`."""
-        await self._run(self._journal.record, zone, update)
+        self._recorded.append((zone, update))
 
     async def flush(self) -> None:
         """Make the recorded history durable."""
@@ -77,13 +93,28 @@ class Store:
     def close(self) -> None:
         """Flush and close the journal and release the lock; safe to call twice."""
         self._thread.shutdown(wait=True)
+        self._take_recorded()
         self._journal.close()
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
+    async def _commit_accepted(self) -> None:
+        async with self._committing:
+            accepted, self._accepted, self._commit = self._accepted, [], None
+            await self._run(self._journal.append_all, accepted)
+
     async def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, function, *arguments)
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._in_order, function, *arguments)
+
+    def _in_order(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """In the journal's thread: `function` after everything that was recorded before it."""
+        self._take_recorded()
+        return function(*arguments)
+
+    def _take_recorded(self) -> None:
+        while self._recorded:
+            self._journal.record(*self._recorded.popleft())
 
 
 def _lock(state_dir: Path) -> int:

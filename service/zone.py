@@ -299,7 +299,7 @@ class Zone:
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
         if update is not None:
-            await store.record(self.id, update)
+            store.record(self.id, update)
 
     def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
         """In a worker thread: one step, and its publication while the worker is the zone's own."""

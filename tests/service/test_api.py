@@ -59,6 +59,15 @@ def test_metrics_in_both_formats(app: FastAPI) -> None:
     assert modern.text.endswith("# EOF\n")
 
 
+def test_metrics_are_compressed_for_those_who_read_that(app: FastAPI) -> None:
+    compressed = get(app, "/metrics", headers={"Accept-Encoding": "gzip"})
+    assert compressed.headers["content-encoding"] == "gzip"
+    assert 'thermogate_samples_total{zone="living"} 1.0' in compressed.text
+    plain = get(app, "/metrics", headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert "Accept-Encoding" in compressed.headers["vary"]
+
+
 def test_unknown_paths_and_methods_are_problems(app: FastAPI) -> None:
     assert "/docs" in problem(get(app, "/nowhere"), 404)["detail"]
     assert "/docs" in problem(get(app, "/static/nothing.js"), 404)["detail"]

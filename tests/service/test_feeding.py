@@ -149,3 +149,23 @@ def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
     missed, begun = [], asyncio.Event()
     asyncio.run(main())
     assert missed
+
+
+def test_a_zone_that_fails_does_not_keep_the_others_from_their_readings(pauses, caplog):
+    class Failing(Recorder):
+        async def deliver(self, source, readings, now):
+            if not self.told:
+                self.told.append(("failing", now, 0))
+                raise RuntimeError("out of order")
+            await super().deliver(source, readings, now)
+
+    ids = [f"z{index}" for index in range(2 * service.feeding.TOGETHER)]
+    zones = {zone: Failing() if zone == "z0" else Recorder() for zone in ids}
+    together = Batch([Reading(f"{zone}/T_i", 1.0, 20.0) for zone in ids], 1.0)
+    source = Scripted(([together], None), ([together], None))
+    asyncio.run(feed(source, Router("bms", [f"{zone}/T_i" for zone in ids]), zones, None))
+    assert zones["z0"].told[0] == ("failing", 1.0, 0)
+    assert zones["z1"].told[0] == ("deliver", 1.0, 1)
+    assert all(("deliver", 1.0, 1) in zone.told for zone in zones.values())
+    assert source.starts == [None, None]
+    assert "out of order" in caplog.text
