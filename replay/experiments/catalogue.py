@@ -1,0 +1,22 @@
+"""The experiments by name. A new one is one module with `prepare(request) -> Experiment`, and one line here."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Entry(NamedTuple):
+    """Where an experiment lives, what it does, and whether its runs must have the machine to themselves."""
+
+    module: str
+    text: str
+    alone: bool = False
+
+
+# Names of modules, not modules: `thermogate --help` lists these without waiting for the compiler.
+EXPERIMENTS = {
+    "semi-synthetic": Entry(
+        "replay.experiments.semi_synthetic",
+        "a simulated building with a known truth and heat gains that nobody measures (Tables 4 to 6)",
+    ),
+}
