@@ -54,8 +54,4 @@ def fit(run: LeastSquaresRun, tick: Tick) -> Arrays:
 def segments_of(series: Series, shortest: int = 2) -> list[Segment]:
     """The unbroken stretches of `series` that have at least `shortest` samples."""
     begins = [*np.flatnonzero(series.starts).tolist(), len(series.times)]
-    return [
-        Segment(series.inputs[a:b], series.outputs[a:b])
-        for a, b in pairwise(begins)
-        if b - a >= max(shortest, 2)
-    ]
+    return [Segment(series.inputs[a:b], series.outputs[a:b]) for a, b in pairwise(begins) if b - a >= max(shortest, 2)]

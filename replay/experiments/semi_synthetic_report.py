@@ -102,7 +102,8 @@ def _done(outcome: Outcome) -> Section:
             "strong heat gain (people, sun, an oven) that no estimator is told of. The thermometer has "
             f"{MEASUREMENT_NOISE_SD} K of noise. Every estimator then learned the building online from the recorded "
             "temperature, weather and heater power, as it would in the daemon, knowing nothing else.",
-            f"Seeds: {', '.join(map(str, outcome.seeds))}. Each has heater, gains and noise of its own, and the estimators' own random numbers. Figures are means "
+            f"Seeds: {', '.join(map(str, outcome.seeds))}. Each has heater, gains and noise of its own, and the "
+            "estimators' own random numbers. Figures are means "
             f"over seeds ± standard deviation. RBPF with {particles:,} particles. {comparable}",
             "Two conventions are reported and never mixed. `one_step` is what the daemon promises: the interval "
             "published before the temperature was measured, against the measurement. `filtered` is the interval of the "
