@@ -58,9 +58,12 @@ def _experiment(arguments: argparse.Namespace) -> int:
         zone=arguments.zone,
         overrides=tuple(arguments.overrides),
     )
+    watched = sys.stderr.isatty()
+    if watched:
+        print(f"preparing {arguments.name}", file=sys.stderr)
     workers = arguments.jobs or len(os.sched_getaffinity(0))
     try:
-        written = run_experiment(arguments.name, request, out, workers=workers, progress=sys.stderr.isatty())
+        written = run_experiment(arguments.name, request, out, workers=workers, progress=watched)
     except KeyboardInterrupt:
         kept = len(list((out / RUNS).glob("*.npz")))
         print(

@@ -19,4 +19,8 @@ EXPERIMENTS = {
         "replay.experiments.semi_synthetic",
         "a simulated building with a known truth and heat gains that nobody measures (Tables 4 to 6)",
     ),
+    "ecolar": Entry(
+        "replay.experiments.ecolar",
+        "a lived-in zone whose truth nobody knows: forecasts, and nights without measurements (Tables 7 and 8)",
+    ),
 }

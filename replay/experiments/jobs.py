@@ -48,11 +48,11 @@ def fingerprint(job: Job) -> str:
 
 @cache
 def _sources(work: str) -> str:
-    """Digest of the source of `estimator` and of the module of the work: other code, other result."""
+    """Digest of the source of `estimator`, of the filtering loop and of the module of the work."""
     digest = hashlib.sha256()
-    own = importlib.import_module(work).__file__
+    own = Path(importlib.import_module(work).__file__ or "")
     folder = Path(estimator.__file__ or "").parent
-    for path in [*sorted(folder.glob("*.py")), Path(own or "")]:
+    for path in [*sorted(folder.glob("*.py")), *sorted({own, Path(__file__).with_name("filtering.py")})]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()

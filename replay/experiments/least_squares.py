@@ -13,7 +13,7 @@ from estimator.network import Network
 from replay.experiments.filtering import Series
 from replay.experiments.jobs import Arrays, Job, Tick
 
-_STEPS_A_START = 4000
+STEPS_A_START = 4000
 """What one start counts on the progress bar, in samples of a filter."""
 
 
@@ -30,7 +30,7 @@ class LeastSquaresRun(NamedTuple):
 def least_squares_job(label: str, run: LeastSquaresRun) -> Job:
     """The job of `run`; its arrays are `theta` (n_theta,), `rmse` [K], `at_bound` (names), and, over segments,
     `initial_states` (n_segments, n_x)."""
-    return Job(label, run.seed, fit, run, run.starts * _STEPS_A_START)
+    return Job(label, run.seed, fit, run, run.starts * STEPS_A_START)
 
 
 def fit(run: LeastSquaresRun, tick: Tick) -> Arrays:
@@ -41,7 +41,7 @@ def fit(run: LeastSquaresRun, tick: Tick) -> Arrays:
         run.segments,
         starts=run.starts,
         seed=run.seed,
-        progress=lambda _: tick(_STEPS_A_START),
+        progress=lambda _: tick(STEPS_A_START),
     )
     return {
         "theta": result.theta,

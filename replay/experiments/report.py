@@ -38,6 +38,8 @@ class Plot(NamedTuple):
     title: str
     figure: Any
     reading: str
+    height: int = 380
+    """Pixels."""
 
 
 class Section(NamedTuple):
@@ -105,7 +107,9 @@ def _paragraph(text: str) -> str:
 
 
 def _plot(plot: Plot) -> str:
-    figure = plot.figure.update_layout(template="plotly_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, height=380)
+    figure = plot.figure.update_layout(
+        template="plotly_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, height=plot.height
+    )
     drawn = figure.to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True})
     reading = f"<p class='reading'>{_inline(plot.reading)}</p>"
     return f"<figure><figcaption>{escape(plot.title)}</figcaption>{drawn}{reading}</figure>"

@@ -10,12 +10,13 @@ import numpy as np
 from estimator.floor import GAIN_CHANNEL, with_known_gain
 from estimator.network import Network
 from estimator.types import Array
-from replay.experiments.filtering import FLOOR, FilterRun, Series, Trace, filter_job
+from replay.experiments.filtering import FLOOR, FilterRun, Trace, filter_job
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.least_squares import LeastSquaresRun, least_squares_job, segments_of
 from replay.experiments.networks import network_of
 from replay.experiments.report import Report
 from replay.experiments.request import Request
+from replay.experiments.semi_synthetic_case import HELD, simulated_case
 from replay.experiments.semi_synthetic_report import LEAST_SQUARES, Outcome, report
 from replay.experiments.semi_synthetic_scores import (
     Fitted,
@@ -26,10 +27,8 @@ from replay.experiments.semi_synthetic_scores import (
     true_parameters,
 )
 from replay.experiments.semi_synthetic_tables import BUILDING
-from replay.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD, Truth, generate
+from replay.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
 
-HELD = ("C_i", "C_h", "C_s", "g_is")
-"""Parameters of building 67 that the authors' runs hold at the truth."""
 SEEDS = 5
 _STARTS = 3
 
@@ -75,15 +74,6 @@ def contenders(network: Network) -> list[Contender]:
     ]
 
 
-class Case(NamedTuple):
-    """The data of one seed."""
-
-    series: Series
-    gain: Array
-    """(K,): the unmeasured gain [W]."""
-    truth: Truth
-
-
 class SemiSynthetic:
     """The experiment, made ready."""
 
@@ -92,7 +82,7 @@ class SemiSynthetic:
         self._network = network_of(request, BUILDING).validate()
         self._seeds = request.seeds_or(SEEDS)
         self._contenders = contenders(self._network)
-        self._cases = [self._case(seed) for seed in self._seeds]
+        self._cases = [simulated_case(self._network, request, seed) for seed in self._seeds]
 
     def jobs(self) -> list[Job]:
         """Seed by seed, every contender and then the fit."""
@@ -105,7 +95,7 @@ class SemiSynthetic:
             network, series = self._network.with_fixed(contender.held), case.series
             if contender.gain_known:
                 network = with_known_gain(network, network.measured[0], GAIN_CHANNEL)
-                series = series._replace(inputs=np.column_stack([series.inputs, case.gain]))
+                series = series._replace(inputs=np.column_stack([series.inputs, case.truth.unmeasured_gain]))
             options = dict(contender.options)
             if contender.estimator == "rbpf" and self._request.particles is not None:
                 options["particles"] = self._request.particles
@@ -148,19 +138,6 @@ class SemiSynthetic:
                 seconds=seconds,
             )
         )
-
-    def _case(self, seed: int) -> Case:
-        recording = generate(self._request.file, days=self._request.days, seed=seed, network=self._network)
-        network, columns = self._network, recording.columns
-        starts = np.zeros(len(recording.times), dtype=np.bool_)
-        starts[0] = True
-        series = Series(
-            recording.times,
-            np.column_stack([columns[name] for name in network.measured]),
-            np.column_stack([columns[name] for name in network.inputs]),
-            starts,
-        )
-        return Case(series, recording.truth.unmeasured_gain, recording.truth)
 
 
 def prepare(request: Request) -> SemiSynthetic:
