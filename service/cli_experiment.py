@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from replay.experiments.catalogue import EXPERIMENTS
 
@@ -39,6 +40,12 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
     parser.add_argument("--zone", metavar="ID", help="which zone of --config (default: its only one)")
     parser.add_argument(
+        "--time-zone",
+        type=_time_zone,
+        metavar="NAME",
+        help="local time of --config's nights, such as Europe/Berlin (default: that of its recording)",
+    )
+    parser.add_argument(
         "--jobs", type=_whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
     )
 
@@ -56,6 +63,7 @@ def _experiment(arguments: argparse.Namespace) -> int:
         network=arguments.network,
         config=arguments.config,
         zone=arguments.zone,
+        time_zone=arguments.time_zone,
         overrides=tuple(arguments.overrides),
     )
     watched = sys.stderr.isatty()
@@ -72,7 +80,10 @@ def _experiment(arguments: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 130
-    print(f"{len(written) - 1} tables in {out}; read {written[0]}")
+    for path in written:
+        if path.suffix == ".toml":
+            print(path.read_text(encoding="utf-8"))
+    print(f"{sum(path.suffix == '.csv' for path in written)} tables in {out}; read {written[0]}")
     return 0
 
 
@@ -86,6 +97,13 @@ def _seeds(text: str) -> tuple[int, ...]:
     if not 1 <= numbers[0] <= 1000:
         raise argparse.ArgumentTypeError(f"{text} seeds; from 1 to 1000 are possible, and {text}, is seed {text} alone")
     return tuple(range(1, numbers[0] + 1))
+
+
+def _time_zone(text: str) -> str:
+    try:
+        return ZoneInfo(text).key
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        raise argparse.ArgumentTypeError(f"{text!r} is no time zone; give an IANA name such as Europe/Berlin") from None
 
 
 def _whole(lower: int, upper: int) -> Callable[[str], int]:

@@ -23,4 +23,8 @@ EXPERIMENTS = {
         "replay.experiments.ecolar",
         "a lived-in zone whose truth nobody knows: forecasts, and nights without measurements (Tables 7 and 8)",
     ),
+    "topology": Entry(
+        "replay.experiments.topology",
+        "which RC network to take: the paper's candidates and one's own, fitted and ranked (Tables 2 and 3)",
+    ),
 }

@@ -20,7 +20,7 @@ from replay.experiments.nights import NightRun, night_job
 from replay.experiments.recorded import series_of
 from replay.experiments.report import Report
 from replay.experiments.request import Request
-from service.config import load
+from service.config import Config, load
 
 NETWORK = "ecolar-6r4c"
 PERIOD = 300
@@ -131,21 +131,26 @@ def _read(request: Request, folder: Path) -> list[tuple[str, Series]]:
     files: list[tuple[str, Path]] = [(path.stem, path.resolve()) for path in request.data]
     if not files:
         files = [(name, write_standin(folder / f"ecolar-{name}-SYNTHETIC.csv", name)) for name in PERIODS]
-    read: list[tuple[str, Series]] = []
+    read = []
     for name, path in files:
-        text = _CONFIGURATION.format(
-            file=_quoted(str(path)),
-            columns=COLUMNS,
-            zone=ZONE,
-            period=PERIOD,
-            network=NETWORK,
-            heaters=", ".join(map(_quoted, HEATER_COLUMNS)),
-        )
-        configuration = folder / f"{len(read)}.toml"
-        configuration.write_text(text, encoding="utf-8")
-        config = load(configuration)
+        config = configuration(path, folder)
         read.append((name, series_of(config, config.zones[0], request.days)))
     return read
+
+
+def configuration(log: Path, folder: Path) -> Config:
+    """The configuration of one zone that `log`, in Ecolar's raw layout, feeds; `folder` is for the file it takes."""
+    text = _CONFIGURATION.format(
+        file=_quoted(str(log)),
+        columns=COLUMNS,
+        zone=ZONE,
+        period=PERIOD,
+        network=NETWORK,
+        heaters=", ".join(map(_quoted, HEATER_COLUMNS)),
+    )
+    path = folder / "ecolar.toml"
+    path.write_text(text, encoding="utf-8")
+    return load(path)
 
 
 def _quoted(text: str) -> str:

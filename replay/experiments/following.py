@@ -18,7 +18,12 @@ from replay.scores.windows import Window
 
 
 def simulate(
-    network: Network, period: float, columns: Mapping[str, Array], windows: Sequence[Window], theta: Array, starts: Array
+    network: Network,
+    period: float,
+    columns: Mapping[str, Array],
+    windows: Sequence[Window],
+    theta: Array,
+    starts: Array,
 ) -> Array:
     """States (K, n_x) [degC] open loop through each of `windows` from `starts` (len(windows), n_x); NaN elsewhere.
 
@@ -33,7 +38,12 @@ def simulate(
 
 
 def follow(
-    network: Network, period: float, columns: Mapping[str, Array], windows: Sequence[Window], theta: Array, starts: Array
+    network: Network,
+    period: float,
+    columns: Mapping[str, Array],
+    windows: Sequence[Window],
+    theta: Array,
+    starts: Array,
 ) -> Array:
     """As `simulate`, but measured nodes take their measurement, held over each step, and lead the hidden ones.
 

@@ -20,7 +20,7 @@ def series_of(config: Config, zone: ZoneConfig, days: int | None = None) -> Seri
     A sample after a gap starts a segment. Raises ReplayError where nothing is left, ServiceError where a recording
     cannot be read.
     """
-    samples = [sample for sample in asyncio.run(_samples(config, zone)) if _complete(sample)]
+    samples = [sample for sample in asyncio.run(samples_of(config, zone)) if _complete(sample)]
     if days is not None and samples:
         samples = [sample for sample in samples if sample.time < samples[0].time + days * 86_400]
     if len(samples) < 2:
@@ -37,7 +37,8 @@ def series_of(config: Config, zone: ZoneConfig, days: int | None = None) -> Seri
     )
 
 
-async def _samples(config: Config, zone: ZoneConfig) -> list[Sample]:
+async def samples_of(config: Config, zone: ZoneConfig) -> list[Sample]:
+    """Every sample of `zone`, complete or not; ServiceError where a recording cannot be read."""
     alignment, samples = make_alignment(zone), []
     async for part in recorded(config, [zone.id], None, None):
         if part.zone == zone.id:

@@ -11,13 +11,11 @@ import numpy as np
 from estimator.network import Network
 from estimator.types import Array
 from replay.errors import ReplayError
+from replay.experiments.recorded import samples_of
 from replay.localtime import Seconds
 from replay.scores.windows import Window
 from service.config_models import Config, ZoneConfig
-from service.fitting import make_alignment
 from service.networks import build_network
-from service.recording import recorded
-from service.records import Sample
 
 
 class ZoneRecord(NamedTuple):
@@ -44,7 +42,7 @@ class ZoneRecord(NamedTuple):
 
 def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
     """The recording of the zone `table` of `config`; ServiceError or ReplayError where it cannot be read."""
-    samples = asyncio.run(_samples(config, table))
+    samples = asyncio.run(samples_of(config, table))
     if not samples:
         raise ReplayError(
             f"zone '{table.id}': no usable sample in the recording; look at timestamp, column and unit in the "
@@ -60,7 +58,7 @@ def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
 
 def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: float) -> list[Window]:
     """Unbroken stretches of at least `shortest` s without a missing input; each begins with `output` measured."""
-    usable = np.isfinite(record.matrix(inputs)).all(axis=1)
+    usable = np.asarray(np.isfinite(record.matrix(inputs)).all(axis=1))
     apart = np.concatenate([[True], np.diff(record.times) != record.period])
     found, measured = [], np.isfinite(record.columns[output])
     edges = np.flatnonzero(apart | ~usable | np.concatenate([[True], ~usable[:-1]]))
@@ -69,16 +67,6 @@ def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: flo
         if usable[begin] and len(first) and (end - begin - first[0]) * record.period >= shortest:
             found.append(Window(int(begin + first[0]), int(end)))
     return found
-
-
-async def _samples(config: Config, table: ZoneConfig) -> list[Sample]:
-    alignment, samples = make_alignment(table), []
-    async for part in recorded(config, [table.id], None, None):
-        if part.now is None:
-            samples += alignment.end(part.source)
-        else:
-            samples += alignment.add(part.source, part.readings, part.now)
-    return samples
 
 
 def _held(times: Seconds, inputs: Array, network: Network, table: ZoneConfig) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -52,11 +53,12 @@ class Section(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What an experiment has to say; `lead` are the sentences a hurried reader needs."""
+    """What an experiment has to say; `lead` are the sentences a hurried reader needs, `files` are written beside it."""
 
     title: str
     lead: tuple[str, ...]
     sections: tuple[Section, ...]
+    files: Mapping[str, str] = {}
 
     @property
     def tables(self) -> list[Table]:
@@ -65,8 +67,8 @@ class Report(NamedTuple):
 
 
 def write_report(report: Report, out: Path) -> list[Path]:
-    """Write `report.html`, and every table as CSV and Markdown, into the folder `out`; returns their paths."""
-    files = {"report.html": page(report)}
+    """Write `report.html`, its files, and every table as CSV and Markdown into the folder `out`; their paths."""
+    files = {"report.html": page(report), **report.files}
     for table in report.tables:
         files[f"{table.name}.csv"] = table.csv()
         files[f"{table.name}.md"] = table.markdown()

@@ -23,6 +23,7 @@ class Request:
     network: str | None = None
     config: Path | None = None
     zone: str | None = None
+    time_zone: str | None = None
     overrides: tuple[str, ...] = ()
 
     def seeds_or(self, count: int) -> tuple[int, ...]:

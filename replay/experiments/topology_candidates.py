@@ -12,6 +12,8 @@ from estimator.network import MEASURED, Conductance, Gain, HeatInput, InitialTem
 SOLAR = "I_sol"
 """Channel of the regional irradiance that goes with an Ecolar recording."""
 IRRADIANCE = "W/m2"
+OWN = "own"
+"""Label of the network that the user has."""
 
 
 class Candidate(NamedTuple):
@@ -80,9 +82,9 @@ def candidates_for(own: Network) -> list[Candidate]:
     is the heater, the others enter the air with their own gain. What would be the same network appears once.
     """
     suns = [channel for channel in own.heat_channels if own.channel_unit(channel) == IRRADIANCE]
-    found = [Candidate("own", without_sun(own), False)]
+    found = [Candidate(OWN, without_sun(own), False)]
     if suns:
-        found.append(Candidate("own", own, True))
+        found.append(Candidate(OWN, own, True))
     known: set[tuple[object, ...]] = set()
     for label, family in _FAMILIES.items():
         network = _member(own, label.lower(), family)
@@ -141,7 +143,10 @@ def _member(own: Network, name: str, family: _Family) -> Network:
         if family.split_heat:
             share = _fresh("f_air", [parameter.name for parameter in parameters])
             parameters.append(Parameter(share, *_SHARE))
-            halves = (HeatInput(watts[0], air, Gain(parameter=share)), HeatInput(watts[0], body, Gain(1.0, share, -1.0)))
+            halves = (
+                HeatInput(watts[0], air, Gain(parameter=share)),
+                HeatInput(watts[0], body, Gain(1.0, share, -1.0)),
+            )
             heat = (*halves, *heat)
         else:
             heat = (HeatInput(watts[0], body), *heat)

@@ -3,50 +3,33 @@
 from __future__ import annotations
 
 import csv
-import json
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from estimator.network import Network
 from estimator.types import Array
 from replay import ecolar
 from replay.errors import ReplayError
-from replay.experiments.networks import zone_of
+from replay.experiments.ecolar import configuration
+from replay.experiments.networks import network_of, zone_of
 from replay.experiments.recorded_zone import ZoneRecord, read_zone
 from replay.experiments.request import Request
-from replay.experiments.topology_candidates import SOLAR, Candidate, candidates_for, ecolar_candidates
+from replay.experiments.topology_candidates import OWN, SOLAR, Candidate, candidates_for, ecolar_candidates
 from replay.experiments.topology_toml import Place
 from replay.localtime import DAY, midnight
 from replay.semi_synthetic import PERIOD as WEATHER_PERIOD
 from replay.semi_synthetic import WEATHER_COLUMNS, read_weather
 from replay.weather import KONSTANZ, weather
 from service.config import load
-from service.config_models import Config, CsvConfig, ZoneConfig
+from service.config_models import Config, ZoneConfig
 from service.networks import build_network
+from service.source_models import CsvConfig
 
-ZONE = "living"
 STANDIN_SEEDS = (2,)
-_ECOLAR_TOML = """
-[site]
-id = "ecolar"
-[sources.recording]
-kind = "csv"
-files = [{file}]
-timestamp = {{ column = "Timestamp", format = "iso8601", zone = "{zone}" }}
-[[zones]]
-id = "{id}"
-period = "5min"
-network = "m4"
-max_gap = 0
-hold_inputs = "0s"
-[zones.channels]
-T_air = {{ source = "recording", column = "Temp2", unit = "degC" }}
-T_out = {{ source = "recording", column = "Sensor_outside", unit = "degC" }}
-T_adj = {{ source = "recording", column = "Other_room_temp", unit = "degC" }}
-u_heat = {{ source = "recording", columns = [{heaters}], unit = "kW", aggregate = "first" }}
-"""
+PERIODS: tuple[Literal["spring", "autumn"], ...] = ("spring", "autumn")
 
 
 class Recording(NamedTuple):
@@ -73,9 +56,9 @@ def recordings(request: Request) -> list[Recording]:
     elif request.data:
         found = _of_logs(request.data)
     else:
-        found = [
-            _standin(period, seed) for seed in request.seeds or STANDIN_SEEDS for period in ("spring", "autumn")
-        ]
+        found = [_standin(period, seed) for seed in request.seeds or STANDIN_SEEDS for period in PERIODS]
+    if request.network is not None and request.config is None:
+        found = [_with_own(item, network_of(request, request.network)) for item in found]
     if request.days is None:
         return found
     return [item._replace(record=_first_days(item.record, request.days)) for item in found]
@@ -94,6 +77,18 @@ def _of_zone(request: Request) -> Recording:
         zone or "UTC",
         Place(request.config, request.overrides, table.id),
     )
+
+
+def _with_own(recording: Recording, own: Network) -> Recording:
+    """`recording` with the network of --network among the candidates."""
+    missing = [channel for channel in own.channels if channel not in recording.record.columns]
+    if missing:
+        raise ReplayError(
+            f"--network {own.name} needs {', '.join(missing)}, which the recording {recording.name} lacks; it has "
+            f"{', '.join(recording.record.columns)}"
+        )
+    mine = [candidate for candidate in candidates_for(own) if candidate.label == OWN]
+    return recording._replace(candidates=[*mine, *recording.candidates])
 
 
 def _clock_of(config: Config, table: ZoneConfig) -> str | None:
@@ -133,11 +128,11 @@ def _is_weather(path: Path) -> bool:
         return False
 
 
-def _standin(period: str, seed: int) -> Recording:
+def _standin(period: Literal["spring", "autumn"], seed: int) -> Recording:
     """A simulated Ecolar period, read back from a file as a real one would be, with the irradiance that drove it."""
     start, end = (midnight(*day, ecolar.ZONE) for day in ecolar.PERIODS[period])
     with tempfile.TemporaryDirectory(prefix="thermogate-topology-") as folder:
-        path = ecolar.write_standin(Path(folder) / "synthetic.csv", period, seed)  # type: ignore[arg-type]
+        path = ecolar.write_standin(Path(folder) / "ecolar-SYNTHETIC.csv", period, seed)
         record = _read_log(path)
     minutes = np.arange(start, end, ecolar.GRID_STEP)
     sky = weather(minutes, KONSTANZ, seed).irradiance
@@ -154,17 +149,9 @@ def _standin(period: str, seed: int) -> Recording:
 
 
 def _read_log(path: Path) -> ZoneRecord:
-    """An Ecolar log through the alignment of a zone whose configuration says what the paper's preprocessing does."""
-    text = _ECOLAR_TOML.format(
-        file=json.dumps(str(path.resolve())),
-        zone=ecolar.ZONE,
-        id=ZONE,
-        heaters=", ".join(json.dumps(name) for name in ecolar.HEATER_COLUMNS),
-    )
+    """An Ecolar log on the grid, preprocessed as in the paper."""
     with tempfile.TemporaryDirectory(prefix="thermogate-topology-") as folder:
-        configuration = Path(folder) / "ecolar.toml"
-        configuration.write_text(text, encoding="utf-8")
-        config = load(configuration)
+        config = configuration(path.resolve(), Path(folder))
         return read_zone(config, config.zones[0])
 
 

@@ -38,6 +38,7 @@ class TopologyRun(NamedTuple):
     known: Sequence[Segment]
     rest: Sequence[Segment]
     starts: int
+    """Of the fit to the whole; half as many for the known part."""
 
 
 class TopologyScores(NamedTuple):
@@ -60,7 +61,7 @@ class TopologyScores(NamedTuple):
 def fit_job(label: str, run: TopologyRun) -> Job:
     """The job of `run`: arrays `theta` (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names), `converged`
     (of the best start), `starts` (their RMSEs) and `held_out_rmse`."""
-    return Job(label, 0, fit, run, (2 * run.starts + 1) * _STEPS_A_START)
+    return Job(label, 0, fit, run, (run.starts + _fewer(run.starts) + 1) * _STEPS_A_START)
 
 
 def fit(run: TopologyRun, tick: Tick) -> Arrays:
@@ -75,7 +76,7 @@ def fit(run: TopologyRun, tick: Tick) -> Arrays:
     best = fit_open_loop(run.network, run.period, run.whole, starts=run.starts, progress=count)
     held_out = np.nan
     if run.known and run.rest:
-        part = fit_open_loop(run.network, run.period, run.known, starts=run.starts, progress=count)
+        part = fit_open_loop(run.network, run.period, run.known, starts=_fewer(run.starts), progress=count)
         held_out = fit_open_loop(_frozen(run.network, part), run.period, run.rest, starts=1, progress=count).rmse
     return {
         "theta": best.theta,
@@ -84,6 +85,10 @@ def fit(run: TopologyRun, tick: Tick) -> Arrays:
         "starts": np.array([start.rmse for start in best.starts]),
         "held_out_rmse": np.array(held_out),
     }
+
+
+def _fewer(starts: int) -> int:
+    return max(1, starts // 2)
 
 
 def _frozen(network: Network, fitted: Fit) -> Network:
@@ -120,7 +125,7 @@ def score(
     residual = open_loop_residual(network, record, windows, fitted)
     night = _restarted(network, record, windows, fitted, time_zone, NIGHT)
     day = _restarted(network, record, windows, fitted, time_zone, DAY)
-    grid = _on_grid(record, residual)
+    grid = on_grid(record, residual)
     lags = int(LAG_HORIZON // record.period)
     outputs = set(network.measured)
     return TopologyScores(
@@ -132,7 +137,7 @@ def score(
         j_acf=residual_autocorrelation(grid, lags),
         j_acf_last=residual_autocorrelation(grid, lags, first=lags),
         j_xcorr={
-            channel: residual_cross_correlation(grid, _on_grid(record, values), lags)
+            channel: residual_cross_correlation(grid, on_grid(record, values), lags)
             for channel, values in record.columns.items()
             if channel not in outputs
         },
@@ -144,9 +149,7 @@ def score(
 def open_loop_residual(network: Network, record: ZoneRecord, windows: Sequence[Window], fitted: Arrays) -> Array:
     """Simulated minus measured (K,) [K]; NaN outside `windows`, at their first rows, and where nothing was measured."""
     output = network.measured[0]
-    states = simulate(
-        network, record.period, record.columns, windows, fitted["theta"], fitted["initial_states"]
-    )
+    states = simulate(network, record.period, record.columns, windows, fitted["theta"], fitted["initial_states"])
     residual: Array = states[:, network.nodes.index(output)] - record.columns[output]
     residual[[begin for begin, _ in windows]] = np.nan
     return residual
@@ -179,7 +182,7 @@ def _restarted(
     return found
 
 
-def _on_grid(record: ZoneRecord, values: Array) -> Array:
+def on_grid(record: ZoneRecord, values: Array) -> Array:
     """`values` (K,) with NaN in the rows that the record leaves out, so that a lag is a time."""
     places = (record.times - record.times[0]) // record.period
     grid = np.full(int(places[-1]) + 1, np.nan)
