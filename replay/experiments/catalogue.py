@@ -27,4 +27,8 @@ EXPERIMENTS = {
         "replay.experiments.topology",
         "which RC network to take: the paper's candidates and one's own, fitted and ranked (Tables 2 and 3)",
     ),
+    "peers": Entry(
+        "replay.experiments.peers",
+        "measured buildings that others have fitted, from the folder that --data names",
+    ),
 }

@@ -132,7 +132,8 @@ def _verdict(outcome: Outcome) -> str:
         text += (
             " This recording is simulated: the zone behind it is M4, with sun through a façade that a neighbour "
             "shades, people and open doors that no channel brings. A larger network that fits better has learned to "
-            "pass such heat off as its own, so read the table as a trial of the method, not as a finding about Ecolar Home."
+            "pass such heat off as its own, so read the table as a trial of the method, not as a finding about Ecolar "
+            "Home."
         )
     return text
 
