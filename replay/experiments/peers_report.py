@@ -55,8 +55,11 @@ def _lead(outcome: Outcome) -> str:
         theirs = f"; published are {published.train_rmse:.3f} K"
         text += theirs + (f" and {published.test_rmse:.3f} K" if published.test_rmse is not None else "")
     learned = spread([score.test_rmse if case.test else score.train_rmse for score in outcome.online[_DEFAULT]])
-    on = " there" if case.test else ""
-    return f"{text}. With what the RBPF, in a box around that fit, had learned online by then it is {learned} K{on}. {_forecasts(outcome)}"
+    where = " there" if case.test else ""
+    return (
+        f"{text}. With what the RBPF, in a box around that fit, had learned online by then it is {learned} K{where}. "
+        f"{_forecasts(outcome)}"
+    )
 
 
 def _forecasts(outcome: Outcome) -> str:
@@ -75,10 +78,11 @@ def _done(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> Section:
             *(f"{outcome.case.name}: {outcome.case.what}." for outcome in outcomes),
             "Least squares fits the parameters, and the temperatures of the hidden nodes at the beginning, to the "
             "open-loop error of the train part. The online estimators see the same rows once, one by one, with their "
-            f"default settings; RBPF with seeds {', '.join(map(str, seeds))} (mean ± standard deviation): once in a wide "
-            f"box, as one who knows nothing of the building would, and once in a box from a {AROUND:.0f}th to "
-            f"{AROUND:.0f} times what least squares found on the train part, which is how `thermogate experiment "
-            "topology` commissions a zone. At the end of the train part their parameters are frozen and simulated like those of the fit.",
+            "default settings: once in a wide box, as one would who knows nothing of the building, and once in a box "
+            f"from a {AROUND:.0f}th to {AROUND:.0f} times what least squares found on the train part, which is how "
+            "`thermogate experiment topology` commissions a zone. RBPF with seeds "
+            f"{', '.join(map(str, seeds))}, mean ± standard deviation. At the end of the train part their parameters "
+            "are frozen and simulated like those of the fit.",
             "Every simulation of the test part begins at its first measurement; hidden nodes begin where they are "
             "after following the measurements of the train part, the same for all. One-step forecasts go on learning, "
             "as in the daemon.",
@@ -144,7 +148,7 @@ def _plot(outcome: Outcome) -> Plot:
     case = outcome.case
     hours = case.series.times / HOUR
     figure = go.Figure(go.Scatter(x=hours, y=case.series.outputs[:, 0], name="measured", line={"color": "#1b2430"}))
-    lines = {"least squares": outcome.fit} | {f"{n}": scores[0] for n, scores in outcome.online.items()}
+    lines = {"least squares": outcome.fit} | {name: scores[0] for name, scores in outcome.online.items()}
     for colour, (name, scores) in zip(COLOURS, lines.items(), strict=True):
         line = {"color": colour, "width": 1.3}
         figure.add_trace(go.Scatter(x=hours, y=np.round(scores.simulated, 3), name=name, line=line))
@@ -199,10 +203,10 @@ def _differences() -> Section:
             "FlexHouse: its authors report likelihoods and residuals one step ahead, no open-loop figure, so there is "
             "nothing to reproduce; the row shows what the method does on a building with a designed experiment.",
             "An online estimator learns from the error one step ahead, in which hours and days hardly show, and these "
-            "records are short: days to weeks. In boxes that span up to six decades it ends with a model that is "
-            "sharp for the next sample and, for some seeds, far off over days. In a box around a fit it cannot stray "
-            "that far. So fit first where there is a recording, and do not plan hours ahead with a model that started "
-            "from nothing some days ago.",
+            "records are short: days to weeks. It ends with a model that is good for the next sample and can be far "
+            "off over days; what a seed of the particle filter changes says how little the record has settled. The "
+            "rows with a box around the fit show how much a fit beforehand helps. Do not plan hours ahead with a model "
+            "that has seen a few days: watch the open-loop error of its own nights first.",
         ),
     )
 
