@@ -23,4 +23,9 @@ EXPERIMENTS = {
         "replay.experiments.ecolar",
         "a lived-in zone whose truth nobody knows: forecasts, and nights without measurements (Tables 7 and 8)",
     ),
+    "sensitivity": Entry(
+        "replay.experiments.sensitivity",
+        "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
+    ),
+    "cost": Entry("replay.experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
 }
