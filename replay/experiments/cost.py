@@ -87,6 +87,7 @@ class Cost:
     """The experiment, made ready."""
 
     def __init__(self, request: Request) -> None:
+        request.accept("data", "seeds", "particles", "network")
         names = [request.network] if request.network else ["building-67", "ecolar-6r4c"]
         self._networks = [preset(name) for name in names]
         self._seed = request.seeds_or(1)[0]

@@ -14,15 +14,15 @@ from replay.experiments.table import Table
 
 _STYLE = """
 :root { color-scheme: light; --ink: #1b2430; --soft: #5b6776; --line: #d9dfe6; --accent: #0b5c8a; }
-body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); margin: 0 auto; max-width: 68rem;
+body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); margin: 0 auto; max-width: 76rem;
   padding: 2rem 1.2rem; }
 h1 { font-size: 1.7rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.6rem; }
 p, ul { max-width: 46rem; } code, pre { font: .9em ui-monospace, monospace; background: #f2f5f8; border-radius: 3px; }
 code { padding: .1em .3em; } pre { padding: .8rem 1rem; overflow-x: auto; }
 .lead { background: #eef5f9; border-left: 4px solid var(--accent); padding: .4rem 1.2rem; }
 figure { margin: 1.4rem 0; } figcaption { font-weight: 600; margin-bottom: .4rem; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .88rem; }
-th, td { padding: .3rem .7rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .84rem; }
+th, td { padding: .25rem .55rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
 th { color: var(--soft); font-weight: 600; border-bottom: 2px solid var(--line); white-space: normal;
   vertical-align: bottom; }
 td.text, th:first-child { text-align: left; } .note, .reading { color: var(--soft); font-size: .92rem; }

@@ -18,6 +18,7 @@ from replay.scores.intervals import Mask
 from replay.semi_synthetic import PERIOD, Truth
 
 COLOURS = ("#0b5c8a", "#c2571a", "#3d8b4f", "#8a3b8f", "#a8841a", "#4a5a6a", "#b3324b", "#1f9aa0", "#767676")
+_DASHES = ("solid", "dash")
 _DAYS_BEFORE_EXAMPLE = 30
 
 
@@ -34,16 +35,17 @@ def transfer_errors_over_time(scores: Mapping[str, Sequence[RunScores]], network
                 name=label,
                 legendgroup=label,
                 showlegend=column == 1,
-                line={"color": COLOURS[place % len(COLOURS)], "width": 1.6},
+                line={"color": COLOURS[place % len(COLOURS)], "width": 1.6, "dash": _DASHES[place // len(COLOURS) % 2]},
             )
             figure.add_trace(line, row=1, col=column)
     figure.update_yaxes(type="log").update_xaxes(title="day")
-    figure.update_yaxes(title="relative H2 error", col=1)
+    figure.update_yaxes(title="relative H2 error", col=1).update_layout(legend={"orientation": "h", "y": -0.25})
     return Plot(
         "How far the learned dynamics are from the true ones (Fig. 4)",
         figure,
         "Mean over seeds. A line that falls and stays low has learned the building, one that wanders follows "
-        "disturbances.",
+        "disturbances. Click a name to hide or show its line.",
+        height=520,
     )
 
 

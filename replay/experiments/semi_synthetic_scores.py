@@ -52,7 +52,13 @@ class RunScores(NamedTuple):
     update_dominated: float
     """Median of d_k (33) in either regime."""
     parasitic_learning: float
+    """NaN for an estimator that learns nothing."""
+    update_thirds: tuple[float, ...]
+    parasitic_learning_thirds: tuple[float, ...]
+    """Median of d_k and the index in each third of the period."""
     auc: float
+    auc_later: float
+    """The same for alpha of the next sample."""
     auc_settled: float
     """The same without the SETTLING steps after each beginning and end of the gain."""
     alpha_low: float
@@ -100,8 +106,13 @@ def score(network: Network, series: Series, truth: Truth, trace: Trace) -> RunSc
         h2_daily=transfer_errors(network, daily(trace.theta).T, true_parameters(network), PERIOD).h2[:, 0],
         update_low=float(np.nanmedian(magnitudes[~dominated])),
         update_dominated=float(np.nanmedian(magnitudes[dominated])) if dominated.any() else np.nan,
-        parasitic_learning=parasitic_learning_index(magnitudes, dominated),
+        parasitic_learning=_index(magnitudes, dominated),
+        update_thirds=tuple(_median(part) for part in np.array_split(magnitudes, 3)),
+        parasitic_learning_thirds=tuple(
+            _index(*parts) for parts in zip(np.array_split(magnitudes, 3), np.array_split(dominated, 3), strict=True)
+        ),
         auc=area_under_roc(median_alpha, dominated),
+        auc_later=area_under_roc(median_alpha[1:], dominated[:-1]),
         auc_settled=area_under_roc(median_alpha[settled], dominated[settled]),
         alpha_low=_median(median_alpha[~dominated]),
         alpha_dominated=_median(median_alpha[dominated]),
@@ -139,6 +150,11 @@ def _onset_coverage(y: Array, trace: Trace, dominated: Mask) -> Array:
     since = np.where(dominated, since_change(dominated), -1)
     steps = {str(step): since == step for step in range(ONSET)}
     return np.array([scores.coverage for scores in by_regime(y, trace.lower, trace.upper, steps).values()])
+
+
+def _index(magnitudes: Array, dominated: Mask) -> float:
+    """The parasitic-learning index; NaN where nothing moves."""
+    return parasitic_learning_index(magnitudes, dominated) if np.nansum(magnitudes) > 0.0 else float("nan")
 
 
 def _median(values: Array) -> float:

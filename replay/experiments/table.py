@@ -21,7 +21,8 @@ class Spread(NamedTuple):
 
     def __str__(self) -> str:
         text = number(self.mean)
-        return text if math.isnan(self.sd) else f"{text} ± {number(self.sd, decimals(self.mean))}"
+        places = None if "e" in text else decimals(self.mean)
+        return text if math.isnan(self.sd) else f"{text} ± {number(self.sd, places)}"
 
 
 Cell = str | float | int | Spread | None

@@ -165,6 +165,8 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
         (["semi-synthetic", "--network", "tite", "--config", "x.toml"], "give one of them"),
         (["semi-synthetic", "--network", "tite", "--set", "parameters.C_i.lower=3e6"], "have no nominal value"),
         (["ecolar", "--data", "missing.csv"], "missing.csv"),
+        (["ecolar", "--network", "titeth"], "it needs the channels T_air, T_out, T_adj, u_heat"),
+        (["cost", "--days", "3"], "--days means nothing to this experiment"),
         (["nonsense"], "invalid choice: 'nonsense'"),
         (["cost", "--seeds", "none"], "neither a number of seeds nor a list"),
         (["cost", "--seeds", "0"], "from 1 to 1000"),
