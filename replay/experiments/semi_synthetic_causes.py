@@ -24,10 +24,10 @@ def causes(scores: Mapping[str, Sequence[RunScores]], network: Network) -> Secti
         "Why targets are missed",
         (
             f"Area under the ROC curve. A step counts as disturbed from the first sample on that the gain has touched. "
-            f"By then it has moved the room by {number(first_rise(network))} K, beside {MEASUREMENT_NOISE_SD} K of "
-            "sensor noise and the process noise: nobody can tell yet. The table shows alpha read one sample later "
-            "against the same label, and the same filter with the true parameters given: what that still misses of 1 "
-            "lies in the data, not in what was learned.",
+            f"By then the room stands {number(first_rise(network))} K higher than forecast, about half the width of an "
+            "interval: that may still be noise. The table shows alpha read one sample later against the same label, "
+            "and the same filter with the true parameters given. If that does no better, the cause is the delay and "
+            "not what was learned.",
             "Transfer functions and parasitic-learning index with the settings of the paper. Its kernel (27)-(28) "
             "loses variance in every step whose gate is not fully open, so that the cloud of parameters collapses "
             "within weeks. Compare how far the parameters move in the first and in the last third, and the error at "
@@ -71,7 +71,7 @@ def _table(particles: Mapping[str, Sequence[RunScores]], network: Network) -> Ta
                         over_seeds(runs, lambda run: run.update_thirds[2]),
                         over_seeds(runs, lambda run: run.parasitic_learning_thirds[0]),
                         over_seeds(runs, lambda run: run.parasitic_learning_thirds[2]),
-                        over_seeds(runs, lambda run: float(run.h2_daily[len(run.h2_daily) // 2, sun])),
+                        over_seeds(runs, lambda run: float(run.h2_course[len(run.h2_course) // 2, sun])),
                         f"{number(min(final))} to {number(max(final))}",
                     )
                     if learned

@@ -12,7 +12,7 @@ from estimator.network import Network
 from replay.experiments import published
 from replay.experiments.filtering import Series, Trace
 from replay.experiments.report import Plot
-from replay.experiments.semi_synthetic_scores import ONSET, RunScores, since_change
+from replay.experiments.semi_synthetic_scores import COURSE_DAYS, ONSET, RunScores, since_change
 from replay.scores import pit_histogram, update_magnitudes
 from replay.scores.intervals import Mask
 from replay.semi_synthetic import PERIOD, Truth
@@ -27,10 +27,10 @@ def transfer_errors_over_time(scores: Mapping[str, Sequence[RunScores]], network
     channels = [name for name in published.CHANNELS if name in network.inputs]
     figure = make_subplots(1, len(channels), subplot_titles=[published.CHANNELS[name] for name in channels])
     for place, (label, runs) in enumerate(scores.items()):
-        mean = np.mean([run.h2_daily for run in runs], axis=0)
+        mean = np.mean([run.h2_course for run in runs], axis=0)
         for column, name in enumerate(channels, start=1):
             line = go.Scatter(
-                x=np.arange(1, len(mean) + 1),
+                x=COURSE_DAYS * np.arange(1, len(mean) + 1),
                 y=mean[:, network.inputs.index(name)],
                 name=label,
                 legendgroup=label,
