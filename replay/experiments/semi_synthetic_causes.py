@@ -14,7 +14,7 @@ from replay.experiments.report import Section
 from replay.experiments.semi_synthetic_scores import RunScores, true_parameters
 from replay.experiments.semi_synthetic_tables import over_seeds
 from replay.experiments.table import Cell, Table, number
-from replay.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD
+from replay.semi_synthetic import PERIOD
 
 
 def causes(scores: Mapping[str, Sequence[RunScores]], network: Network) -> Section:

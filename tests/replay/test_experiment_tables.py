@@ -79,7 +79,14 @@ def test_what_was_not_run_is_open_not_met() -> None:
     for values in ([], [math.nan, 1.0]):
         verdict = at_most("x", values, 2.0)
         assert verdict.met is None
-        assert verdict_table([verdict]).rows[0][-1] == "open"
+        assert verdict_table([verdict]).rows[0][-2:] == ("open", None)
+
+
+def test_a_missed_target_says_by_how_much() -> None:
+    assert at_most("x", [1.2], 1.0).off == pytest.approx(0.2)
+    assert near("x", [1.155], 1.0, 0.05).off == pytest.approx(0.1)
+    assert verdict_table([at_least("x", [0.9], 1.0)]).rows[0][-2:] == ("missed", "10.0 %")
+    assert at_most("x", [0.9], 1.0).off is None
 
 
 def test_a_report_is_one_page_without_any_outside_address(tmp_path: Path) -> None:
