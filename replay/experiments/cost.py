@@ -154,6 +154,7 @@ class Cost:
             ("network", "estimator", "ms, median", "ms, 99 %", "samples/s", "% of 5 min", "state, MB"),
             tuple(rows),
             f"Measured on {self._machine}, one core. The paper's time is a mean, the middle of its range.",
+            1,
         )
         return Report(
             "Cost of one sample",

@@ -26,6 +26,7 @@ th, td { padding: .25rem .55rem; border-bottom: 1px solid var(--line); text-alig
 th { color: var(--soft); font-weight: 600; border-bottom: 2px solid var(--line); white-space: normal;
   vertical-align: bottom; }
 td.text, th:first-child { text-align: left; } .note, .reading { color: var(--soft); font-size: .92rem; }
+.quoted td { color: var(--soft); font-style: italic; background: #f7f9fb; }
 .met, .missed, .open { border-radius: 3px; padding: .1rem .5rem; font-weight: 600; }
 .met { background: #dcf2e3; color: #14613a; } .missed { background: #fbe3df; color: #96281b; }
 .open { background: #eceff2; color: var(--soft); }
@@ -108,7 +109,7 @@ def _paragraph(text: str) -> str:
 
 def _plot(plot: Plot) -> str:
     figure = plot.figure.update_layout(
-        template="plotly_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, height=plot.height
+        template="plotly_white", margin={"l": 60, "r": 20, "t": 40, "b": 50}, height=plot.height
     )
     drawn = figure.to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True})
     reading = f"<p class='reading'>{_inline(plot.reading)}</p>"

@@ -176,7 +176,7 @@ def _volatility(outcome: Outcome, learned: Mapping[str, Sequence[RunScores]]) ->
             "Alpha is how far the model can be trusted now. When unmeasured heat acts it should rise, widen the "
             "interval and stop the learning.",
         ),
-        (tables.learning(learned),),
+        (tables.learning(learned, outcome.network),),
         (plots.volatility_distribution(outcome.examples[default], dominated), plots.update_sizes(few, dominated)),
     )
 

@@ -22,6 +22,7 @@ TABLE = Table(
     ("estimator", "RMSE, K", "runs"),
     (("a | b", spread([1.0, 2.0, 3.0]), 3), ("paper", 0.088, None), ("<none>", math.nan, 0)),
     "A note.",
+    quoted=1,
 )
 
 
@@ -54,6 +55,7 @@ def test_markdown_and_html_escape_what_would_break_them() -> None:
     assert r"| a \| b | 2.00 ± 1.00 | 3 |" in TABLE.markdown()
     assert TABLE.markdown().endswith("\n\nA note.\n")
     assert "Scores &lt;of&gt; all" in TABLE.html()
+    assert TABLE.html().count("class='quoted'") == 1
     assert "<td class='text'>&lt;none&gt;</td>" in TABLE.html()
 
 
