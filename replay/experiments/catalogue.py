@@ -31,4 +31,9 @@ EXPERIMENTS = {
         "replay.experiments.peers",
         "measured buildings that others have fitted, from the folder that --data names",
     ),
+    "sensitivity": Entry(
+        "replay.experiments.sensitivity",
+        "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
+    ),
+    "cost": Entry("replay.experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
 }

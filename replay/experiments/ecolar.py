@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.network import Network
+from estimator.presets import network as preset
 from replay.ecolar import COLUMNS, HEATER_COLUMNS, PERIODS, ZONE, write_standin
+from replay.errors import ReplayError
 from replay.experiments.ecolar_report import LEAST_SQUARES, PeriodOutcome, Run, report
 from replay.experiments.filtering import FilterRun, Series, Trace
 from replay.experiments.jobs import Arrays, Job
@@ -77,6 +79,11 @@ class Ecolar:
     def __init__(self, request: Request) -> None:
         self._request = request
         self._network: Network = network_of(request, NETWORK).validate()
+        needed = preset(NETWORK).channels
+        if self._network.channels != needed:
+            raise ReplayError(
+                f"network '{self._network.name}' does not fit the recording; it needs the channels {', '.join(needed)}"
+            )
         self._seeds = request.seeds_or(SEEDS)
         with tempfile.TemporaryDirectory(prefix="thermogate-ecolar-") as directory:
             self._periods = dict(_read(request, Path(directory)))

@@ -40,6 +40,7 @@ class Peers:
     """The experiment, made ready: its data are read."""
 
     def __init__(self, request: Request) -> None:
+        request.accept("data", "seeds", "particles")
         folder = request.file
         if folder is None:
             raise ReplayError(

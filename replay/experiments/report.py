@@ -15,18 +15,19 @@ from replay.experiments.table import Table
 
 _STYLE = """
 :root { color-scheme: light; --ink: #1b2430; --soft: #5b6776; --line: #d9dfe6; --accent: #0b5c8a; }
-body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); margin: 0 auto; max-width: 68rem;
+body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); margin: 0 auto; max-width: 76rem;
   padding: 2rem 1.2rem; }
 h1 { font-size: 1.7rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.6rem; }
 p, ul { max-width: 46rem; } code, pre { font: .9em ui-monospace, monospace; background: #f2f5f8; border-radius: 3px; }
 code { padding: .1em .3em; } pre { padding: .8rem 1rem; overflow-x: auto; }
 .lead { background: #eef5f9; border-left: 4px solid var(--accent); padding: .4rem 1.2rem; }
 figure { margin: 1.4rem 0; } figcaption { font-weight: 600; margin-bottom: .4rem; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .88rem; }
-th, td { padding: .3rem .7rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: .84rem; }
+th, td { padding: .25rem .55rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
 th { color: var(--soft); font-weight: 600; border-bottom: 2px solid var(--line); white-space: normal;
   vertical-align: bottom; }
 td.text, th:first-child { text-align: left; } .note, .reading { color: var(--soft); font-size: .92rem; }
+.quoted td { color: var(--soft); font-style: italic; background: #f7f9fb; }
 .met, .missed, .open { border-radius: 3px; padding: .1rem .5rem; font-weight: 600; }
 .met { background: #dcf2e3; color: #14613a; } .missed { background: #fbe3df; color: #96281b; }
 .open { background: #eceff2; color: var(--soft); }
@@ -110,7 +111,7 @@ def _paragraph(text: str) -> str:
 
 def _plot(plot: Plot) -> str:
     figure = plot.figure.update_layout(
-        template="plotly_white", margin={"l": 60, "r": 20, "t": 20, "b": 50}, height=plot.height
+        template="plotly_white", margin={"l": 60, "r": 20, "t": 40, "b": 50}, height=plot.height
     )
     drawn = figure.to_html(full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True})
     reading = f"<p class='reading'>{_inline(plot.reading)}</p>"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Protocol
 
@@ -29,6 +29,13 @@ class Request:
     def seeds_or(self, count: int) -> tuple[int, ...]:
         """The seeds asked for, or 1 to `count`."""
         return self.seeds or tuple(range(1, count + 1))
+
+    def accept(self, *names: str) -> None:
+        """ReplayError if anything was given that is not among `names`, the fields that the experiment heeds."""
+        for field in fields(self):
+            if getattr(self, field.name) != field.default and field.name not in names:
+                option = "--set" if field.name == "overrides" else f"--{field.name.replace('_', '-')}"
+                raise ReplayError(f"{option} means nothing to this experiment; leave it out")
 
     @property
     def file(self) -> Path | None:

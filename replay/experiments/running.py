@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -29,4 +30,6 @@ def run_experiment(name: str, request: Request, out: Path, *, workers: int, prog
         results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
+    if progress:
+        print("scoring the runs and writing the report", file=sys.stderr)
     return write_report(experiment.report(results), out)

@@ -12,12 +12,13 @@ from estimator.network import Network
 from replay.experiments import published
 from replay.experiments.filtering import Series, Trace
 from replay.experiments.report import Plot
-from replay.experiments.semi_synthetic_scores import ONSET, RunScores, since_change
+from replay.experiments.semi_synthetic_scores import COURSE_DAYS, ONSET, RunScores, since_change
 from replay.scores import pit_histogram, update_magnitudes
 from replay.scores.intervals import Mask
 from replay.semi_synthetic import PERIOD, Truth
 
 COLOURS = ("#0b5c8a", "#c2571a", "#3d8b4f", "#8a3b8f", "#a8841a", "#4a5a6a", "#b3324b", "#1f9aa0", "#767676")
+_DASHES = ("solid", "dash")
 _DAYS_BEFORE_EXAMPLE = 30
 
 
@@ -26,24 +27,25 @@ def transfer_errors_over_time(scores: Mapping[str, Sequence[RunScores]], network
     channels = [name for name in published.CHANNELS if name in network.inputs]
     figure = make_subplots(1, len(channels), subplot_titles=[published.CHANNELS[name] for name in channels])
     for place, (label, runs) in enumerate(scores.items()):
-        mean = np.mean([run.h2_daily for run in runs], axis=0)
+        mean = np.mean([run.h2_course for run in runs], axis=0)
         for column, name in enumerate(channels, start=1):
             line = go.Scatter(
-                x=np.arange(1, len(mean) + 1),
+                x=COURSE_DAYS * np.arange(1, len(mean) + 1),
                 y=mean[:, network.inputs.index(name)],
                 name=label,
                 legendgroup=label,
                 showlegend=column == 1,
-                line={"color": COLOURS[place % len(COLOURS)], "width": 1.6},
+                line={"color": COLOURS[place % len(COLOURS)], "width": 1.6, "dash": _DASHES[place // len(COLOURS) % 2]},
             )
             figure.add_trace(line, row=1, col=column)
     figure.update_yaxes(type="log").update_xaxes(title="day")
-    figure.update_yaxes(title="relative H2 error", col=1)
+    figure.update_yaxes(title="relative H2 error", col=1).update_layout(legend={"orientation": "h", "y": -0.25})
     return Plot(
         "How far the learned dynamics are from the true ones (Fig. 4)",
         figure,
         "Mean over seeds. A line that falls and stays low has learned the building, one that wanders follows "
-        "disturbances.",
+        "disturbances. Click a name to hide or show its line.",
+        height=520,
     )
 
 

@@ -13,6 +13,7 @@ from replay.experiments import semi_synthetic_tables as tables
 from replay.experiments.filtering import Series, Trace
 from replay.experiments.report import Report, Section
 from replay.experiments.request import Request
+from replay.experiments.semi_synthetic_causes import causes
 from replay.experiments.semi_synthetic_scores import DOMINATED, OVERALL, Fitted, RunScores
 from replay.experiments.semi_synthetic_tables import BUILDING, over_seeds
 from replay.experiments.semi_synthetic_verdicts import verdicts
@@ -55,6 +56,7 @@ def report(outcome: Outcome) -> Report:
             _calibration(outcome, held_to),
             _learning(outcome, learned),
             _volatility(outcome, learned),
+            *([causes(outcome.scores, outcome.network)] if held_to else []),
             _settings(outcome),
         ),
     )
@@ -121,7 +123,7 @@ def _targets(outcome: Outcome) -> Section:
     missed = sum(verdict.met is False for verdict in found)
     return Section(
         "Targets",
-        (f"{len(found) - missed} of {len(found)} are met.",),
+        (f"{len(found) - missed} of {len(found)} are met; 'Why targets are missed' below looks into the others.",),
         (verdict_table(found),),
     )
 
@@ -174,7 +176,7 @@ def _volatility(outcome: Outcome, learned: Mapping[str, Sequence[RunScores]]) ->
             "Alpha is how far the model can be trusted now. When unmeasured heat acts it should rise, widen the "
             "interval and stop the learning.",
         ),
-        (tables.learning(learned),),
+        (tables.learning(learned, outcome.network),),
         (plots.volatility_distribution(outcome.examples[default], dominated), plots.update_sizes(few, dominated)),
     )
 

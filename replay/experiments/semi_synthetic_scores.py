@@ -9,6 +9,7 @@ import numpy as np
 from estimator.network import Network
 from estimator.types import Array
 from replay.experiments.filtering import REGIMES, Series, Trace
+from replay.localtime import DAY
 from replay.scores import (
     IntervalScores,
     area_under_roc,
@@ -24,6 +25,8 @@ from replay.scores.intervals import Mask
 from replay.semi_synthetic import PERIOD, Truth
 
 OVERALL, LOW, DOMINATED = "overall", "low-disturbance", "disturbance-dominated"
+COURSE_DAYS = 2
+"""Days between two looks at the transfer functions."""
 ONSET = 12
 """Steps since the beginning of an event over which coverage is followed."""
 SETTLING = 6
@@ -46,13 +49,19 @@ class RunScores(NamedTuple):
     h2: Array
     h_infinity: Array
     """(n_u,): relative errors of the final parameters, inputs in the network's order."""
-    h2_daily: Array
-    """(days, n_u): the same, day by day."""
+    h2_course: Array
+    """(days / COURSE_DAYS, n_u): the same in the course of learning."""
     update_low: float
     update_dominated: float
     """Median of d_k (33) in either regime."""
     parasitic_learning: float
+    """NaN for an estimator that learns nothing."""
+    update_thirds: tuple[float, ...]
+    parasitic_learning_thirds: tuple[float, ...]
+    """Median of d_k and the index in each third of the period."""
     auc: float
+    auc_later: float
+    """The same for alpha of the next sample."""
     auc_settled: float
     """The same without the SETTLING steps after each beginning and end of the gain."""
     alpha_low: float
@@ -97,11 +106,16 @@ def score(network: Network, series: Series, truth: Truth, trace: Trace) -> RunSc
         onset=_onset_coverage(y, trace, dominated),
         h2=errors.h2[0, 0],
         h_infinity=errors.h_infinity[0, 0],
-        h2_daily=transfer_errors(network, daily(trace.theta).T, true_parameters(network), PERIOD).h2[:, 0],
+        h2_course=transfer_errors(network, course(trace.theta).T, true_parameters(network), PERIOD).h2[:, 0],
         update_low=float(np.nanmedian(magnitudes[~dominated])),
         update_dominated=float(np.nanmedian(magnitudes[dominated])) if dominated.any() else np.nan,
-        parasitic_learning=parasitic_learning_index(magnitudes, dominated),
+        parasitic_learning=_index(magnitudes, dominated),
+        update_thirds=tuple(_median(part) for part in np.array_split(magnitudes, 3)),
+        parasitic_learning_thirds=tuple(
+            _index(*parts) for parts in zip(np.array_split(magnitudes, 3), np.array_split(dominated, 3), strict=True)
+        ),
         auc=area_under_roc(median_alpha, dominated),
+        auc_later=area_under_roc(median_alpha[1:], dominated[:-1]),
         auc_settled=area_under_roc(median_alpha[settled], dominated[settled]),
         alpha_low=_median(median_alpha[~dominated]),
         alpha_dominated=_median(median_alpha[dominated]),
@@ -122,9 +136,10 @@ def true_parameters(network: Network) -> Array:
     return np.array([parameter.nominal for parameter in network.parameters], dtype=np.float64)
 
 
-def daily(rows: Array) -> Array:
-    """One row a day."""
-    return rows[86_400 // PERIOD - 1 :: 86_400 // PERIOD]
+def course(rows: Array) -> Array:
+    """The last row of every COURSE_DAYS days; of less than that, the last one."""
+    step = min(COURSE_DAYS * DAY // PERIOD, len(rows))
+    return rows[step - 1 :: step]
 
 
 def since_change(dominated: Mask) -> Array:
@@ -139,6 +154,11 @@ def _onset_coverage(y: Array, trace: Trace, dominated: Mask) -> Array:
     since = np.where(dominated, since_change(dominated), -1)
     steps = {str(step): since == step for step in range(ONSET)}
     return np.array([scores.coverage for scores in by_regime(y, trace.lower, trace.upper, steps).values()])
+
+
+def _index(magnitudes: Array, dominated: Mask) -> float:
+    """The parasitic-learning index; NaN where nothing moves."""
+    return parasitic_learning_index(magnitudes, dominated) if np.nansum(magnitudes) > 0.0 else float("nan")
 
 
 def _median(values: Array) -> float:

@@ -21,8 +21,8 @@ def run_file(folder: Path, job: Job) -> Path:
 def load(path: Path) -> Arrays | None:
     """The arrays of a finished run; None where there is none, or a damaged one that has to be run again."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
     except FileNotFoundError:
         return None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):

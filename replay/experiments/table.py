@@ -21,7 +21,8 @@ class Spread(NamedTuple):
 
     def __str__(self) -> str:
         text = number(self.mean)
-        return text if math.isnan(self.sd) else f"{text} ± {number(self.sd, decimals(self.mean))}"
+        places = None if "e" in text else decimals(self.mean)
+        return text if math.isnan(self.sd) else f"{text} ± {number(self.sd, places)}"
 
 
 Cell = str | float | int | Spread | None
@@ -43,6 +44,8 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+    quoted: int = 0
+    """How many rows at the end are published figures, not of this run."""
 
     def __post_init__(self) -> None:
         for row in self.rows:
@@ -70,7 +73,11 @@ class Table:
     def html(self) -> str:
         """A figure element; numbers align right."""
         head = "".join(f"<th>{escape(name)}</th>" for name in self.columns)
-        body = "".join(f"<tr>{''.join(map(_html_cell, row))}</tr>" for row in self.rows)
+        own = len(self.rows) - self.quoted
+        body = "".join(
+            f"{_OWN if place < own else _QUOTED}{''.join(map(_html_cell, row))}</tr>"
+            for place, row in enumerate(self.rows)
+        )
         note = f"<p class='note'>{escape(self.note)}</p>" if self.note else ""
         return (
             f"<figure class='table'><figcaption>{escape(self.title)}</figcaption><div class='scroll'>"
@@ -112,6 +119,7 @@ def _exact(value: float) -> str:
     return "" if math.isnan(value) else repr(float(value))
 
 
+_OWN, _QUOTED = "<tr>", "<tr class='quoted'>"
 _MARKS = {"met": "met", "missed": "missed", "open": "open"}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from replay.experiments.table import Spread, Table, number, spread
@@ -16,33 +16,35 @@ class Verdict(NamedTuple):
     wanted: str
     found: Spread | None
     met: bool | None
+    off: float | None = None
+    """How far the mean lies beyond the nearest value that would do, as a share of that value."""
 
 
 def at_most(target: str, values: Sequence[float], limit: float) -> Verdict:
     """Met when the mean over seeds is no more than `limit`."""
-    return _verdict(target, f"at most {number(limit)}", values, lambda mean: mean <= limit)
+    return _verdict(target, f"at most {number(limit)}", values, -math.inf, limit)
 
 
 def at_least(target: str, values: Sequence[float], limit: float) -> Verdict:
     """Met when the mean over seeds is no less than `limit`."""
-    return _verdict(target, f"at least {number(limit)}", values, lambda mean: mean >= limit)
+    return _verdict(target, f"at least {number(limit)}", values, limit, math.inf)
 
 
 def between(target: str, values: Sequence[float], low: float, high: float) -> Verdict:
     """Met when the mean over seeds lies in [low, high]."""
-    return _verdict(target, f"{number(low)} to {number(high)}", values, lambda mean: low <= mean <= high)
+    return _verdict(target, f"{number(low)} to {number(high)}", values, low, high)
 
 
 def near(target: str, values: Sequence[float], reference: float, share: float) -> Verdict:
     """Met when the mean over seeds is off `reference` by no more than `share` of it."""
     wanted = f"{number(reference)} within {100 * share:.0f} %"
-    return _verdict(target, wanted, values, lambda mean: abs(mean - reference) <= share * abs(reference))
+    return _verdict(target, wanted, values, (1 - share) * reference, (1 + share) * reference)
 
 
 def within(target: str, values: Sequence[float], reference: float, distance: float) -> Verdict:
     """Met when the mean over seeds is off `reference` by no more than `distance`."""
     wanted = f"{number(reference)} ± {number(distance)}"
-    return _verdict(target, wanted, values, lambda mean: abs(mean - reference) <= distance)
+    return _verdict(target, wanted, values, reference - distance, reference + distance)
 
 
 def verdict_table(verdicts: Sequence[Verdict]) -> Table:
@@ -51,14 +53,20 @@ def verdict_table(verdicts: Sequence[Verdict]) -> Table:
     return Table(
         "verdicts",
         "Targets",
-        ("target", "wanted", "found (mean ± sd over seeds)", "verdict"),
-        tuple((v.target, v.wanted, v.found, marks[v.met]) for v in verdicts),
+        ("target", "wanted", "found (mean ± sd over seeds)", "verdict", "missed by"),
+        tuple(
+            (v.target, v.wanted, v.found, marks[v.met], None if v.off is None else f"{100 * v.off:.1f} %")
+            for v in verdicts
+        ),
         "A verdict holds for the mean over the seeds; 'open' means that this run did not include what it takes.",
     )
 
 
-def _verdict(target: str, wanted: str, values: Sequence[float], fits: Callable[[float], bool]) -> Verdict:
+def _verdict(target: str, wanted: str, values: Sequence[float], low: float, high: float) -> Verdict:
     if not len(values) or math.isnan(sum(values)):
         return Verdict(target, wanted, None, None)
     found = spread(values)
-    return Verdict(target, wanted, found, fits(found.mean))
+    nearest = min(max(found.mean, low), high)
+    if nearest == found.mean:
+        return Verdict(target, wanted, found, True)
+    return Verdict(target, wanted, found, False, abs(found.mean / nearest - 1.0))
