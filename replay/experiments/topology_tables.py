@@ -78,6 +78,7 @@ def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
             if paper
             else ""
         ),
+        quoted=len(TABLE_3) if paper else 0,
     )
 
 
@@ -96,6 +97,7 @@ def cross_correlation(name: str, ranked: Sequence[Fitted], paper: bool) -> Table
         tuple(rows),
         "Sums of squared correlations over lags up to six hours."
         + (" The paper does not say from which lag it sums, so compare its rows with each other." if paper else ""),
+        quoted=len(J_XCORR) if paper else 0,
     )
 
 
