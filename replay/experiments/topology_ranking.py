@@ -21,23 +21,25 @@ class Fitted(NamedTuple):
     scores: TopologyScores
     at_bound: tuple[str, ...]
     loss: float = np.nan
-    """By how much, as a share, its worst criterion exceeds that of the best candidate in it."""
+    """By how much, as a share and on geometric average, its criteria exceed the best candidate's in each."""
 
     @property
-    def complexity(self) -> tuple[int, int]:
-        """Free parameters, then states."""
-        return len(self.candidate.network.free), len(self.candidate.network.nodes)
+    def complexity(self) -> tuple[int, int, int]:
+        """Free parameters, those of them that the data do not determine, and states."""
+        return len(self.candidate.network.free), len(self.at_bound), len(self.candidate.network.nodes)
 
 
 def rank(fitted: Sequence[Fitted]) -> list[Fitted]:
     """`fitted` with their losses, the one to take first, the others by loss.
 
-    The criteria are train RMSE, night MAE and held-out RMSE, as far as there are any. To be taken, a candidate must be
+    The criteria are train RMSE, night MAE and held-out RMSE, as far as there are any; their average rather than their
+    worst, for a held-out part of a few days is a matter of luck. To be taken, a candidate must be
     within COMPARABLE of the smallest loss; among those it is the simplest.
     """
     table = np.array([[f.scores.train_rmse, f.scores.night_mae, f.scores.held_out_rmse] for f in fitted])
     table = table[:, np.isfinite(table).all(axis=0)]
-    losses = (table / np.maximum(table.min(axis=0), 1e-6)).max(axis=1) - 1.0
+    table = np.maximum(table, 1e-6)
+    losses = np.exp(np.log(table / table.min(axis=0)).mean(axis=1)) - 1.0
     ranked = sorted(
         (entry._replace(loss=float(loss)) for entry, loss in zip(fitted, losses, strict=True)),
         key=lambda entry: entry.loss,

@@ -73,10 +73,10 @@ def _why(outcome: Outcome) -> str:
         f"{taken.scores.night_mae:.2f} K on average."
     )
     if best is taken:
-        return f"{scores} No candidate is better in the worst of these three."
+        return f"{scores} No candidate is better in these three on average."
     return (
-        f"{scores} {best.candidate.name} with {_described(best)} is better by no more than {100 * COMPARABLE:.0f} %, "
-        "which does not pay for what it adds."
+        f"{scores} {best.candidate.name}, {_described(best)}, is better on average by no more than "
+        f"{100 * COMPARABLE:.0f} %, which does not pay for what it adds."
     )
 
 
@@ -103,9 +103,10 @@ def _done(outcomes: Sequence[Outcome]) -> Section:
             "measured temperature, and with the hidden ones that follow from the measurements before. And the fit was "
             f"repeated on the first {100 * KNOWN:.0f} % of the data, and its parameters run through the rest "
             "(held-out RMSE), where a network with too many parameters shows.",
-            f"Taken is the network with the fewest parameters among those whose loss is at most {100 * COMPARABLE:.0f} "
-            "percent points above the smallest: the paper's rule, that errors which are comparable do not justify "
-            "another hidden state, as a number.",
+            "Loss is how far train RMSE, night MAE and held-out RMSE lie above the best candidate in each, on average. "
+            "Taken is the network with the fewest free parameters, of equals that with the fewest at a bound, among "
+            f"those whose loss is at most {100 * COMPARABLE:.0f} percent points above the smallest: the paper's rule, "
+            "that errors which are comparable do not justify another hidden state, as a number.",
         ),
     )
 
@@ -124,7 +125,7 @@ def _verdict(outcome: Outcome) -> str:
     own = [entry for entry in outcome.ranked if entry.candidate.label == OWN and entry is not taken]
     text = f"The network to take is {taken.candidate.name}. {_why(outcome)}"
     for entry in own:
-        text += f" Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % in its worst criterion."
+        text += f" Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % on average."
     if outcome.recording.place is None:
         same = taken.candidate.label == SELECTED and not taken.candidate.solar
         text += f" The paper took {SELECTED} without sun, {'as here.' if same else 'from a recording of its own.'}"

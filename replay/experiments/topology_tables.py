@@ -70,8 +70,8 @@ def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
             "parameters at a bound",
         ),
         tuple(rows),
-        "The first row is the network to take, the others follow by loss: how far the worst of train RMSE, night MAE "
-        "and held-out RMSE lies above the best of all candidates."
+        "The first row is the network to take, the others follow by loss: how far train RMSE, night MAE and "
+        "held-out RMSE lie above the best candidate in each, on geometric average."
         + (
             " The paper's J_acf stands under the term at 6 h: a sum over all lags of a residual that is as smooth as "
             "an open-loop one cannot be as small as what the paper reports, its last term alone can."
