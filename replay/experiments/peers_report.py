@@ -54,6 +54,7 @@ def _lead(outcome: Outcome) -> str:
     if published.train_rmse is not None:
         theirs = f"; published are {published.train_rmse:.3f} K"
         text += theirs + (f" and {published.test_rmse:.3f} K" if published.test_rmse is not None else "")
+        text += f" ({published.caveat}: see below)" if published.caveat else ""
     learned = spread([score.test_rmse if case.test else score.train_rmse for score in outcome.online[_DEFAULT]])
     where = " there" if case.test else ""
     return (
