@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.least_squares import Fit, Segment, Start, fit_open_loop
+from estimator.least_squares import Segment, Start, fit_open_loop
 from estimator.network import Network
 from estimator.open_loop import OpenLoop
 from estimator.types import Array
-from replay.experiments.following import follow, simulate
+from replay.experiments.following import follow, frozen, simulate
 from replay.experiments.jobs import Arrays, Job, Tick
 from replay.experiments.recorded_zone import ZoneRecord
 from replay.localtime import HOUR
@@ -77,7 +77,7 @@ def fit(run: TopologyRun, tick: Tick) -> Arrays:
     held_out = np.nan
     if run.known and run.rest:
         part = fit_open_loop(run.network, run.period, run.known, starts=_fewer(run.starts), progress=count)
-        held_out = fit_open_loop(_frozen(run.network, part), run.period, run.rest, starts=1, progress=count).rmse
+        held_out = fit_open_loop(frozen(run.network, part.theta), run.period, run.rest, starts=1, progress=count).rmse
     return {
         "theta": best.theta,
         "initial_states": best.initial_states,
@@ -89,12 +89,6 @@ def fit(run: TopologyRun, tick: Tick) -> Arrays:
 
 def _fewer(starts: int) -> int:
     return max(1, starts // 2)
-
-
-def _frozen(network: Network, fitted: Fit) -> Network:
-    for parameter, value in zip(network.parameters, fitted.theta, strict=True):
-        network = network.with_parameter(parameter.name, nominal=float(value), free=False)
-    return network
 
 
 def segments(record: ZoneRecord, windows: Sequence[Window], network: Network) -> list[Segment]:
