@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
 
-.PHONY: run test lint unit coverage replay-ecolar bench load-fleet load-modbus clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -33,6 +33,11 @@ replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's
 	for period in spring autumn; do \
 	  $(BIN)/thermogate replay deploy/examples/ecolar.toml --out var/ecolar/$$period \
 	    --set "sources.recording.files=[\"$(CURDIR)/var/ecolar/ecolar-$$period-SYNTHETIC.csv\"]" || exit 1; \
+	done
+
+experiments: $(VENV)/.ready  ## every experiment in full, with the built-in data, into var/experiments; the better part of an hour
+	for name in semi-synthetic ecolar topology sensitivity cost; do \
+	  $(BIN)/thermogate experiment $$name --out var/experiments/$$name || exit 1; \
 	done
 
 load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory

@@ -30,7 +30,9 @@ HEATER_COLUMNS = ("my-pv1", "my-pv2", "my-pv3", "Relay 4", "Relay 5")
 COLUMNS = ("Timestamp", "Temp2", "Sensor_outside", "Other_room_temp", *HEATER_COLUMNS)
 GRID_STEP = 60
 
-PERIODS: dict[str, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+Period = Literal["spring", "autumn"]
+
+PERIODS: dict[Period, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
     "spring": ((2025, 5, 3), (2025, 6, 2)),
     "autumn": ((2025, 10, 3), (2025, 11, 21)),
 }
@@ -87,7 +89,7 @@ class ZonePeriod(NamedTuple):
         return self.heated.states[:, 0]
 
 
-def write_standin(path: Path, period: Literal["spring", "autumn"], seed: int = 2) -> Path:
+def write_standin(path: Path, period: Period, seed: int = 2) -> Path:
     """Write the stand-in for 3 May-1 Jun ("spring") or 3 Oct-20 Nov ("autumn") 2025 and return its path.
 
     The layout has no room for a remark, so the name must say what the file is: ValueError unless it has "synthetic" in

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from estimator.network import Network
 from estimator.presets import building_67
 from estimator.types import Array
-from replay.errors import WeatherFileError
+from replay.errors import ReplayError, WeatherFileError
 from replay.events import HEATER, UNMEASURED_GAIN, square_wave
 from replay.localtime import DAY, Seconds, midnight
 from replay.simulate import simulate
@@ -29,7 +30,7 @@ WEATHER_COLUMNS = ("timestamp_utc", "T_out_degC", "GHI_W_m2")
 class Truth(NamedTuple):
     """What no estimator is told.
 
-    `states` (K, 5) in degC; `unmeasured_gain` (K,) in W into T_i over [t_k, t_k + period);
+    `states` (K, n_x) in degC; `unmeasured_gain` (K,) in W into the first measured node over [t_k, t_k + period);
     `disturbance_dominated` (K,): whether the gain acted during the interval that ends at t_k.
     """
 
@@ -39,18 +40,23 @@ class Truth(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """A simulated period: UTC seconds (K,), the channels T_i, T_out, u_heat and I_sol (K,) by name, and the truth."""
+    """A simulated period: UTC seconds (K,), the network's channels (K,) by name, and the truth."""
 
     times: Seconds
     columns: dict[str, Array]
     truth: Truth
 
 
-def generate(weather_csv: Path | None, *, days: int | None = None, seed: int) -> Recording:
+def generate(
+    weather_csv: Path | None, *, days: int | None = None, seed: int, network: Network | None = None
+) -> Recording:
     """Simulate the building over the weather of `weather_csv` (None: the built-in weather from 10 April 2024).
 
     `days` keeps only the first days of the period. Each ingredient has its own random stream, so one seed gives one
-    heater sequence, one gain and one noise sequence whatever the weather. Raises WeatherFileError.
+    heater sequence, one gain and one noise sequence whatever the weather. Another `network` than building 67 takes its
+    nominal values as the truth; heater and gain scale with its total heat capacity, so that an event moves its
+    temperature as much, the gain enters its first measured node, and a boundary other than T_out is a room between 18
+    and 22 degC over the day. Raises WeatherFileError, and ReplayError for a network without nominal values.
     """
     times, (outdoor, irradiance) = _weather(weather_csv, seed)
     if days is not None:
@@ -60,10 +66,15 @@ def generate(weather_csv: Path | None, *, days: int | None = None, seed: int) ->
     heater = square_wave(HEATER, len(times), PERIOD, heating)
     gain = square_wave(UNMEASURED_GAIN, len(times), PERIOD, disturbing)
 
-    network = building_67()
-    given = {"T_out": outdoor, "u_heat": heater, "I_sol": irradiance}
+    network = network or building_67()
+    scale = _heat_capacity(network) / _heat_capacity(building_67())
+    gain *= scale
+    given = dict.fromkeys(network.boundaries, 20.0 - 2.0 * np.cos(2 * np.pi * times / DAY)) | {"T_out": outdoor}
+    for channel in network.heat_channels:
+        given[channel] = heater * scale if network.channel_unit(channel) == "W" else irradiance
+    indoor_node = network.nodes.index(network.measured[0])
     unmeasured = np.zeros((len(times), len(network.nodes)))
-    unmeasured[:, network.nodes.index("T_i")] = gain
+    unmeasured[:, indoor_node] = gain
     states = simulate(
         network,
         {},
@@ -74,10 +85,23 @@ def generate(weather_csv: Path | None, *, days: int | None = None, seed: int) ->
         unmeasured=unmeasured,
         rng=process,
     )
-    indoor = states[:, network.nodes.index("T_i")]
-    measured = indoor + MEASUREMENT_NOISE_SD * measurement.standard_normal(len(times))
+    noise = MEASUREMENT_NOISE_SD * measurement.standard_normal((len(network.measured), len(times)))
+    measured = {
+        node: states[:, network.nodes.index(node)] + row for node, row in zip(network.measured, noise, strict=True)
+    }
     acted = np.concatenate([[False], gain[:-1] > 0.0])
-    return Recording(times, {"T_i": measured, **given}, Truth(states, gain, acted))
+    return Recording(times, measured | given, Truth(states, gain, acted))
+
+
+def _heat_capacity(network: Network) -> float:
+    """Sum of the nominal capacitances in J/K; ReplayError where one is missing."""
+    missing = [parameter.name for parameter in network.parameters if parameter.nominal is None]
+    if missing:
+        raise ReplayError(
+            f"network '{network.name}' cannot be simulated: {', '.join(missing)} have no nominal value to take as the "
+            f"truth; give each one, as in --set parameters.{missing[0]}.nominal=VALUE"
+        )
+    return sum(network.parameter(name).nominal or 0.0 for name in network.capacitances.values())
 
 
 def write_csv(recording: Recording, path: Path) -> Path:

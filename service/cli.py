@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from service import cli_bms, cli_probe
+from service import cli_bms, cli_experiment, cli_probe
 from service.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
@@ -154,6 +154,8 @@ def _parser() -> argparse.ArgumentParser:
         "--start", type=_instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z"
     )
     replay.add_argument("--end", type=_instant, metavar="T", help="time to stop before, RFC 3339")
+
+    cli_experiment.add_to(add)
     return parser
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from replay.scores import coverage, mean_width, rmse, winkler
+from replay.scores import by_regime, coverage, interval_scores, mean_width, pit_histogram, rmse, winkler
 
 NAN = np.nan
 # inside, on the bound, below by .5, above by .25, three incomplete rows
@@ -47,3 +47,25 @@ def test_without_a_complete_row_the_score_is_nan() -> None:
 def test_winkler_refuses_a_level_that_is_none(level: float) -> None:
     with pytest.raises(ValueError, match="between 0 and 1"):
         winkler(Y, LOWER, UPPER, level)
+
+
+def test_interval_scores_are_those_of_the_complete_rows() -> None:
+    scores = interval_scores(Y, LOWER, UPPER, 0.95)
+    assert scores.samples == 4
+    assert (scores.coverage, scores.width) == (0.5, 1.5)
+    assert scores.winkler == pytest.approx(9.0)
+
+
+def test_regimes_are_scored_apart() -> None:
+    first = np.arange(7) < 2
+    scores = by_regime(Y, LOWER, UPPER, {"quiet": first, "dominated": ~first})
+    assert scores["quiet"].coverage == 1.0
+    assert scores["dominated"].samples == 2
+    assert scores["dominated"].winkler == pytest.approx((22 + 11) / 2)
+
+
+def test_pit_histogram_counts_shares() -> None:
+    assert pit_histogram(np.array([0.0, 0.1, 0.6, 1.0, NAN]), bins=2).tolist() == [0.5, 0.5]
+    uniform = pit_histogram(np.random.default_rng(2).random(100_000), bins=10)
+    np.testing.assert_allclose(uniform, 0.1, atol=5 * np.sqrt(0.1 * 0.9 / 100_000))
+    assert np.isnan(pit_histogram(np.array([NAN]), bins=3)).all()

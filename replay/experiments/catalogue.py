@@ -1,0 +1,39 @@
+"""The experiments by name. A new one is one module with `prepare(request) -> Experiment`, and one line here."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Entry(NamedTuple):
+    """Where an experiment lives, what it does, and whether its runs must have the machine to themselves."""
+
+    module: str
+    text: str
+    alone: bool = False
+
+
+# Names of modules, not modules: `thermogate --help` lists these without waiting for the compiler.
+EXPERIMENTS = {
+    "semi-synthetic": Entry(
+        "replay.experiments.semi_synthetic",
+        "a simulated building with a known truth and heat gains that nobody measures (Tables 4 to 6)",
+    ),
+    "ecolar": Entry(
+        "replay.experiments.ecolar",
+        "a lived-in zone whose truth nobody knows: forecasts, and nights without measurements (Tables 7 and 8)",
+    ),
+    "topology": Entry(
+        "replay.experiments.topology",
+        "which RC network to take: the paper's candidates and one's own, fitted and ranked (Tables 2 and 3)",
+    ),
+    "peers": Entry(
+        "replay.experiments.peers",
+        "measured buildings that others have fitted, from the folder that --data names",
+    ),
+    "sensitivity": Entry(
+        "replay.experiments.sensitivity",
+        "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
+    ),
+    "cost": Entry("replay.experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
+}

@@ -1,0 +1,82 @@
+"""A run of an experiment as data, and the fingerprint by which a finished one is known again."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+import estimator
+
+Arrays = dict[str, npt.NDArray[Any]]
+Tick = Callable[[int], None]
+"""Told how many more steps are done."""
+
+
+class Job(NamedTuple):
+    """One run: `work(payload, tick)` gives named arrays and depends on nothing else.
+
+    `work` is a function of a module, so that another process finds it; `payload` is made of numbers, strings, arrays
+    and tuples, mappings or dataclasses of them. `steps` is how far the run will tick.
+    """
+
+    label: str
+    seed: int
+    work: Callable[[Any, Tick], Arrays]
+    payload: Any
+    steps: int
+
+    @property
+    def name(self) -> str:
+        """What the run is called in messages."""
+        return f"{self.label}, seed {self.seed}"
+
+
+def fingerprint(job: Job) -> str:
+    """Hexadecimal digest of everything the result of `job` depends on: payload, work and the estimators' source."""
+    digest = hashlib.sha256()
+    _feed(digest, (job.work.__module__, job.work.__qualname__, _sources(job.work.__module__), job.payload))
+    return digest.hexdigest()
+
+
+@cache
+def _sources(work: str) -> str:
+    """Digest of the source of `estimator`, of the filtering loop and of the module of the work."""
+    digest = hashlib.sha256()
+    own = Path(importlib.import_module(work).__file__ or "")
+    folder = Path(estimator.__file__ or "").parent
+    for path in [*sorted(folder.glob("*.py")), *sorted({own, Path(__file__).with_name("filtering.py")})]:
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: Any) -> None:
+    """Add `value` with its type and shape, so that no two different payloads read the same."""
+    if isinstance(value, np.ndarray):
+        digest.update(f"array {value.dtype.str} {value.shape};".encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Mapping):
+        digest.update(f"mapping {len(value)};".encode())
+        for key in sorted(value):
+            _feed(digest, key)
+            _feed(digest, value[key])
+    elif is_dataclass(value) and not isinstance(value, type):
+        digest.update(f"{type(value).__name__};".encode())
+        for field in fields(value):
+            _feed(digest, getattr(value, field.name))
+    elif isinstance(value, tuple | list):
+        digest.update(f"{type(value).__name__} {len(value)};".encode())
+        for item in value:
+            _feed(digest, item)
+    elif value is None or isinstance(value, str | int | float):
+        digest.update(f"{type(value).__name__} {value!r};".encode())
+    else:
+        raise TypeError(f"a payload cannot hold a {type(value).__name__}")

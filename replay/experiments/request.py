@@ -1,0 +1,55 @@
+"""What the command line asks of an experiment, and what an experiment answers to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Protocol
+
+from replay.errors import ReplayError
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.report import Report
+
+
+@dataclass(frozen=True)
+class Request:
+    """One call of `thermogate experiment`; what is None or empty was not given."""
+
+    data: tuple[Path, ...] = ()
+    seeds: tuple[int, ...] = ()
+    days: int | None = None
+    particles: int | None = None
+    network: str | None = None
+    config: Path | None = None
+    zone: str | None = None
+    time_zone: str | None = None
+    overrides: tuple[str, ...] = ()
+
+    def seeds_or(self, count: int) -> tuple[int, ...]:
+        """The seeds asked for, or 1 to `count`."""
+        return self.seeds or tuple(range(1, count + 1))
+
+    def accept(self, *names: str) -> None:
+        """ReplayError if anything was given that is not among `names`, the fields that the experiment heeds."""
+        for field in fields(self):
+            if getattr(self, field.name) != field.default and field.name not in names:
+                option = "--set" if field.name == "overrides" else f"--{field.name.replace('_', '-')}"
+                raise ReplayError(f"{option} means nothing to this experiment; leave it out")
+
+    @property
+    def file(self) -> Path | None:
+        """The one data file, or None; ReplayError where there are several."""
+        if len(self.data) > 1:
+            raise ReplayError(f"--data was given {len(self.data)} times; this experiment takes one file")
+        return self.data[0] if self.data else None
+
+
+class Experiment(Protocol):
+    """An experiment made ready from a request: the runs it needs, and what it says of their results."""
+
+    def jobs(self) -> list[Job]:
+        """Every run, the same list each time."""
+
+    def report(self, results: Sequence[Arrays]) -> Report:
+        """The report of the results, which come in the order of the jobs."""

@@ -1,0 +1,35 @@
+"""`thermogate experiment`: from a request to the files of a report."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+from replay.errors import ReplayError
+from replay.experiments.catalogue import EXPERIMENTS
+from replay.experiments.pool import run_jobs
+from replay.experiments.report import write_report
+from replay.experiments.request import Experiment, Request
+
+RUNS = "runs"
+"""Folder under --out that holds the finished runs."""
+
+
+def run_experiment(name: str, request: Request, out: Path, *, workers: int, progress: bool) -> list[Path]:
+    """Run what is missing of the experiment `name`, write its report into `out`; the paths written.
+
+    Finished runs are kept in `out`/runs and reused where neither their settings nor the code has changed. Raises
+    ReplayError.
+    """
+    entry = EXPERIMENTS[name]
+    experiment: Experiment = import_module(entry.module).prepare(request)
+    runs = out / RUNS
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
+    except OSError as error:
+        raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
+    if progress:
+        print("scoring the runs and writing the report", file=sys.stderr)
+    return write_report(experiment.report(results), out)

@@ -1,0 +1,100 @@
+"""Open-loop accuracy on windows in which the model should hold (paper 4.3.7, 5.1.4): what a controller relies on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.assembly import assemble, topology
+from estimator.discretise import discretise
+from estimator.network import Network
+from estimator.types import Array
+from replay.localtime import HOUR, Seconds, wall_clock
+from replay.scores.intervals import Mask, rmse
+
+SHORTEST_SEGMENT = 12 * HOUR
+
+
+class Window(NamedTuple):
+    """Rows `begin` to before `end` of a series."""
+
+    begin: int
+    end: int
+
+
+def quiet_segments(dominated: Mask, period: float, shortest: float = SHORTEST_SEGMENT) -> list[Window]:
+    """Unbroken runs of steps that are not `dominated` (K,) and last at least `shortest` s (5.1.4)."""
+    return [window for window in _runs(~dominated) if (window.end - window.begin) * period >= shortest]
+
+
+def daily_windows(times: Seconds, period: float, zone: str, begin: float, end: float) -> list[Window]:
+    """Runs of rows `period` s apart that fill the local hours [begin, end) of a day of `zone`, such as 20 to 6.
+
+    `times` (K,) are UTC seconds, ascending. A window that lacks a row, at an edge or inside, is left out.
+    """
+    hour = wall_clock(times, zone) % (24 * HOUR) / HOUR
+    inside = (hour >= begin) & (hour < end) if begin < end else (hour >= begin) | (hour < end)
+    step = period / HOUR
+    windows = []
+    for stretch in _unbroken(times, period):
+        for run in _runs(inside[stretch.begin : stretch.end]):
+            window = Window(run.begin + stretch.begin, run.end + stretch.begin)
+            late, early = (hour[window.begin] - begin) % 24.0, (end - hour[window.end - 1]) % 24.0
+            if late < step and early <= step:
+                windows.append(window)
+    return windows
+
+
+def open_loop_errors(
+    network: Network,
+    theta: Array,
+    period: float,
+    windows: Sequence[Window],
+    initial: Array,
+    inputs: Array,
+    reference: Array,
+) -> Array:
+    """RMSE [K] of each window of the first output simulated without measurements (17), shape (len(windows),).
+
+    `theta` (n_theta,) is frozen; row k of `initial` (K, n_x) is the state at t_k from which a window beginning there
+    starts, row k of `inputs` (K, n_u) holds over [t_k, t_(k+1)), `reference` (K,) is what the output is compared with.
+    The first row of a window is where it starts, so it is not scored.
+    """
+    errors = [
+        rmse(
+            simulate_window(network, theta, period, window, initial, inputs)[1:]
+            - reference[window.begin + 1 : window.end]
+        )
+        for window in windows
+    ]
+    return np.array(errors)
+
+
+def simulate_window(
+    network: Network, theta: Array, period: float, window: Window, initial: Array, inputs: Array
+) -> Array:
+    """The first output (end - begin,) [degC] of the model over a window, arguments as in `open_loop_errors`."""
+    model = discretise(assemble(network, theta[:, None]), period)
+    transition, drive = model.transition[0], inputs[window.begin : window.end] @ model.input[0].T
+    measured = topology(network).measured[0]
+    state = initial[window.begin]
+    outputs = np.empty(window.end - window.begin)
+    for k, step in enumerate(drive):
+        outputs[k] = state[measured]
+        state = transition @ state + step
+    return outputs
+
+
+def _runs(mask: Mask) -> list[Window]:
+    """Unbroken runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
+    return [Window(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _unbroken(times: Seconds, period: float) -> list[Window]:
+    """Stretches of rows that are `period` s apart."""
+    cuts = [0, *(np.flatnonzero(np.diff(times) != period) + 1).tolist(), len(times)]
+    return [Window(*pair) for pair in pairwise(cuts)]
