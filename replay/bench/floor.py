@@ -13,25 +13,26 @@ from typing import Any
 import numpy as np
 
 from estimator.assembly import assemble
+from estimator.lanes import LANES
 from estimator.rbpf import RBPF
 from estimator.space import parameter_space
 from estimator.types import Array
 
-_EXPONENTIAL = 30
-"""Range reduction and a polynomial of degree 13."""
+_EXPONENTIAL = 27
+"""Range reduction and a polynomial of degree 10."""
 _LOGARITHM = 28
 _DIVISION = 8
 _ROOT = 10
 _NORMAL = 90
 """A standard normal deviate: its share of ten Philox rounds and of a logarithm, root, sine and cosine."""
-_NORMAL_TAIL = 2 * 19 + _DIVISION + 10
+_NORMAL_TAIL = 2 * 15 + _DIVISION + 10
 _TAYLOR_PRODUCTS = 5
 """Matrix products in a degree-12 Taylor polynomial after Paterson and Stockmeyer."""
 _TAYLOR_NORM = 0.35
 """Norm up to which that polynomial is exact to rounding; beyond it the exponential is squared."""
-_BLOCK = 64
+_BLOCK = LANES
 """Particles that are squared together, as often as the stiffest of them needs."""
-_NEWTON_STEPS = 4
+_HALLEY_STEPS = 2
 _LEVELS = 3
 
 
@@ -68,7 +69,7 @@ def operations(n: int, d: int, edges: int, squarings: float) -> dict[str, float]
         "exponential": _TAYLOR_PRODUCTS * product + 12.0 * triangle,
         "squarings": squarings * (product + triangle),
         "Kalman prediction": 2.0 * n**2 + 2.0 * n * n**2 + product + 4.0 * triangle + 2.0 * n,
-        "quantiles": _LEVELS * _NEWTON_STEPS * (_EXPONENTIAL + _NORMAL_TAIL + 8.0),
+        "quantiles": _LEVELS * _HALLEY_STEPS * (_EXPONENTIAL + _NORMAL_TAIL + 8.0),
         "assimilation": _DIVISION + _LOGARITHM + 4.0 * n + 2.0 * triangle + 6.0,
         "weights": _EXPONENTIAL + 4.0,
         "volatility quantiles": 6.0,
