@@ -8,7 +8,7 @@ from scipy.special import ndtri
 from estimator import kernel_quantiles, kernels
 from estimator.assembly import Indices, topology
 from estimator.draws import Draws, Purpose
-from estimator.kalman import Assimilated
+from estimator.kalman import Assimilated, packed_index
 from estimator.kernel_propagate import propagate
 from estimator.liu_west import Kernel
 from estimator.network import Network
@@ -61,6 +61,15 @@ class CompiledSteps:
         out = Assimilated(np.empty_like(mean), np.empty_like(covariance), np.empty(mean.shape[1]))
         kernels.assimilate(int(node), float(y), float(variance), mean, covariance, *out)
         return out
+
+    def predictive(
+        self, mean: Array, covariance: Array, log_weights: Array, nodes: Indices, variance: float
+    ) -> Mixture:
+        """The mixture of line 10 over the outputs `nodes` (n_y,), with measurement `variance` R."""
+        weights, sds = np.empty_like(log_weights), np.empty((len(nodes), len(log_weights)))
+        for row, node in zip(sds, nodes, strict=True):
+            kernels.predictive(log_weights, covariance[packed_index(node, node)], variance, weights, row)
+        return Mixture(weights, mean[nodes], sds)
 
     def reweigh(self, log_weights: Array) -> Weighted:
         """Weights normalised (line 11)."""

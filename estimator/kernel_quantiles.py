@@ -128,8 +128,11 @@ def weighted_quantiles(values, weights, levels, bins):  # type: ignore[no-untype
         whole += weights[n]
     stretch = bins / (high - low) if high > low else 0.0
     mass = np.zeros(bins + 1)
+    place_of = np.empty(particles, np.int32)
     for n in range(particles):
-        mass[int((values[n] - low) * stretch)] += weights[n]
+        place_of[n] = int((values[n] - low) * stretch)
+    for n in range(particles):
+        mass[place_of[n]] += weights[n]
     quantiles = np.empty(levels.shape[0])
     for q in range(levels.shape[0]):
         target, below, chosen = levels[q] * whole, 0.0, 0
@@ -139,7 +142,7 @@ def weighted_quantiles(values, weights, levels, bins):  # type: ignore[no-untype
         members = np.empty(particles, np.int64)
         count = 0
         for n in range(particles):
-            if int((values[n] - low) * stretch) == chosen:
+            if place_of[n] == chosen:
                 members[count] = n
                 count += 1
         order = np.argsort(values[members[:count]], kind="mergesort")

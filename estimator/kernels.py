@@ -28,6 +28,7 @@ from estimator.lanes import (
     minimum,
     scalars,
     spread,
+    square_root,
     store,
     total,
     within,
@@ -102,6 +103,16 @@ def reweigh(log_weights, out, weights):  # type: ignore[no-untyped-def]
         store(weights, (first,), inside, weight)
         store(out, (first,), inside, maximum(load(log_weights, (first,), inside), -np.inf) - log_sum)
     return log_sum, 1.0 / total(squares)
+
+
+@njit(cache=True, **JIT)
+def predictive(log_weights, variances, noise, weights, sds):  # type: ignore[no-untyped-def]
+    """Weights (N,) and standard deviations (N,) of one output, from state `variances` and measurement `noise`."""
+    particles = log_weights.shape[0]
+    for first in range(0, particles, LANES):
+        inside = within(first, particles)
+        store(weights, (first,), inside, exponential(load_log(log_weights, (first,), inside)))
+        store(sds, (first,), inside, square_root(load(variances, (first,), inside) + noise))
 
 
 @njit(cache=True, **JIT)

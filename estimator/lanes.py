@@ -199,6 +199,7 @@ def binary(write: Callable[[Value, Value], Value]) -> Any:
 
 minimum = binary(Value.minimum)
 maximum = binary(Value.maximum)
+square_root = unary(Value.sqrt)
 
 
 def _folded(combine: Callable[[Value, Value], Value]) -> Any:

@@ -106,9 +106,10 @@ class RBPF:
 
     def predictive(self, state: ParticleState) -> Mixture:
         """The mixture of line 10, over every output."""
-        nodes = self._topology.measured
-        spread = state.covariance[[packed_index(node, node) for node in nodes]] + self.options.measurement_sd**2
-        return Mixture(np.exp(state.log_weights), state.mean[nodes], np.sqrt(spread))
+        variance = self.options.measurement_sd**2
+        return self._steps.predictive(
+            state.mean, state.covariance, state.log_weights, self._topology.measured, variance
+        )
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output, by root-finding on the mixture CDF."""

@@ -10,7 +10,7 @@ from estimator.assembly import Indices, assemble
 from estimator.discretise import discretise
 from estimator.draws import Draws, Purpose
 from estimator.gate import weighted_quantiles
-from estimator.kalman import Assimilated, kalman_predict, kalman_update
+from estimator.kalman import Assimilated, kalman_predict, kalman_update, packed_index
 from estimator.liu_west import Kernel, moments, rejuvenate
 from estimator.network import Network
 from estimator.options import Options
@@ -45,6 +45,13 @@ class ReferenceSteps:
     def assimilate(self, mean: Array, covariance: Array, node: int, y: float, variance: float) -> Assimilated:
         """Kalman measurement update (line 12) of every particle."""
         return kalman_update(mean, covariance, node, y, variance)
+
+    def predictive(
+        self, mean: Array, covariance: Array, log_weights: Array, nodes: Indices, variance: float
+    ) -> Mixture:
+        """The mixture of line 10 over the outputs `nodes` (n_y,), with measurement `variance` R."""
+        variances = covariance[[packed_index(node, node) for node in nodes]] + variance
+        return Mixture(np.exp(log_weights), mean[nodes], np.sqrt(variances))
 
     def reweigh(self, log_weights: Array) -> Weighted:
         """Weights normalised (line 11)."""

@@ -67,6 +67,17 @@ def test_propagate_over_short_and_long_steps(period):
     np.testing.assert_allclose(actual[1], expected[1], rtol=RTOL, atol=1e-12)
 
 
+def test_predictive():
+    for seed, count in enumerate(COUNTS):
+        preset, space, _, mean, covariance, log_alpha, _ = setup("building-67", seed, True, count)
+        nodes = np.array([0, 3])
+        expected, actual = (
+            steps.predictive(mean, covariance, log_alpha[0], nodes, 0.15**2) for steps in both(preset, space)
+        )
+        for name in expected._fields:
+            np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=RTOL, err_msg=name)
+
+
 @pytest.mark.parametrize("node", range(5))
 def test_assimilate(node):
     for seed, count in enumerate(COUNTS):
