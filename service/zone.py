@@ -335,7 +335,9 @@ class Zone:
         try:
             await store.flush()
             await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
+            self._plumbing.metrics.checkpointed(self.id, written=True)
         except ServiceError as error:
+            self._plumbing.metrics.checkpointed(self.id, written=False)
             # The journal still holds everything since the last good checkpoint.
             _log.error("zone '%s': %s", self.id, error)
 
@@ -344,6 +346,7 @@ class Zone:
         marks = [item for item in self._emptied_mailbox() if isinstance(item, _Mark)]
         for mark in marks:
             self._mailbox.put_nowait(mark)
+        self._plumbing.metrics.failed(self.id)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
         self._announce(None)
 
