@@ -114,7 +114,7 @@ class Daemon:
         self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
     ) -> None:
         zones: dict[str, Zone] = {}
-        metrics = Metrics(zones)
+        metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
         for table in self._config.zones:
