@@ -21,18 +21,21 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
+from service.config_types import is_loopback
 from service.errors import ServiceError
 from service.feeding import end, feed, keep_time, watch_clock
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
 from service.http_server import HttpServer
+from service.keys import KeyRing
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
+from service.plumbing import Plumbing
 from service.publisher import Publisher
 from service.routing import Router
 from service.sources import build_source, is_live
 from service.store import Store
-from service.zone import Plumbing, Zone
+from service.zone import Zone
 
 DRAIN_SECONDS = 2.0
 """How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
@@ -113,12 +116,13 @@ class Daemon:
         self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
     ) -> None:
         zones: dict[str, Zone] = {}
-        metrics = Metrics(zones)
+        metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
         for table in self._config.zones:
             zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
-        app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"))
+        keys = KeyRing(self._config.keys_file, required=not is_loopback(self._config.http.host))
+        app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"), keys=keys)
         server = HttpServer(app, self._config.http)
         stop = asyncio.create_task(self._stopping.wait())
         watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
