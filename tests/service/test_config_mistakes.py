@@ -381,3 +381,10 @@ def _replacing(keys: tuple[str | int, ...], junk: object) -> Change:
         table[keys[-1]] = junk
 
     return change
+
+
+def test_control_characters_of_a_file_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    (problem,) = problems_of(tmp_path, at("site", id="a\x1b[2J\n\u2028b"))
+
+    assert problem.startswith('site.id: "a\\x1b[2J\\n\\u2028b" cannot be an id')
+    assert problem.isprintable()
