@@ -28,11 +28,12 @@ from service.http_server import HttpServer
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
+from service.plumbing import Plumbing
 from service.publisher import Publisher
 from service.routing import Router
 from service.sources import build_source, is_live
 from service.store import Store
-from service.zone import Plumbing, Zone
+from service.zone import Zone
 
 DRAIN_SECONDS = 2.0
 """How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
@@ -113,7 +114,7 @@ class Daemon:
         self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
     ) -> None:
         zones: dict[str, Zone] = {}
-        metrics = Metrics(zones)
+        metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
         for table in self._config.zones:
