@@ -12,10 +12,12 @@ import hashlib
 import io
 import json
 import logging
+import lzma
 import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,6 +37,8 @@ _TEMPORARY = ".tmp"
 DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
+    lzma.LZMAError,
+    OSError,
     struct.error,
     ValueError,
     KeyError,
@@ -44,7 +48,7 @@ DAMAGE = (
     TypeError,
     OverflowError,
 )
-"""What zipfile and numpy raise on damaged bytes; OSError is not among them, since reading the file comes first."""
+"""What zipfile, its decompressors and NumPy raise on damaged bytes."""
 
 _log = logging.getLogger(__name__)
 
@@ -79,8 +83,14 @@ class CheckpointStore:
         try:
             make_folder(folder)
             _remove_leftovers(folder)
-            write_file(temporary, content)
-            temporary.replace(target)
+            try:
+                write_file(temporary, content)
+                temporary.replace(target)
+            except OSError:
+                # On a full disk the half of a checkpoint would take the place that the journal needs.
+                with suppress(OSError):
+                    temporary.unlink(missing_ok=True)
+                raise
             # Only when the new one cannot be lost any more may an old one go.
             sync_folder(folder)
             for old in _newest_first(folder)[self._keep :]:
@@ -173,7 +183,7 @@ def _encode(checkpoint: Checkpoint) -> bytes:
 
 
 def decode(content: bytes, path: Path) -> Checkpoint:
-    """The checkpoint in the bytes of `path`; one of `DAMAGE` if they are damaged, CheckpointError if they are too new."""
+    """The checkpoint in the bytes of `path`; one of `DAMAGE`, or CheckpointError if they are too new."""
     parts: dict[str, npt.NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         for member in archive.namelist():

@@ -18,6 +18,7 @@ from service.config_types import (
     FilePath,
     Flag,
     Identifier,
+    JournalSize,
     Levels,
     LoopbackEndpoint,
     LoopbackHost,
@@ -28,6 +29,7 @@ from service.config_types import (
     context,
     whole,
 )
+from service.durations import DAY
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
@@ -45,6 +47,8 @@ class SiteConfig(BaseModel):
     id: Identifier = Field(description='the name of the site, such as "htwg"')
     state_dir: FilePath = Field(default=Path("var/thermogate"), validate_default=True)
     checkpoint_every: PositiveDuration = 300.0
+    keep_history: PositiveDuration = 400 * DAY
+    max_journal: JournalSize = 2 * 10**9
 
 
 class HttpConfig(BaseModel):

@@ -8,10 +8,11 @@ from pathlib import Path
 
 def make_folder(folder: Path) -> None:
     """Make `folder` and what is missing above it, durably; OSError where that fails."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    for path in reversed(missing):
-        path.mkdir(exist_ok=True)
-        sync_folder(path.parent)
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync_folder(folder.parent)
 
 
 def sync_folder(folder: Path) -> None:

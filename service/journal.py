@@ -230,8 +230,8 @@ class Journal:
     def _checked(self, row: tuple[Any, ...], link: int | None, previous: int | None) -> Sample:
         """The sample of a row after one with the link `previous`. Rows of version 1 have no links."""
         try:
-            if link is None and previous is None or link == link_of(previous or 0, row):  # type: ignore[arg-type]
-                return to_sample(row)  # type: ignore[arg-type]
+            if (link is None and previous is None) or link == link_of(previous or 0, row):
+                return to_sample(row)
             reason = "it does not match its checksum, or the one before it is missing"
         except (ValueError, TypeError, AttributeError) as error:
             reason = str(error)

@@ -106,8 +106,8 @@ def _script(connection: sqlite3.Connection, statements: str) -> None:
 def _commits_in_log(path: Path) -> list[int]:
     """Numbers of the frames that end a transaction in the write-ahead log at `path`, as far as its own marks tell.
 
-    The layout is that of SQLite's file format, section 4: a header with page size and two salts, then frames of 24 bytes
-    and a page, each with the salts, and the size of the database if it ends a transaction.
+    The layout is that of SQLite's file format, section 4: a header with page size and two salts, then frames of 24
+    bytes and a page, each with the salts, and the size of the database if it ends a transaction.
     """
     log = path.with_name(f"{path.name}-wal")
     content = log.read_bytes() if log.exists() else b""

@@ -1,7 +1,7 @@
 """Rows of the journal: what a sample and an update are in SQLite, and the checksums that tell damage.
 
-SQLite does not notice a flipped bit in a value. So the row of a sample ends with a link, the CRC-32 over the row that is
-begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A history
+SQLite does not notice a flipped bit in a value. So the row of a sample ends with a link, the CRC-32 over the row that
+is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A history
 row has a CRC-32 of its own.
 """
 

@@ -1,6 +1,6 @@
 """What the journal keeps: `keep_history` of every zone, within `max_journal` in all.
 
-Nothing is deleted that a start may need: the samples of a zone after its oldest checkpoint stay, whatever the limits say.
+Nothing is deleted that a start may need: the samples of a zone after its oldest checkpoint stay in any case.
 Age counts from a zone's newest sample, so that a recording of another year is not old by itself.
 """
 
