@@ -18,11 +18,14 @@ from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainVali
 from adapters.errors import SourceConfigError
 from adapters.timestamps import timestamp_parser
 from service.durations import DAY, format_duration, parse_duration
+from service.sizes import format_size, parse_size
 
 _IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _ENDPOINT = re.compile(r"(?P<protocol>tcp|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})")
 _SOURCE_ENDPOINT = re.compile(_ENDPOINT.pattern.replace("tcp|udp|ws", "tcp|tls|quic|udp|ws"))
+SMALLEST_JOURNAL = 16 * 10**6
+"""Below this the write-ahead log alone takes a good part of it."""
 _SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 1200, 1800, 3600, 7200)
 
 
@@ -121,6 +124,13 @@ def positive_duration(value: object) -> float:
     if not seconds > 0:
         raise ValueError(f"must be longer than 0, not {shown(value)}")
     return seconds
+
+
+def journal_size(value: object) -> int:
+    size = parse_size(value)
+    if not SMALLEST_JOURNAL <= size <= 2**62:
+        raise ValueError(f"must be at least {format_size(SMALLEST_JOURNAL)}, not {shown(value)}")
+    return size
 
 
 def period(value: object) -> int:
@@ -275,6 +285,7 @@ Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
 _AsText: Any = PlainSerializer(format_duration, return_type=str)
 Duration = Annotated[float, BeforeValidator(parse_duration), _AsText]
 PositiveDuration = Annotated[float, BeforeValidator(positive_duration), _AsText]
+JournalSize = Annotated[int, BeforeValidator(journal_size), PlainSerializer(format_size)]
 Period = Annotated[int, BeforeValidator(period), _AsText]
 Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
 LoopbackHost = Annotated[str, BeforeValidator(loopback_host)]

@@ -134,6 +134,10 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
         ('"5 minutes" is not a duration', "5min"),
     ),
     "negative duration": (living(lateness=-1), f"{LIVING}.lateness", ("-1 is not a duration",)),
+    "no history": (at("site", keep_history=0), "site.keep_history", ("longer than 0",)),
+    "size in words": (at("site", max_journal="2 gigabytes"), "site.max_journal", ("is not a size", '"2GB"')),
+    "tiny journal": (at("site", max_journal="1MB"), "site.max_journal", ("at least 16MB",)),
+    "negative size": (at("site", max_journal=-5), "site.max_journal", ("is not a size",)),
     "checkpoint never": (at("site", checkpoint_every=0), "site.checkpoint_every", ("longer than 0",)),
     "period that does not divide a day": (
         living(period="7min"),
