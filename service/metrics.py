@@ -11,6 +11,7 @@ from prometheus_client.registry import Collector
 
 from service.records import Update
 from service.rendering import clock
+from service.tls import CertificateExpiry
 from service.view import STATES, ZoneView
 
 _DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
@@ -43,6 +44,8 @@ class Metrics:
             registry=registry,
         )
         registry.register(_StatusCollector(zones))
+        self.certificate_expiry = CertificateExpiry()
+        registry.register(self.certificate_expiry)
 
     def observe(self, zone: str, update: Update) -> None:
         """Take in one update."""
