@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import time
+from collections import Counter
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -56,7 +57,8 @@ def create_app(
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
     app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
-    app.add_middleware(Guard, config=http)
+    app.state.answers = Counter()
+    app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
     _add_operations(app, zones, metrics_registry, version)
     api_pages.install(app)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+from collections import Counter
 from collections.abc import Iterable
 from http import HTTPStatus
 
@@ -33,8 +34,10 @@ _CLOSE = {"Connection": "close"}
 class Guard:
     """Middleware that turns away what is too large or meant for another host, and adds HEADERS to every answer."""
 
-    def __init__(self, app: ASGIApp, config: HttpConfig) -> None:
+    def __init__(self, app: ASGIApp, config: HttpConfig, answers: Counter[str] | None = None) -> None:
+        """Counts in `answers` by status."""
         self._app = app
+        self._answers: Counter[str] = Counter() if answers is None else answers
         self._limits = config.limits
         self._hosts = frozenset((config.host, "localhost", *config.allowed_hosts))
 
@@ -45,6 +48,7 @@ class Guard:
 
         async def hardened(message: Message) -> None:
             if message["type"] == "http.response.start":
+                self._answers[str(message["status"])] += 1
                 headers = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
                     headers.setdefault(name, value)

@@ -8,11 +8,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from service.cli_arguments import AddCommand
+
 if TYPE_CHECKING:
     from service.config import Config
     from service.keys import Key
-
-AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 
 
 def add_to(add: AddCommand) -> None:

@@ -25,16 +25,18 @@ from service.errors import ServiceError
 from service.exposure import check_exposure
 from service.feeding import end, feed, keep_time, watch_clock
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
+from service.http_measures import http_measures
 from service.http_server import HttpServer
 from service.keys import KeyRing
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
+from service.plumbing import Plumbing
 from service.publisher import Publisher
 from service.routing import Router
 from service.sources import build_source, is_live
 from service.store import Store
-from service.zone import Plumbing, Zone
+from service.zone import Zone
 
 DRAIN_SECONDS = 2.0
 """How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
@@ -116,7 +118,7 @@ class Daemon:
         self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
     ) -> None:
         zones: dict[str, Zone] = {}
-        metrics = Metrics(zones)
+        metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
         for table in self._config.zones:
@@ -125,7 +127,7 @@ class Daemon:
         keys = KeyRing(self._config.keys_file, required=http.exposed)
         app = create_app(self._config.site.id, zones, metrics.registry, version=release, keys=keys, http=http)
         server = HttpServer(app, http)
-        metrics.certificate_expiry.certificate = server.certificate
+        metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
         watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
         tasks: list[asyncio.Task[None]] = []

@@ -56,6 +56,13 @@ class Door:
         self._context = context
         self._peers: Counter[str] = Counter()
         self._greetings: set[asyncio.Task[None]] = set()
+        self.cut_off: Counter[str] = Counter()
+        """Connections that were ended because of their client: too many, or too slow to ask or to read."""
+
+    @property
+    def connections(self) -> int:
+        """How many connections there are, those in their handshake too."""
+        return self._peers.total()
 
     async def run(self) -> None:
         """Accept connections until cancelled."""
@@ -85,9 +92,11 @@ class Door:
         peer = peer_of({"type": "http", "client": client})
         # On loopback, and behind a proxy, many clients share an address.
         shared = client is None or is_loopback(client[0]) or client[0] in self._proxies
-        beyond = self._peers.total() - self._limits.connections
+        beyond = self.connections - self._limits.connections
         if not shared:
             beyond = max(beyond, self._peers[peer] - self._limits.connections_per_client)
+        if beyond >= 0:
+            self.cut_off["too many"] += 1
         if beyond >= SPARE:
             connection.close()
             return
@@ -125,7 +134,7 @@ class Door:
             now = asyncio.get_running_loop().time()
             connections = [one for one in self._state.connections if isinstance(one, Protocol)]
             for connection in connections:
-                connection.check(now)
+                self.cut_off.update(filter(None, [connection.check(now)]))
             self._relieve(connections)
 
     def _relieve(self, connections: list[Protocol]) -> None:
@@ -136,6 +145,7 @@ class Door:
                 return
             waiting -= connection.unsent
             connection.transport.abort()
+            self.cut_off["slow to read"] += 1
 
 
 async def _busy(scope: Scope, receive: Receive, send: Send) -> None:

@@ -86,14 +86,14 @@ class Protocol(H11Protocol):
         """Bytes that wait for the client to take them."""
         return sum(layer.get_write_buffer_size() for layer in self._layers)
 
-    def check(self, now: float) -> None:
-        """End the connection if the client is too slow."""
+    def check(self, now: float) -> str | None:
+        """End the connection if the client is too slow; in what, or None."""
         unsent = self.unsent
         if unsent == 0 or unsent <= self._unsent - MIN_PROGRESS or self._unsent == 0:
             self._unsent, self._progress = unsent, now
         elif now - self._progress > self._limits.send_timeout:
             self.transport.abort()
-            return
+            return "slow to read"
         late = self._receiving_since is not None and now - self._receiving_since > self._limits.receive_timeout
         if late and not self.transport.is_closing():
             begun = self.conn.their_state is not h11.IDLE or self.conn.trailing_data[0]
@@ -101,6 +101,8 @@ class Protocol(H11Protocol):
                 seconds = f"{self._limits.receive_timeout:g} s"
                 self._refuse(HTTPStatus.REQUEST_TIMEOUT, f"the request was not complete within {seconds}")
             self.transport.close()
+            return "slow to ask"
+        return None
 
     def send_400_response(self, msg: str) -> None:
         if len(self.conn.trailing_data[0]) > self._limits.headers:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import socket
+from collections import Counter
 from collections.abc import Iterator
 
 import uvicorn
@@ -76,6 +77,16 @@ class HttpServer:
             self._server.server_state,
             lambda: None if self.certificate is None else self.certificate.context,
         )
+
+    @property
+    def connections(self) -> int:
+        """How many connections there are, those in their handshake too."""
+        return self._door.connections
+
+    @property
+    def cut_off(self) -> Counter[str]:
+        """How many connections were ended because of their client, by reason."""
+        return self._door.cut_off
 
     async def run(self) -> None:
         """Serve until `stop`."""

@@ -7,7 +7,7 @@ import math
 import ssl
 import stat
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
@@ -15,8 +15,6 @@ from typing import TypeVar
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
-from prometheus_client.core import GaugeMetricFamily, Metric
-from prometheus_client.registry import Collector
 
 from service.errors import CertificateError
 from service.http_models import HttpConfig
@@ -82,20 +80,6 @@ class ServerCertificate:
         """What changes when a file does."""
         files = [path for path in (self._certificate, self._private_key, self._client_ca) if path is not None]
         return [_status(path) for path in files]
-
-
-class CertificateExpiry(Collector):
-    """The metric of when the certificate ends; without one it has no value."""
-
-    certificate: ServerCertificate | None = None
-
-    def collect(self) -> Iterable[Metric]:
-        family = GaugeMetricFamily(
-            "thermogate_certificate_expiry_timestamp_seconds", "When the certificate of REST ends, UTC seconds"
-        )
-        if self.certificate is not None:
-            family.add_metric([], self.certificate.expires.timestamp())
-        return [family]
 
 
 def server_certificate(config: HttpConfig) -> ServerCertificate | None:

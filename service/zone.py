@@ -1,4 +1,4 @@
-"""One zone inside the daemon: its mailbox, its worker, and what happens when the worker fails.
+"""One zone inside the daemon: its worker, fed from its mailbox, and what happens when the worker fails.
 
 A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
 zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
@@ -10,13 +10,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
-from enum import Enum
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, Protocol
 
 from adapters.reading import Reading
 from estimator.types import ParameterSummary
@@ -24,52 +20,16 @@ from service import snapshot
 from service.alignment import Alignment
 from service.errors import ServiceError, StateMismatch
 from service.health import state_and_reason
+from service.intake import FIRST_PAUSE, LONGEST_PAUSE, Mark, ZoneIntake
 from service.journal import HistoryRow
-from service.metrics import Metrics
+from service.plumbing import Plumbing
 from service.records import Sample, Update
-from service.store import Store
 from service.view import Fan, ZoneStatus
 from service.worker import ZoneWorker
 
-MAILBOX = 16
 ATTEMPTS = 3
-FIRST_PAUSE = 1.0
-LONGEST_PAUSE = 60.0
 
 _log = logging.getLogger(__name__)
-
-
-class _Mark(Enum):
-    """What a mailbox tells besides samples."""
-
-    ENDED = "no telemetry will follow"
-    CLOSED = "nothing at all will follow"
-
-
-class Announcer(Protocol):
-    """Where updates and states of zones are announced, called from worker threads; may raise ServiceError."""
-
-    def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
-        """A sample was assimilated."""
-
-    def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """A zone changed without a new update; `update` is its latest one."""
-
-
-class Plumbing(NamedTuple):
-    """What all zones share."""
-
-    store: Store
-    pool: Executor
-    """Runs the estimator steps."""
-    asking: Executor
-    """Runs what REST asks for, so that no question keeps a zone waiting."""
-    stopping: threading.Event
-    """Set when the daemon begins to stop."""
-    metrics: Metrics
-    announcer: Announcer | None
-    checkpoint_every: float
-    """Wall-clock s between two checkpoints of a zone."""
 
 
 class Zone:
@@ -80,26 +40,19 @@ class Zone:
     ) -> None:
         self.id = name
         self.estimator = estimator
-        self._alignment: Alignment | None = None
-        self._live = False
         self._fingerprint = fingerprint
         self._make_worker = make_worker
         self._plumbing = plumbing
         self._worker = make_worker()
         self.network = self._worker.network
         self.period = float(self._worker.period)
-        self._mailbox: asyncio.Queue[Sample | _Mark] = asyncio.Queue(MAILBOX)
-        self._accepting = asyncio.Lock()
+        self._intake = ZoneIntake(name, plumbing.store)
         self._failure: str | None = None
-        self._trouble: dict[str, str] = {}
-        """Why a source does not deliver, by its name."""
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
         self._saved = time.monotonic()
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
-        self._clocks: dict[str, float] = {}
-        """A recording's own time, by source."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -107,14 +60,14 @@ class Zone:
     def status(self) -> ZoneStatus:
         """How the zone is doing."""
         # Copied in one go: the event loop may change them while a worker thread asks.
-        progress, alignment, trouble = self._worker.progress, self._alignment, tuple(self._trouble.values())
-        clocks = tuple(self._clocks.values())
+        progress, intake = self._worker.progress, self._intake
+        alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
         state, reason = state_and_reason(
             progress,
             has_forecast=self._worker.latest is not None,
             failure=self._failure,
             trouble=trouble,
-            live=self._live,
+            live=intake.live,
             ended=self._ended,
         )
         return ZoneStatus(
@@ -173,47 +126,29 @@ class Zone:
     def align(self, alignment: Alignment, live: bool = False) -> None:
         """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
         wall clock (`elapse`), not by what its sources say the time is."""
-        self._alignment, self._live = alignment, live
+        self._intake.align(alignment, live)
 
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
-        assert self._alignment is not None
-        self._trouble.pop(source, None)
-        if not self._live:
-            self._clocks[source] = now
-        await self.accept(self._alignment.add(source, readings, now))
+        await self._intake.deliver(source, readings, now)
 
     async def elapse(self, now: float) -> None:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
-        assert self._alignment is not None
-        await self.accept(self._alignment.elapse(now))
+        await self._intake.elapse(now)
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
-        assert self._alignment is not None
         last = self._worker.progress.last_time
-        # A recording that had ended before this start brings no time of its own any more.
-        if source not in self._clocks and last is not None:
-            self._clocks[source] = last + self.period
-        self._trouble.pop(source, None)
-        await self.accept(self._alignment.end(source))
-        if self._alignment.ended:
-            await self._mailbox.put(_Mark.ENDED)
+        await self._intake.end(source, None if last is None else last + self.period)
 
     async def source_failed(self, source: str, reason: str) -> None:
         """`source` does not deliver for now, and why."""
-        self._trouble[source] = reason
+        self._intake.trouble[source] = reason
         await self._announce_status()
 
     async def accept(self, samples: Iterable[Sample]) -> None:
         """Make samples durable and hand them to the worker."""
-        # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
-        async with self._accepting:
-            for sample in samples:
-                await self._append(sample)
-                # While the zone is failed the journal alone takes samples; the recovery reads them from there.
-                if self._failure is None:
-                    await self._mailbox.put(sample)
+        await self._intake.accept(samples)
 
     async def prepare(self) -> int | None:
         """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
@@ -230,21 +165,9 @@ class Zone:
             self._fail(error, FIRST_PAUSE)
             return await self._plumbing.store.last_sample_time(self.id)
 
-    async def _append(self, sample: Sample) -> None:
-        """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
-        pause = FIRST_PAUSE
-        while True:
-            try:
-                await self._plumbing.store.append(self.id, sample)
-                return
-            except ServiceError as error:
-                _log.error("zone '%s' cannot accept samples: %s", self.id, error)
-                await asyncio.sleep(pause)
-                pause = min(2 * pause, LONGEST_PAUSE)
-
     async def close_mailbox(self) -> None:
         """No sample follows: `run` ends when the mailbox is empty."""
-        await self._mailbox.put(_Mark.CLOSED)
+        await self._intake.close()
 
     def hurry(self) -> None:
         """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
@@ -275,8 +198,8 @@ class Zone:
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
         await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
-        while not self._hurried and (sample := await self._mailbox.get()) is not _Mark.CLOSED:
-            if sample is _Mark.ENDED:
+        while not self._hurried and (sample := await self._intake.mailbox.get()) is not Mark.CLOSED:
+            if sample is Mark.ENDED:
                 self._ended = True
                 if faults := self.status().faults:
                     counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
@@ -335,22 +258,23 @@ class Zone:
         try:
             await store.flush()
             await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
+            self._plumbing.metrics.checkpointed(self.id, written=True)
         except ServiceError as error:
+            self._plumbing.metrics.checkpointed(self.id, written=False)
             # The journal still holds everything since the last good checkpoint.
             _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
-        marks = [item for item in self._emptied_mailbox() if isinstance(item, _Mark)]
-        for mark in marks:
-            self._mailbox.put_nowait(mark)
+        self._intake.discard()
+        self._plumbing.metrics.failed(self.id)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
         self._announce(None)
 
     async def _recover(self) -> None:
         await self.restore()
         # From here on samples come through the mailbox again; those accepted until now are read once more.
-        self._failure = None
+        self._failure, self._intake.journal_only = None, False
         await self._catch_up(self._worker)
         _log.info("zone '%s' has recovered", self.id)
 
@@ -378,13 +302,9 @@ class Zone:
         """Wait for `pause` s; True if the mailbox was closed meanwhile."""
         try:
             async with asyncio.timeout(pause):
-                while (item := await self._mailbox.get()) is not _Mark.CLOSED:
+                while (item := await self._intake.mailbox.get()) is not Mark.CLOSED:
                     # Samples are in the journal; the end of the telemetry is noted for after the recovery.
-                    self._ended = self._ended or item is _Mark.ENDED
+                    self._ended = self._ended or item is Mark.ENDED
                 return True
         except TimeoutError:
             return False
-
-    def _emptied_mailbox(self) -> Iterator[Sample | _Mark]:
-        while not self._mailbox.empty():
-            yield self._mailbox.get_nowait()

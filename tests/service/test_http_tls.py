@@ -14,6 +14,7 @@ from fastapi import FastAPI, Response
 from served import Client, ask, config, serving
 
 from service.errors import CertificateError
+from service.http_measures import http_measures
 from service.http_server import HttpServer
 
 
@@ -57,6 +58,8 @@ def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp_path:
             with pytest.raises(CertificateError):
                 server.reload()
             assert (await ask(server, context=knowing)).status == 200
+            (expiry,) = [measure.read() for measure in http_measures(server, app()) if "expiry" in measure.name]
+            assert expiry == (((), new.issued.not_valid_after_utc.timestamp()),)
             for client in (kept, fresh):
                 await client.close()
 

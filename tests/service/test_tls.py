@@ -13,7 +13,7 @@ from certificates import Pair, make_pair
 from service import tls
 from service.errors import CertificateError
 from service.http_models import HttpConfig
-from service.tls import CertificateExpiry, ServerCertificate, server_certificate
+from service.tls import ServerCertificate, server_certificate
 
 
 def loaded(pair: Pair) -> ServerCertificate:
@@ -120,11 +120,3 @@ def test_the_end_is_spoken_of_in_time(
 def test_a_distant_end_is_not(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     loaded(make_pair(tmp_path, days=15)).follow()
     assert not caplog.records
-
-
-def test_the_end_is_a_metric(tmp_path: Path) -> None:
-    expiry = CertificateExpiry()
-    assert [family.samples for family in expiry.collect()] == [[]]
-    expiry.certificate = loaded(make_pair(tmp_path))
-    (family,) = expiry.collect()
-    assert family.samples[0].value == expiry.certificate.expires.timestamp()

@@ -9,12 +9,14 @@ from contextlib import asynccontextmanager
 import pytest
 from zone_samples import PERIOD, comparable, sample, worker
 
+import service.intake
 import service.zone
 from service.alignment import Alignment
 from service.errors import JournalError, ServiceError, StateMismatch
 from service.metrics import Metrics
+from service.plumbing import Plumbing
 from service.store import Store
-from service.zone import ATTEMPTS, Plumbing, Zone
+from service.zone import ATTEMPTS, Zone
 
 
 class Announced:
@@ -52,8 +54,9 @@ class Poisoned:
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch):
-    monkeypatch.setattr(service.zone, "FIRST_PAUSE", 0.01)
-    monkeypatch.setattr(service.zone, "LONGEST_PAUSE", 0.02)
+    for module in (service.zone, service.intake):
+        monkeypatch.setattr(module, "FIRST_PAUSE", 0.01)
+        monkeypatch.setattr(module, "LONGEST_PAUSE", 0.02)
 
 
 @asynccontextmanager

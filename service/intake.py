@@ -1,0 +1,109 @@
+"""What a zone takes in: readings become samples, samples become durable and wait in the mailbox of its worker."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Iterable, Iterator
+from enum import Enum
+
+from adapters.reading import Reading
+from service.alignment import Alignment
+from service.errors import ServiceError
+from service.records import Sample
+from service.store import Store
+
+MAILBOX = 16
+FIRST_PAUSE = 1.0
+LONGEST_PAUSE = 60.0
+
+_log = logging.getLogger(__name__)
+
+
+class Mark(Enum):
+    """What a mailbox tells besides samples."""
+
+    ENDED = "no telemetry will follow"
+    CLOSED = "nothing at all will follow"
+
+
+class ZoneIntake:
+    """The way of a zone's telemetry from its sources to its mailbox, which only `service.zone` empties."""
+
+    def __init__(self, zone: str, store: Store) -> None:
+        self.mailbox: asyncio.Queue[Sample | Mark] = asyncio.Queue(MAILBOX)
+        self.journal_only = False
+        """Whether samples go into the journal alone, because the worker will read them from there."""
+        self.alignment: Alignment | None = None
+        self.live = False
+        self.trouble: dict[str, str] = {}
+        """Why a source does not deliver, by its name."""
+        self.clocks: dict[str, float] = {}
+        """A recording's own time, by source."""
+        self._zone = zone
+        self._store = store
+        self._accepting = asyncio.Lock()
+
+    def align(self, alignment: Alignment, live: bool) -> None:
+        """Take telemetry through `alignment` from now on; a `live` zone goes by the wall clock."""
+        self.alignment, self.live = alignment, live
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Readings of `source`, and its clock: the samples that close by them are accepted."""
+        assert self.alignment is not None
+        self.trouble.pop(source, None)
+        if not self.live:
+            self.clocks[source] = now
+        await self.accept(self.alignment.add(source, readings, now))
+
+    async def elapse(self, now: float) -> None:
+        """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
+        assert self.alignment is not None
+        await self.accept(self.alignment.elapse(now))
+
+    async def end(self, source: str, after: float | None) -> None:
+        """`source` has come to its end. One that had ended before this start brings no time of its own any more; it
+        then ended at `after`, UTC s."""
+        assert self.alignment is not None
+        if source not in self.clocks and after is not None:
+            self.clocks[source] = after
+        self.trouble.pop(source, None)
+        await self.accept(self.alignment.end(source))
+        if self.alignment.ended:
+            await self.mailbox.put(Mark.ENDED)
+
+    async def accept(self, samples: Iterable[Sample]) -> None:
+        """Make samples durable and hand them to the worker."""
+        # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
+        async with self._accepting:
+            for sample in samples:
+                await self._append(sample)
+                if not self.journal_only:
+                    await self.mailbox.put(sample)
+
+    async def close(self) -> None:
+        """No sample follows."""
+        await self.mailbox.put(Mark.CLOSED)
+
+    def discard(self) -> None:
+        """Empty the mailbox but for its marks, and let the journal alone take samples from now on."""
+        self.journal_only = True
+        marks = [item for item in self._emptied() if isinstance(item, Mark)]
+        for mark in marks:
+            self.mailbox.put_nowait(mark)
+
+    async def _append(self, sample: Sample) -> None:
+        """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
+        pause = FIRST_PAUSE
+        while True:
+            try:
+                await self._store.append(self._zone, sample)
+                return
+            except ServiceError as error:
+                _log.error("zone '%s' cannot accept samples: %s", self._zone, error)
+                await asyncio.sleep(pause)
+                pause = min(2 * pause, LONGEST_PAUSE)
+
+    def _emptied(self) -> Iterator[Sample | Mark]:
+        while not self.mailbox.empty():
+            yield self.mailbox.get_nowait()
