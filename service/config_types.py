@@ -182,15 +182,6 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def loopback_host(value: object) -> str:
-    if not is_loopback(text(value)):
-        raise ValueError(
-            f"{shown(value)} is not a loopback address, and listening for other machines is refused because "
-            "credentials are not available yet; use 127.0.0.1, ::1 or localhost"
-        )
-    return str(value).strip("[]")
-
-
 def endpoint(value: object) -> str:
     match = _ENDPOINT.fullmatch(text(value))
     if not match or int(match["port"]) > 65535:
@@ -288,7 +279,6 @@ PositiveDuration = Annotated[float, BeforeValidator(positive_duration), _AsText]
 JournalSize = Annotated[int, BeforeValidator(journal_size), PlainSerializer(format_size)]
 Period = Annotated[int, BeforeValidator(period), _AsText]
 Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
-LoopbackHost = Annotated[str, BeforeValidator(loopback_host)]
 Endpoint = Annotated[str, BeforeValidator(endpoint)]
 LoopbackEndpoint = Annotated[str, BeforeValidator(loopback_endpoint)]
 SourceEndpoint = Annotated[str, BeforeValidator(zenoh_endpoint)]

@@ -25,6 +25,7 @@ from service import (
     api_models,
     api_problems,
     config_models,
+    http_models,
     modbus_models,
     network_models,
     payloads,
@@ -32,9 +33,12 @@ from service import (
     zenoh_models,
 )
 from service.aggregation import AGGREGATES, default_aggregate
+from service.api import create_app
 from service.cli import main
 from service.config import load
 from service.errors import ConfigError
+from service.http_measures import http_measures
+from service.http_server import HttpServer
 from service.metrics import Metrics
 from service.networks import resolve
 from service.show import effective_toml
@@ -48,7 +52,8 @@ TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
 # Heading in configuration.md to the model that its first table describes.
 TABLES: dict[str, type[BaseModel]] = {
     "`[site]`": config_models.SiteConfig,
-    "`[http]`": config_models.HttpConfig,
+    "`[http]`": http_models.HttpConfig,
+    "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": config_models.ZenohConfig,
     "Recorded files": source_models.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
@@ -193,7 +198,7 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
     described = {config_models.Config, source_models.UnboundChannel, *TABLES.values()}
-    for module in (config_models, modbus_models, network_models, source_models):
+    for module in (config_models, http_models, modbus_models, network_models, source_models):
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
                 assert value in described, f"{value.__name__} has no table in configuration.md"
@@ -205,6 +210,7 @@ def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
     in_force: dict[str, Mapping[str, Any]] = {
         "`[site]`": effective["site"],
         "`[http]`": effective["http"],
+        "`[http.limits]`": effective["http"]["limits"],
         "`[zenoh]`": effective["zenoh"],
         "Recorded files": effective["sources"]["export"],
         "`timestamp`": effective["sources"]["export"]["timestamp"],
@@ -363,7 +369,12 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
 
 def test_every_metric_is_documented() -> None:
     documented = first_names(tables(section("operations.md", "Metrics"))[0])
-    families = [family for family in Metrics({}).registry.collect() if family.name.startswith("thermogate_")]
+    metrics = Metrics({})
+    app = create_app("site", {}, metrics.registry)
+    server = HttpServer(app, http_models.HttpConfig(port=0))
+    server.close()
+    metrics.register(http_measures(server, app))
+    families = [family for family in metrics.registry.collect() if family.name.startswith("thermogate_")]
     exposed = [f"{family.name}_total" if family.type == "counter" else family.name for family in families]
     assert sorted(documented) == sorted(exposed)
 
