@@ -99,9 +99,9 @@ class Daemon:
             for name in reset:
                 await store.forget(name)
             if self._config.zenoh.enabled:
-                publisher = await asyncio.to_thread(
-                    Publisher.open, self._config.zenoh, self._config.site.id, [zone.id for zone in self._config.zones]
-                )
+                site, zones = self._config.site.id, [zone.id for zone in self._config.zones]
+                connection = self._config.zenoh.connection(site)
+                publisher = await asyncio.to_thread(Publisher.open, connection, site, zones)
             await self._serve(store, pool, asking, publisher)
         finally:
             if publisher is not None:
