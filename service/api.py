@@ -15,10 +15,13 @@ from prometheus_client.exposition import choose_encoder, gzip_accepted
 from starlette.middleware.gzip import GZipMiddleware
 
 from service import api_pages, api_problems
+from service.api_limits import StreamLimits
 from service.api_models import HealthPayload, ReadyPayload
 from service.api_problems import RETRY_SECONDS, Problem, RequestRefused, documented
+from service.api_stream import stream_routes
 from service.api_zones import zone_routes
 from service.payloads import to_json
+from service.streams import Streams
 from service.view import ZoneView
 
 _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate of every zone.
@@ -28,9 +31,16 @@ deviations in K. A number that is not finite is null. Errors are application/pro
 
 
 def create_app(
-    site: str, zones: Mapping[str, ZoneView], metrics_registry: CollectorRegistry, *, version: str = "unknown"
+    site: str,
+    zones: Mapping[str, ZoneView],
+    metrics_registry: CollectorRegistry,
+    *,
+    version: str = "unknown",
+    streams: Streams | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
+
+    `streams` is where the zones announce what happens; without it streams tell what there is and no more.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
@@ -38,7 +48,9 @@ def create_app(
     app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
     api_problems.install(app)
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.state.streams = StreamLimits()
     app.include_router(zone_routes(site, zones))
+    app.include_router(stream_routes(site, zones, streams or Streams(site)))
     _add_operations(app, zones, metrics_registry, version)
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]

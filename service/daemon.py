@@ -28,11 +28,12 @@ from service.http_server import HttpServer
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
-from service.plumbing import Plumbing
+from service.plumbing import Announcer, Plumbing
 from service.publisher import Publisher
 from service.routing import Router
 from service.sources import build_source, is_live
 from service.store import Store
+from service.streams import Streams
 from service.zone import Zone
 
 DRAIN_SECONDS = 2.0
@@ -116,10 +117,12 @@ class Daemon:
         zones: dict[str, Zone] = {}
         metrics = Metrics(zones)
         every = self._config.site.checkpoint_every
-        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
+        streams = Streams(self._config.site.id)
+        announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
+        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         for table in self._config.zones:
             zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
-        app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"))
+        app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"), streams=streams)
         server = HttpServer(app, self._config.http)
         stop = asyncio.create_task(self._stopping.wait())
         watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
@@ -149,6 +152,8 @@ class Daemon:
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:
                 await end(tasks)
+                # An open stream would keep the server from stopping; the clients come back after a pause.
+                streams.end()
                 await asyncio.gather(_drain(zones, workers), server.stop(serving))
         finally:
             stop.cancel()

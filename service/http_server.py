@@ -16,6 +16,13 @@ from service.errors import ServiceError
 
 SHUTDOWN_SECONDS = 1
 
+SEND_BUFFER = 131_072
+"""Bytes that the system takes for a client that does not read; left to itself it takes megabytes for each."""
+
+UNREAD_SECONDS = 30
+"""For so long a client may take nothing of what it is sent; then the system cuts the connection, and what waited for
+it is freed."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -36,6 +43,9 @@ class HttpServer:
         # With the protocol named, asyncio turns Nagle's algorithm off; an answer would otherwise wait 40 ms.
         self._socket = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # Connections that are accepted inherit both.
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 1000 * UNREAD_SECONDS)
         try:
             self._socket.bind((config.host, config.port))
         except OSError as error:

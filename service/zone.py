@@ -237,17 +237,16 @@ class Zone:
         await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, None)
 
     def _announce(self, update: Update | None) -> None:
-        """Tell the announcer; that it cannot be reached must not stop the zone."""
-        announcer = self._plumbing.announcer
-        if announcer is None:
-            return
-        try:
-            if update is not None:
-                announcer.publish(self.id, update, self.status())
-            else:
-                announcer.publish_status(self.id, self.status(), self._worker.latest)
-        except ServiceError as error:
-            _log.warning("zone '%s': %s", self.id, error)
+        """Tell the announcers; that one cannot be reached must not stop the zone, nor the others."""
+        status = self.status()
+        for announcer in self._plumbing.announcers:
+            try:
+                if update is not None:
+                    announcer.publish(self.id, update, status)
+                else:
+                    announcer.publish_status(self.id, status, self._worker.latest)
+            except ServiceError as error:
+                _log.warning("zone '%s': %s", self.id, error)
 
     async def _save(self) -> None:
         checkpoint = snapshot.take(self._worker, self._fingerprint)

@@ -61,9 +61,10 @@ def short_pauses(monkeypatch):
 
 @asynccontextmanager
 async def plumbing(folder, announcer=None, checkpoint_every=1e9):
+    announcers = [] if announcer is None else [announcer]
     store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
-        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcer, checkpoint_every)
+        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcers, checkpoint_every)
     finally:
         asking.shutdown()
         pool.shutdown()
