@@ -15,6 +15,7 @@ from prometheus_client.exposition import choose_encoder, gzip_accepted
 from starlette.middleware.gzip import GZipMiddleware
 
 from service import api_pages, api_problems
+from service.api_access import Keys, NoKeys, RequireKey
 from service.api_limits import StreamLimits
 from service.api_models import HealthPayload, ReadyPayload
 from service.api_problems import RETRY_SECONDS, Problem, RequestRefused, documented
@@ -36,19 +37,22 @@ def create_app(
     metrics_registry: CollectorRegistry,
     *,
     version: str = "unknown",
+    keys: Keys | None = None,
     streams: Streams | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
-    `streams` is where the zones announce what happens; without it streams tell what there is and no more.
+    `keys` open it; without, reading is open and administration closed. `streams` is where the zones announce what
+    happens; without it a stream tells what there is and no more.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
     # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
     app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
     api_problems.install(app)
-    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
     app.state.streams = StreamLimits()
+    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.add_middleware(RequireKey, keys=keys or NoKeys())
     app.include_router(zone_routes(site, zones))
     app.include_router(stream_routes(site, zones, streams or Streams(site)))
     _add_operations(app, zones, metrics_registry, version)

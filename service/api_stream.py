@@ -9,9 +9,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Header
 from fastapi.responses import Response, StreamingResponse
 
+from service.api_access import Asking, find_zone
 from service.api_limits import stream_slot
 from service.api_problems import documented
-from service.api_zones import epoch, find_zone, history_payload
+from service.api_zones import epoch, history_payload
 from service.streams import Event, Streams, event, events_of
 from service.view import ZoneView
 
@@ -40,9 +41,11 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
         summary="Every new forecast, volatility, gate and status as it is issued",
     )
     async def stream(
-        zone: str, last_event_id: Annotated[str | None, Header(description="id of the last event that came")] = None
+        zone: str,
+        caller: Asking,
+        last_event_id: Annotated[str | None, Header(description="id of the last event that came")] = None,
     ) -> StreamingResponse:
-        view = find_zone(zones, zone)
+        view = find_zone(zones, zone, caller)
         missed = await _missed(view, _sample_time(last_event_id))
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return StreamingResponse(_events(view, missed), headers=headers, media_type=_MEDIA_TYPE)

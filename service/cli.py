@@ -6,14 +6,12 @@ Exit codes: 0 done, 1 failure, 2 usage or configuration, 130 interrupted. Mistak
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -21,7 +19,8 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from service import cli_bms, cli_experiment, cli_probe
+from service import cli_bms, cli_experiment, cli_keys, cli_probe
+from service.cli_arguments import instant, positive, whole
 from service.errors import ConfigError, ServiceError
 
 if TYPE_CHECKING:
@@ -118,23 +117,24 @@ def _parser() -> argparse.ArgumentParser:
     add_with_config("show-config", _show_config, "Print the effective configuration as TOML, every default filled in.")
 
     cli_probe.add_to(add)
+    cli_keys.add_to(add)
 
     demo = add("demo", _demo, "Run the daemon on a simulated two-zone home, streamed faster than real time.")
     demo.add_argument(
         "--directory", type=Path, metavar="DIR", help="keep files and state here (default: a temporary folder)"
     )
     demo.add_argument(
-        "--port", type=_port, default=8080, metavar="N", help="HTTP port, 0 for any free one (default 8080)"
+        "--port", type=whole(0, 65535), default=8080, metavar="N", help="HTTP port, 0 for any free one (default 8080)"
     )
     demo.add_argument(
-        "--pace", type=_positive, metavar="X", help="multiple of real time (default 1800; live 600, at most 3600)"
+        "--pace", type=positive, metavar="X", help="multiple of real time (default 1800; live 600, at most 3600)"
     )
-    demo.add_argument("--days", type=_whole, metavar="N", help="length of the simulated period (default 56)")
+    demo.add_argument("--days", type=whole(1, 3660), metavar="N", help="length of the simulated period (default 56)")
     demo.add_argument(
         "--live", action="store_true", help="read a simulated building over Modbus instead of streaming a recording"
     )
     demo.add_argument(
-        "--duration", type=_positive, metavar="SECONDS", help="stop after so many seconds (default: never)"
+        "--duration", type=positive, metavar="SECONDS", help="stop after so many seconds (default: never)"
     )
 
     cli_bms.add_to(add)
@@ -149,11 +149,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     replay.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     replay.add_argument("--zone", metavar="ID", help="replay this zone only (default: all)")
-    replay.add_argument("--seed", type=_seed, metavar="N", help="seed of every zone (default: the configured ones)")
     replay.add_argument(
-        "--start", type=_instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z"
+        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="seed of every zone (default: the configured ones)"
     )
-    replay.add_argument("--end", type=_instant, metavar="T", help="time to stop before, RFC 3339")
+    replay.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")
+    replay.add_argument("--end", type=instant, metavar="T", help="time to stop before, RFC 3339")
 
     cli_experiment.add_to(add)
     return parser
@@ -164,43 +164,6 @@ def _version() -> str:
         return version("thermogate")
     except PackageNotFoundError:
         return "(not installed)"
-
-
-def _positive(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
-    return number
-
-
-def _whole_from(lower: int, upper: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isdecimal() or not lower <= int(text) <= upper:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
-        return int(text)
-
-    return parse
-
-
-_port = _whole_from(0, 65535)
-_whole = _whole_from(1, 3660)
-_seed = _whole_from(0, 2**63 - 1)
-
-
-def _instant(text: str) -> float:
-    """UTC seconds of an RFC 3339 time."""
-    try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time; write it as 2025-05-03T00:00:00Z") from None
-    if time.tzinfo is None:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} has no time zone; end it with Z for UTC or an offset such as +02:00, as in 2025-05-03T00:00:00Z"
-        )
-    return time.timestamp()
 
 
 def _load(path: Path, arguments: argparse.Namespace) -> Config:

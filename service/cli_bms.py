@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable
 from pathlib import Path
 
-AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
+from service.cli_arguments import AddCommand, number, whole
 
 _MOST_ZONES, _MOST_METERS, _MOST_REGISTERS = 80, 148, 10_000
 _SMALLEST_PACE, _LARGEST_PACE, _DEMO_PACE = 0.01, 3600.0, 600.0
@@ -17,18 +15,18 @@ def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     parser = add("simulate-bms", _simulate_bms, "Simulate a building behind a Modbus TCP server and a Zenoh publisher.")
     parser.add_argument(
-        "--zones", type=_whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
+        "--zones", type=whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
     )
     parser.add_argument(
         "--port",
-        type=_whole(0, 65535),
+        type=whole(0, 65535),
         default=5020,
         metavar="N",
         help="Modbus port, 0 for any free one (default 5020)",
     )
     parser.add_argument(
         "--control-port",
-        type=_whole(0, 65535),
+        type=whole(0, 65535),
         default=5021,
         metavar="N",
         help="HTTP port of the control surface, 0 for any free one (default 5021)",
@@ -42,20 +40,20 @@ def add_to(add: AddCommand) -> None:
     )
     parser.add_argument(
         "--pace",
-        type=_number(_SMALLEST_PACE, _LARGEST_PACE),
+        type=number(_SMALLEST_PACE, _LARGEST_PACE),
         default=60.0,
         metavar="X",
         help="simulated seconds per second, at most 3600 (default 60)",
     )
     parser.add_argument(
-        "--seed", type=_whole(0, 2**63 - 1), default=1, metavar="N", help="of building, weather and people (default 1)"
+        "--seed", type=whole(0, 2**63 - 1), default=1, metavar="N", help="of building, weather and people (default 1)"
     )
     parser.add_argument(
-        "--devices", type=_whole(0, _MOST_METERS), default=0, metavar="N", help="further devices for load (default 0)"
+        "--devices", type=whole(0, _MOST_METERS), default=0, metavar="N", help="further devices for load (default 0)"
     )
     parser.add_argument(
         "--registers",
-        type=_whole(1, _MOST_REGISTERS),
+        type=whole(1, _MOST_REGISTERS),
         default=100,
         metavar="N",
         help="registers of each further device (default 100)",
@@ -121,28 +119,6 @@ def live_demo(directory: Path, arguments: argparse.Namespace) -> int:
         config = load(path, arguments.overrides)
         print("\n".join([*greeting[:-1], "", *demo_requests(config)]), flush=True)
         return run_daemon(config, duration=arguments.duration)
-
-
-def _whole(lower: int, upper: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isdecimal() or not lower <= int(text) <= upper:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
-        return int(text)
-
-    return parse
-
-
-def _number(lower: float, upper: float) -> Callable[[str], float]:
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not lower <= value <= upper:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a number from {lower:g} to {upper:g}")
-        return value
-
-    return parse
 
 
 def _endpoint(text: str) -> str:

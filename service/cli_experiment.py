@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from replay.experiments.catalogue import EXPERIMENTS
-
-AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
+from service.cli_arguments import AddCommand, whole
 
 _DEFAULT_OUT = Path("var/experiments")
 
@@ -34,8 +32,8 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"folder for runs and report (default {_DEFAULT_OUT}/NAME)"
     )
-    parser.add_argument("--days", type=_whole(1, 3660), metavar="N", help="only the first N days of the data")
-    parser.add_argument("--particles", type=_whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
+    parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data")
+    parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
     parser.add_argument("--network", metavar="NAME", help="another network preset; --set changes it")
     parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
     parser.add_argument("--zone", metavar="ID", help="which zone of --config (default: its only one)")
@@ -46,7 +44,7 @@ def add_to(add: AddCommand) -> None:
         help="local time of --config's nights, such as Europe/Berlin (default: that of its recording)",
     )
     parser.add_argument(
-        "--jobs", type=_whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
+        "--jobs", type=whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
     )
 
 
@@ -104,12 +102,3 @@ def _time_zone(text: str) -> str:
         return ZoneInfo(text).key
     except (ZoneInfoNotFoundError, ValueError, OSError):
         raise argparse.ArgumentTypeError(f"{text!r} is no time zone; give an IANA name such as Europe/Berlin") from None
-
-
-def _whole(lower: int, upper: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isdecimal() or not lower <= int(text) <= upper:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
-        return int(text)
-
-    return parse

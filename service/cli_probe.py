@@ -6,17 +6,17 @@ import argparse
 import asyncio
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from service.cli_arguments import AddCommand
 
 if TYPE_CHECKING:
     from adapters.reading import Probe
     from service.config import Config
 
 LISTEN_SECONDS = 5.0
-
-AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 
 
 def add_to(add: AddCommand) -> None:

@@ -20,7 +20,6 @@ from service.config_types import (
     Identifier,
     Levels,
     LoopbackEndpoint,
-    LoopbackHost,
     Period,
     PositiveDuration,
     Text,
@@ -28,12 +27,12 @@ from service.config_types import (
     context,
     whole,
 )
+from service.http_models import HttpConfig
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
 from service.zenoh_models import ZenohSourceConfig
 
-Port = Annotated[int, BeforeValidator(whole(0, 65535))]
 Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("peer", "client", "router"))]
 
 
@@ -45,15 +44,6 @@ class SiteConfig(BaseModel):
     id: Identifier = Field(description='the name of the site, such as "htwg"')
     state_dir: FilePath = Field(default=Path("var/thermogate"), validate_default=True)
     checkpoint_every: PositiveDuration = 300.0
-
-
-class HttpConfig(BaseModel):
-    """[http]: where REST is served; port 0 is any free one."""
-
-    model_config = TABLE
-
-    host: LoopbackHost = "127.0.0.1"
-    port: Port = 8080
 
 
 class ZenohConfig(BaseModel):
@@ -122,3 +112,8 @@ class Config(BaseModel):
     zenoh: ZenohConfig
     sources: dict[str, SourceConfig]
     zones: tuple[ZoneConfig, ...]
+
+    @property
+    def keys_file(self) -> Path:
+        """Where the API keys are."""
+        return self.http.keys_file or self.site.state_dir / "keys.json"

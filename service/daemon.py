@@ -21,10 +21,12 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
+from service.config_types import is_loopback
 from service.errors import ServiceError
 from service.feeding import end, feed, keep_time, watch_clock
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
 from service.http_server import HttpServer
+from service.keys import KeyRing
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
@@ -115,14 +117,17 @@ class Daemon:
         self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
     ) -> None:
         zones: dict[str, Zone] = {}
-        metrics = Metrics(zones)
+        metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         streams = Streams(self._config.site.id)
         announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         for table in self._config.zones:
             zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
-        app = create_app(self._config.site.id, zones, metrics.registry, version=version("thermogate"), streams=streams)
+        keys = KeyRing(self._config.keys_file, required=not is_loopback(self._config.http.host))
+        app = create_app(
+            self._config.site.id, zones, metrics.registry, version=version("thermogate"), keys=keys, streams=streams
+        )
         server = HttpServer(app, self._config.http)
         stop = asyncio.create_task(self._stopping.wait())
         watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))

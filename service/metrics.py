@@ -1,14 +1,20 @@
-"""Metrics for Prometheus, in a registry of their own."""
+"""Metrics for Prometheus, in a registry of their own.
+
+What happens is counted here by the one who sees it (`observe`, ...). What there is at the moment of a scrape is a
+`service.measures.Measure` that its owner offers, and is registered with `Metrics.register`.
+"""
 
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Iterable, Mapping
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Histogram, ProcessCollector
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from service.measures import Measure, family
 from service.records import Update
 from service.rendering import clock
 from service.view import STATES, ZoneView
@@ -20,7 +26,7 @@ _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0,
 class Metrics:
     """The daemon's metrics. `observe` takes every update; what a zone's status tells is read at scrape time."""
 
-    def __init__(self, zones: Mapping[str, ZoneView]) -> None:
+    def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
         self.registry = CollectorRegistry()
         zone, registry = ["zone"], self.registry
         self._samples = Counter("thermogate_samples", "Samples processed", zone, registry=registry)
@@ -42,7 +48,23 @@ class Metrics:
             buckets=_DELAY_BUCKETS,
             registry=registry,
         )
+        self._checkpoints = Counter(
+            "thermogate_checkpoints", "Checkpoints by result", ["zone", "result"], registry=registry
+        )
+        self._checkpointed = Gauge(
+            "thermogate_checkpoint_timestamp_seconds", "When the newest checkpoint was written", zone, registry=registry
+        )
+        self._failures = Counter("thermogate_zone_failures", "Failed attempts of a zone", zone, registry=registry)
+        build = Gauge("thermogate_build_info", "Always 1", ["version", "python"], registry=registry)
+        build.labels(version, platform.python_version()).set(1.0)
         registry.register(_StatusCollector(zones))
+        ProcessCollector(registry=registry)
+        GCCollector(registry=registry)
+
+    def register(self, measures: Iterable[Measure]) -> None:
+        """Expose `measures`, each read at every scrape. Raises ValueError for a name that is taken."""
+        for measure in measures:
+            self.registry.register(_MeasureCollector(measure))
 
     def observe(self, zone: str, update: Update) -> None:
         """Take in one update."""
@@ -60,6 +82,30 @@ class Metrics:
         """Take in how late the event loop was for one timer."""
         self._loop_delay.observe(seconds)
 
+    def checkpointed(self, zone: str, written: bool) -> None:
+        """A checkpoint of `zone` was written, or could not be."""
+        self._checkpoints.labels(zone, "written" if written else "failed").inc()
+        if written:
+            self._checkpointed.labels(zone).set_to_current_time()
+
+    def failed(self, zone: str) -> None:
+        """A step of `zone`, or the restoring of its state, failed."""
+        self._failures.labels(zone).inc()
+
+
+class _MeasureCollector(Collector):
+    """One measure; without describing it beforehand, for that would read it."""
+
+    def __init__(self, measure: Measure) -> None:
+        self._measure = measure
+
+    def collect(self) -> Iterable[Metric]:
+        return (family(self._measure),)
+
+    def describe(self) -> Iterable[Metric]:
+        """The family alone: nothing is read for a registration."""
+        return (family(self._measure._replace(read=tuple)),)
+
 
 class _StatusCollector(Collector):
     """What the zones' statuses say at the moment of the scrape."""
@@ -75,7 +121,7 @@ class _StatusCollector(Collector):
         state = GaugeMetricFamily(
             "thermogate_zone_state", "1 for the state that the zone is in", labels=["zone", "state"]
         )
-        for zone in self._zones.values():
+        for zone in tuple(self._zones.values()):
             status = zone.status()
             for kind, count in status.faults.items():
                 faults.add_metric([zone.id, kind], count)

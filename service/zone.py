@@ -257,13 +257,16 @@ class Zone:
         try:
             await store.flush()
             await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
+            self._plumbing.metrics.checkpointed(self.id, written=True)
         except ServiceError as error:
+            self._plumbing.metrics.checkpointed(self.id, written=False)
             # The journal still holds everything since the last good checkpoint.
             _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
         self._intake.discard()
+        self._plumbing.metrics.failed(self.id)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
         self._announce(None)
 

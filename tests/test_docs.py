@@ -363,7 +363,7 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
 
 def test_every_metric_is_documented() -> None:
     documented = first_names(tables(section("operations.md", "Metrics"))[0])
-    families = Metrics({}).registry.collect()
+    families = [family for family in Metrics({}).registry.collect() if family.name.startswith("thermogate_")]
     exposed = [f"{family.name}_total" if family.type == "counter" else family.name for family in families]
     assert sorted(documented) == sorted(exposed)
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import platform
+
+import pytest
 from fake_zones import FakeZone, make_update, running, waiting
 from prometheus_client import REGISTRY, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 
+from service.measures import Measure, single
 from service.metrics import Metrics
 from service.records import Volatility
 
@@ -69,3 +73,44 @@ def test_registries_are_apart() -> None:
     first.observe("living", make_update(0))
     assert at("thermogate_samples_total", zone="living") not in scrape(second)
     assert b"thermogate" not in generate_latest(REGISTRY)
+
+
+def test_a_measure_is_read_at_every_scrape_and_not_before() -> None:
+    read: list[float] = []
+
+    def depth() -> list[tuple[tuple[str, ...], float]]:
+        read.append(0.0)
+        return [(("living",), float(len(read)))]
+
+    metrics = Metrics({})
+    metrics.register(
+        [
+            Measure("thermogate_mailbox_depth", "gauge", "Samples that wait", ("zone",), depth),
+            Measure("thermogate_journal_rows", "counter", "Rows written", (), lambda: single(7.0)),
+        ]
+    )
+    assert not read
+    assert scrape(metrics)[at("thermogate_mailbox_depth", zone="living")] == 1.0
+    values = scrape(metrics)
+    assert values[at("thermogate_mailbox_depth", zone="living")] == 2.0
+    assert values[at("thermogate_journal_rows_total")] == 7.0
+
+
+def test_a_name_is_given_once() -> None:
+    metrics = Metrics({})
+    with pytest.raises(ValueError, match="Duplicated"):
+        metrics.register([Measure("thermogate_gate", "gauge", "Another", (), lambda: single(0.0))])
+
+
+def test_checkpoints_failures_and_the_process_are_counted() -> None:
+    metrics = Metrics({}, version="1.2.3")
+    metrics.checkpointed("living", written=True)
+    metrics.checkpointed("living", written=False)
+    metrics.failed("living")
+    values = scrape(metrics)
+    assert values[at("thermogate_checkpoints_total", zone="living", result="written")] == 1
+    assert values[at("thermogate_checkpoints_total", zone="living", result="failed")] == 1
+    assert values[at("thermogate_checkpoint_timestamp_seconds", zone="living")] > 1.6e9
+    assert values[at("thermogate_zone_failures_total", zone="living")] == 1
+    assert values[at("thermogate_build_info", version="1.2.3", python=platform.python_version())] == 1
+    assert values[at("process_open_fds")] > 0
