@@ -33,7 +33,7 @@ from service.metrics import Metrics
 from service.plumbing import Announcer, Plumbing
 from service.publisher import Publisher
 from service.routing import Router
-from service.sources import build_source, is_live
+from service.sources import build_source, is_live, pace_of
 from service.store import Store
 from service.streams import Streams
 from service.zone import Zone
@@ -139,7 +139,7 @@ class Daemon:
             last = dict(zip(zones, preparing.result(), strict=True))
             for table in self._config.zones:
                 live = is_live(table, self._config)
-                zones[table.id].align(make_alignment(table, last[table.id], live), live)
+                zones[table.id].align(make_alignment(table, last[table.id], live), live, pace_of(table, self._config))
             serving = asyncio.create_task(server.run())
             workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
             try:

@@ -111,6 +111,8 @@ def status_payload(site: str, zone: str, status: ZoneStatus, update: Update | No
         samples=status.samples,
         segment=status.segment,
         outcome=None if update is None else update.outcome,
+        delay_s=status.delay,
+        overruns=status.overruns,
         faults=dict(status.faults),
         channels=[_channel(channel, status, now) for channel in status.channels],
     )
