@@ -104,6 +104,7 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/zones/{zone}/forecast",
         "/zones/{zone}/parameters",
         "/zones/{zone}/history",
+        "/zones/{zone}/stream",
         "/healthz",
         "/readyz",
         "/metrics",
