@@ -39,7 +39,12 @@ def test_defaults(tmp_path: Path) -> None:
 
 def test_what_is_given_replaces_the_defaults(tmp_path: Path) -> None:
     tables = sound(tmp_path)
-    tables["site"] |= {"state_dir": "/srv/state", "checkpoint_every": "1h", "keep_history": "90d", "max_journal": "500MB"}
+    tables["site"] |= {
+        "state_dir": "/srv/state",
+        "checkpoint_every": "1h",
+        "keep_history": "90d",
+        "max_journal": "500MB",
+    }
     tables["http"] = {"host": "::1", "port": 0}
     tables["zenoh"] = {
         "mode": "client",

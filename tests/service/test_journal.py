@@ -85,8 +85,12 @@ def test_a_sample_that_is_older_than_the_newest_is_not_taken(path: Path, journal
     journal.close()
     reopened = Journal.open(path)
     assert not reopened.append("living", make_sample(4))
-    assert reopened.append_all([("living", make_sample(6)), ("living", make_sample(6)), ("living", make_sample(7))]) == 2
-    assert [sample.time for sample in reopened.samples_after("living", None)] == [make_sample(k).time for k in (5, 6, 7)]
+    assert (
+        reopened.append_all([("living", make_sample(6)), ("living", make_sample(6)), ("living", make_sample(7))]) == 2
+    )
+    assert [sample.time for sample in reopened.samples_after("living", None)] == [
+        make_sample(k).time for k in (5, 6, 7)
+    ]
     reopened.close()
 
 
