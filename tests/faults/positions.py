@@ -18,7 +18,8 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "service")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 
 from faults.power_loss import prefixes
 from faults.shim import Fault, Shim, recorded
@@ -29,6 +30,12 @@ from service.errors import ServiceError
 PASSING = ((Fault.FAIL, errno.EIO), (Fault.FAIL, errno.ENOSPC), (Fault.TEAR, errno.EIO), (Fault.TEAR, errno.ENOSPC))
 LASTING = ((Fault.FAIL_FROM_HERE, errno.EIO), (Fault.FAIL_FROM_HERE, errno.ENOSPC), (Fault.FAIL_FROM_HERE, errno.EROFS))
 DEADLY = (Fault.KILL, Fault.TEAR_AND_KILL)
+
+
+def hold_sentence(error: ServiceError, root: Path) -> None:
+    """Hold that `error` is one sentence that names its place."""
+    assert "\n" not in str(error), error
+    assert str(root) in str(error), error
 
 
 class Trial:
@@ -67,8 +74,7 @@ class Trial:
             try:
                 step()
             except ServiceError as error:
-                assert "\n" not in str(error), error
-                assert str(root) in str(error), error
+                hold_sentence(error, root)
                 told += 1
                 if lasting:
                     self._shim.disarm()
@@ -87,7 +93,7 @@ class Trial:
             try:
                 step()
             except ServiceError as error:
-                assert "\n" not in str(error), error
+                hold_sentence(error, root)
                 told = True
                 break
         self._shim.disarm()
@@ -95,7 +101,7 @@ class Trial:
         try:
             workload.verify(root, 0, exactly=False)
         except ServiceError as error:
-            assert "\n" not in str(error), error
+            hold_sentence(error, root)
             told = True
         self.counts["dropped and told" if told else "dropped"] += 1
 

@@ -32,8 +32,8 @@ class Fault(IntEnum):
 
 
 class Operation(NamedTuple):
-    """One operation that was recorded: C create, D make a folder, W write, T truncate, S sync, R rename, U remove; M is a
-    mark of the test, with its number as `offset`."""
+    """One operation that was recorded: C create, D make a folder, W write, T truncate, S sync, R rename, U remove;
+    M is a mark of the test, with its number as `offset`."""
 
     kind: str
     offset: int

@@ -1,7 +1,7 @@
 """What is done to the store while its files fail, and what has to be true of it afterwards.
 
-A workload is a row of steps, each of which may be tried again after it failed. `verify` opens what is left and holds that
-everything up to the last finished step is there with the same bits, and nothing half.
+A workload is a row of steps, each of which may be tried again after it failed. `verify` opens what is left and holds
+that everything up to the last finished step is there with the same bits, and nothing half.
 """
 
 from __future__ import annotations
