@@ -1,7 +1,7 @@
 """What a power failure leaves of a folder, rebuilt from a record of everything that was done in it.
 
-A write is safe once its file was synced, a name (created, renamed, removed) once its folder was synced. What was not may
-be there or not; a write may also be torn between two sectors.
+A write is safe once its file was synced, a name (created, renamed, removed) once its folder was synced. What was not
+may be there or not; a write may also be torn between two sectors.
 """
 
 from __future__ import annotations

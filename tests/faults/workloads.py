@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import tarfile
 from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,7 +19,8 @@ from fake_zones import make_update
 import service.retention
 from adapters.reading import Quality
 from service.checkpoint import Checkpoint, CheckpointStore
-from service.errors import StateMismatch
+from service.durable_files import sync_folder, write_file
+from service.errors import ServiceError, StateMismatch
 from service.journal import HistoryRow, Journal
 from service.records import Sample
 from service.retention import Limits, prune
@@ -294,8 +296,63 @@ class ResetWorkload:
             assert done < 10 or found is not None
 
 
+VERSION_1 = Path(__file__).parents[1] / "service" / "state-version-1.tar.gz"
+"""A state folder of schema 1, taken from a running daemon: zone z with 40 samples, of which the 34th is skipped."""
+
+
+class UpgradeWorkload:
+    """A journal of version 1 is opened, brought up, and gone on with."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / JOURNAL
+        self._journal: Journal | None = None
+        with tarfile.open(VERSION_1) as archive:
+            members = [member for member in archive.getmembers() if member.name.startswith(JOURNAL)]
+            self._files = {member.name: archive.extractfile(member).read() for member in members}  # type: ignore[union-attr]
+        self.steps: list[Callable[[], object]] = [self._lay_down, self._open, self._append, self._close]
+
+    def _lay_down(self) -> None:
+        try:
+            for name, content in self._files.items():
+                write_file(self._path.with_name(name), content)
+            sync_folder(self._path.parent)
+        except OSError as error:
+            raise ServiceError(f"{self._path}: {error.strerror}") from error
+
+    def _open(self) -> None:
+        if self._journal is None:
+            self._journal = Journal.open(self._path)
+
+    def _append(self) -> None:
+        assert self._journal is not None
+        self._journal.append("z", sample(40))
+
+    def _close(self) -> None:
+        journal, self._journal = self._journal, None
+        if journal is not None:
+            journal.close()
+
+    def verify(self, folder: Path, done: int, exactly: bool) -> None:
+        if done == 0:
+            return  # what was before is not this journal's affair
+        journal = Journal.open(folder / JOURNAL)
+        try:
+            times = [item.time // 300 for item in journal.samples_after("z", None)]
+            rows = [row.time // 300 for row in journal.history("z", None, None, 100)]
+            old = [k for k in range(40) if k != 33]
+            assert times in (old, [*old, 40]), times
+            assert done < 3 or times == [*old, 40], times
+            assert rows == list(range(28)), rows
+            assert journal.read("PRAGMA user_version") == [(2,)]
+            assert journal.read("PRAGMA auto_vacuum") == [(2,)], "space can be given back"
+            assert journal.append("z", sample(50)), "it goes on"
+        finally:
+            journal.close()
+
+
 WORKLOADS: dict[str, Callable[[Path], Workload]] = {
     "journal": JournalWorkload,
     "checkpoints": CheckpointWorkload,
     "reset": ResetWorkload,
+    "upgrade": UpgradeWorkload,
 }
