@@ -44,14 +44,19 @@ class Problem(BaseModel):
 
 
 class RequestRefused(ServiceError):
-    """A request that gets no answer but a problem: `status`, sentences, and members to add to the document."""
+    """A request that gets no answer but a problem: `status`, sentences, headers, and members of the document."""
 
     def __init__(
-        self, status: int, sentences: Sequence[str], retry_after: int | None = None, **members: object
+        self,
+        status: int,
+        sentences: Sequence[str],
+        retry_after: int | None = None,
+        headers: Mapping[str, str] | None = None,
+        **members: object,
     ) -> None:
         super().__init__("; ".join(sentences))
         self.status = status
-        self.retry_after = retry_after
+        self.headers = dict(headers or {}) | ({} if retry_after is None else {"Retry-After": str(retry_after)})
         self.members = members
 
 
@@ -86,10 +91,14 @@ def _respond(status: int, detail: str, headers: Mapping[str, str] | None = None,
     return Response(json.dumps(document), status, dict(headers or {}), MEDIA_TYPE)
 
 
+def refusal(error: RequestRefused) -> Response:
+    """The answer to a request that is refused."""
+    return _respond(error.status, str(error), error.headers, **error.members)
+
+
 async def _refused(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestRefused)
-    headers = {} if error.retry_after is None else {"Retry-After": str(error.retry_after)}
-    return _respond(error.status, str(error), headers, **error.members)
+    return refusal(error)
 
 
 async def _unavailable(request: Request, error: Exception) -> Response:
@@ -99,7 +108,7 @@ async def _unavailable(request: Request, error: Exception) -> Response:
 async def _misread(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     sentences = [_sentence(detail) for detail in error.errors()]
-    return await _refused(request, invalid(sentences))
+    return refusal(invalid(sentences))
 
 
 async def _framework(request: Request, error: Exception) -> Response:

@@ -12,6 +12,7 @@ from fastapi import APIRouter, Query, Response
 
 from adapters.reading import Quality
 from estimator.types import ParameterSummary
+from service.api_access import Asking, find_zone
 from service.api_models import (
     ChannelPayload,
     ForecastQuery,
@@ -41,16 +42,9 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     """Routes over `zones`, which may not change afterwards."""
     router = APIRouter(prefix="/zones", tags=["zones"])
 
-    def find(zone: str) -> ZoneView:
-        if zone not in zones:
-            known = list(zones)
-            sentence = f"there is no zone '{zone}'; the zones are {', '.join(known)}"
-            raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence], zones=known)
-        return zones[zone]
-
     @router.get("", response_model=ZonesPayload, responses=documented(500), summary="Every zone and how it is doing")
-    def list_zones() -> Response:
-        return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in zones.values()]))
+    def list_zones(caller: Asking) -> Response:
+        return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in zones.values() if caller.sees(zone.id)]))
 
     @router.get(
         "/{zone}",
@@ -58,8 +52,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         responses=documented(404, 422, 500),
         summary="One zone: channels, parameters, status, faults",
     )
-    async def show_zone(zone: str) -> Response:
-        return _json(_description(site, find(zone)))
+    async def show_zone(zone: str, caller: Asking) -> Response:
+        return _json(_description(site, find_zone(zones, zone, caller)))
 
     @router.get(
         "/{zone}/forecast",
@@ -67,8 +61,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         responses=documented(404, 422, 500, 503),
         summary="The standing forecast; with ?horizon= what follows it, inputs held",
     )
-    async def forecast(zone: str, query: Annotated[ForecastQuery, Query()]) -> Response:
-        view = find(zone)
+    async def forecast(zone: str, caller: Asking, query: Annotated[ForecastQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
         update = _latest(view)
         published = _published(update)
         levels = query.level or published
@@ -85,8 +79,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         responses=documented(404, 422, 500, 503),
         summary="The forecast under planned inputs: what a controller asks",
     )
-    async def forecast_under_plan(zone: str, body: ForecastRequest) -> Response:
-        view = find(zone)
+    async def forecast_under_plan(zone: str, caller: Asking, body: ForecastRequest) -> Response:
+        view = find_zone(zones, zone, caller)
         levels = body.levels or _published(_latest(view))
         steps = steps_in(body.horizon, view.period, len(levels))
         plan = full_plan(body.inputs, view.network, steps, view.period)
@@ -98,8 +92,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         responses=documented(404, 422, 500, 503),
         summary="Posterior quantiles of the parameters, time constants and the heat-loss coefficient",
     )
-    async def parameters(zone: str, query: Annotated[ParametersQuery, Query()]) -> Response:
-        view = find(zone)
+    async def parameters(zone: str, caller: Asking, query: Annotated[ParametersQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
         summary = await view.parameters(query.level)
         if summary is None:
             raise _waiting(view)
@@ -111,8 +105,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         responses=documented(404, 422, 500, 503),
         summary="Past samples against the forecasts that stood before them",
     )
-    async def history(zone: str, query: Annotated[HistoryQuery, Query()]) -> Response:
-        view = find(zone)
+    async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
         rows = await view.history(_epoch(query.start), _epoch(query.end), query.limit)
         return _json(
             HistoryPayload(

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, SerializeAsAny, ValidationInfo, model_validator
 
+from adapters.zenoh_access import publishing
+from adapters.zenoh_connection import Connection
 from service.config_types import (
     Duration,
     Endpoint,
@@ -20,23 +22,19 @@ from service.config_types import (
     Identifier,
     JournalSize,
     Levels,
-    LoopbackEndpoint,
-    LoopbackHost,
     Period,
     PositiveDuration,
     Text,
-    choice,
     context,
     whole,
 )
 from service.durations import DAY
+from service.http_models import HttpConfig
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
 from service.zenoh_models import ZenohSourceConfig
-
-Port = Annotated[int, BeforeValidator(whole(0, 65535))]
-Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("peer", "client", "router"))]
+from service.zenoh_session_models import Mode, SessionConfig
 
 
 class SiteConfig(BaseModel):
@@ -51,26 +49,14 @@ class SiteConfig(BaseModel):
     max_journal: JournalSize = 2 * 10**9
 
 
-class HttpConfig(BaseModel):
-    """[http]: where REST is served; port 0 is any free one."""
-
-    model_config = TABLE
-
-    host: LoopbackHost = "127.0.0.1"
-    port: Port = 8080
-
-
-class ZenohConfig(BaseModel):
+class ZenohConfig(SessionConfig):
     """[zenoh]: the daemon's own session."""
-
-    model_config = TABLE
 
     enabled: Flag = True
     mode: Mode = "peer"
-    listen: tuple[LoopbackEndpoint, ...] = Field(
+    listen: tuple[Endpoint, ...] = Field(
         default=("tcp/127.0.0.1:7447",), description='a list of endpoints, such as ["tcp/127.0.0.1:7447"]'
     )
-    connect: tuple[Endpoint, ...] = Field(default=(), description='a list of endpoints, such as ["tcp/127.0.0.1:7448"]')
     await_subscriber: Duration = 0.0
 
     @model_validator(mode="after")
@@ -78,6 +64,10 @@ class ZenohConfig(BaseModel):
         if self.enabled and self.mode == "client" and not self.connect:
             raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
         return self
+
+    def connection(self, site: str) -> Connection:
+        """The session in which everyone who can connect may read what `site` publishes, and do nothing else."""
+        return self.session(publishing(f"thermogate/{site}/**"))
 
 
 SourceConfig = Annotated[CsvConfig | ModbusConfig | ZenohSourceConfig, Field(discriminator="kind")]
@@ -126,3 +116,8 @@ class Config(BaseModel):
     zenoh: ZenohConfig
     sources: dict[str, SourceConfig]
     zones: tuple[ZoneConfig, ...]
+
+    @property
+    def keys_file(self) -> Path:
+        """Where the API keys are."""
+        return self.http.keys_file or self.site.state_dir / "keys.json"
