@@ -33,6 +33,7 @@ from service.loop_delay import watch_loop
 from service.metrics import Metrics
 from service.plumbing import Plumbing
 from service.publisher import Publisher
+from service.retention import Limits
 from service.routing import Router
 from service.sources import build_source, is_live
 from service.store import Store
@@ -98,9 +99,9 @@ class Daemon:
             for name in reset:
                 await store.forget(name)
             if self._config.zenoh.enabled:
-                publisher = await asyncio.to_thread(
-                    Publisher.open, self._config.zenoh, self._config.site.id, [zone.id for zone in self._config.zones]
-                )
+                site, zones = self._config.site.id, [zone.id for zone in self._config.zones]
+                connection = self._config.zenoh.connection(site)
+                publisher = await asyncio.to_thread(Publisher.open, connection, site, zones)
             await self._serve(store, pool, asking, publisher)
         finally:
             if publisher is not None:
@@ -150,6 +151,9 @@ class Daemon:
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
                 tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
+                site = self._config.site
+                limits = Limits(site.keep_history, site.max_journal)
+                tasks.append(asyncio.create_task(store.keep_within(limits)))
                 clocks = [keep_time(zones[table.id]) for table in self._config.zones if is_live(table, self._config)]
                 clocks += [watch_clock()] if clocks else []
                 tasks += [asyncio.create_task(clock) for clock in clocks]

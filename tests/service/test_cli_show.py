@@ -32,6 +32,8 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "id": "house",
         "state_dir": str(tmp_path / "var/thermogate"),
         "checkpoint_every": "5min",
+        "keep_history": "400d",
+        "max_journal": "2GB",
     }
     assert shown["http"]["limits"]["send_timeout"] == "30s"
     assert shown["http"] | {"limits": None} == {

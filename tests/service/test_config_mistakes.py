@@ -122,10 +122,23 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "port too large": (at(http={"port": 65536}), "http.port", ("not 65536",)),
     "non-loopback listen": (
         at(zenoh={"listen": ["tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"]}),
-        "zenoh.listen[1]",
-        ('"tcp/192.168.1.5:7447" is not on a loopback address',),
+        "zenoh",
+        ('"tcp/192.168.1.5:7447", which is not a loopback address', "users_file"),
     ),
-    "listen on every IPv6 address": (at(zenoh={"listen": ["tcp/[::]:7447"]}), "zenoh.listen[0]", ("loopback",)),
+    "listen on every IPv6 address": (at(zenoh={"listen": ["tcp/[::]:7447"]}), "zenoh", ("lets other machines in",)),
+    "listen to a multicast group": (at(zenoh={"listen": ["udp/[ff02::1]:7447"]}), "zenoh.listen[0]", ("multicast",)),
+    "listen with TLS and no certificate": (at(zenoh={"listen": ["tls/127.0.0.1:7447"]}), "zenoh", ("tls.certificate",)),
+    "listen to strangers on TLS": (
+        at(zenoh={"listen": ["tls/0.0.0.0:7447"], "tls": {"certificate": "a.pem", "private_key": "a.key"}}),
+        "zenoh",
+        ("tls.ca", "mutual = true"),
+    ),
+    "password in the file": (at(zenoh={"user": "x", "password": "hush"}), "zenoh.password", ("not a known key",)),
+    "password file that is not there": (
+        at(zenoh={"user": "x", "password_file": "gone"}),
+        "zenoh",
+        ("password_file: ", "cannot be read"),
+    ),
     "listen with a hidden interface": (
         at(zenoh={"listen": ["tcp/127.0.0.1:7447#iface=eth0"]}),
         "zenoh.listen[0]",
@@ -141,6 +154,10 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
         ('"5 minutes" is not a duration', "5min"),
     ),
     "negative duration": (living(lateness=-1), f"{LIVING}.lateness", ("-1 is not a duration",)),
+    "no history": (at("site", keep_history=0), "site.keep_history", ("longer than 0",)),
+    "size in words": (at("site", max_journal="2 gigabytes"), "site.max_journal", ("is not a size", '"2GB"')),
+    "tiny journal": (at("site", max_journal="1MB"), "site.max_journal", ("at least 16MB",)),
+    "negative size": (at("site", max_journal=-5), "site.max_journal", ("is not a size",)),
     "checkpoint never": (at("site", checkpoint_every=0), "site.checkpoint_every", ("longer than 0",)),
     "period that does not divide a day": (
         living(period="7min"),
