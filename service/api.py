@@ -16,11 +16,11 @@ from prometheus_client.exposition import choose_encoder, gzip_accepted
 from starlette.middleware.gzip import GZipMiddleware
 
 from service import api_pages, api_problems
-from service.api_access import Keys, NoKeys, RequireKey
+from service.api_access import ADMIN_PREFIX, OPEN_PATHS, Keys, NoKeys, RequireKey
 from service.api_guard import GatherBody, Guard
 from service.api_limits import StreamLimits
 from service.api_models import HealthPayload, ReadyPayload
-from service.api_problems import RETRY_SECONDS, Problem, RequestRefused, documented
+from service.api_problems import RETRY_SECONDS, Problem, RequestRefused, documented, problem_response
 from service.api_stream import stream_routes
 from service.api_zones import zone_routes
 from service.http_models import HttpConfig
@@ -122,5 +122,18 @@ def _document(app: FastAPI) -> dict[str, Any]:
     if app.openapi_schema is None:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
         document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+        for path, operations in document["paths"].items():
+            for operation in operations.values():
+                # Any request may be refused for its key, its size or its pace, before it is looked at.
+                operation["responses"] |= {"default": problem_response("refused: key, size or pace")}
+                operation["security"] = _security(path)
         app.openapi_schema = document
     return app.openapi_schema
+
+
+def _security(path: str) -> list[dict[str, list[str]]]:
+    """The alternatives that a caller of `path` has: the key, or nothing."""
+    if path in OPEN_PATHS:
+        return [{}]
+    return [{"key": []}] if path.startswith(ADMIN_PREFIX) else [{"key": []}, {}]
