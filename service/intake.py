@@ -43,6 +43,7 @@ class ZoneIntake:
         self._zone = zone
         self._store = store
         self._accepting = asyncio.Lock()
+        self._closed = False
 
     def align(self, alignment: Alignment, live: bool) -> None:
         """Take telemetry through `alignment` from now on; a `live` zone goes by the wall clock."""
@@ -69,20 +70,24 @@ class ZoneIntake:
             self.clocks[source] = after
         self.trouble.pop(source, None)
         await self.accept(self.alignment.end(source))
-        if self.alignment.ended:
+        if self.alignment.ended and not self._closed:
             await self.mailbox.put(Mark.ENDED)
 
     async def accept(self, samples: Iterable[Sample]) -> None:
         """Make samples durable and hand them to the worker."""
         # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
         async with self._accepting:
+            if self._closed:
+                return
             for sample in samples:
                 await self._append(sample)
                 if not self.journal_only:
                     await self.mailbox.put(sample)
 
     async def close(self) -> None:
-        """No sample follows."""
+        """No sample follows: what is being accepted still is, what comes later is passed over."""
+        async with self._accepting:
+            self._closed = True
         await self.mailbox.put(Mark.CLOSED)
 
     def discard(self) -> None:

@@ -25,6 +25,7 @@ from service.journal import HistoryRow
 from service.plumbing import Plumbing
 from service.records import Sample, Update
 from service.view import Fan, ZoneStatus
+from service.vitals import Busy
 from service.worker import ZoneWorker
 
 ATTEMPTS = 3
@@ -40,7 +41,8 @@ class Zone:
     ) -> None:
         self.id = name
         self.estimator = estimator
-        self._fingerprint = fingerprint
+        self.fingerprint = fingerprint
+        """What its state belongs to."""
         self._make_worker = make_worker
         self._plumbing = plumbing
         self._worker = make_worker()
@@ -50,6 +52,8 @@ class Zone:
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
         self._saved = time.monotonic()
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
@@ -82,6 +86,16 @@ class Zone:
             now=min(clocks, default=None),
         )
 
+    @property
+    def live(self) -> bool:
+        """Whether the zone goes by the wall clock."""
+        return self._intake.live
+
+    @property
+    def busy(self) -> Busy:
+        """What waits, and what was finished."""
+        return Busy(self._intake.mailbox.qsize() + (self._at is not None), self._finished)
+
     def latest(self) -> Update | None:
         """The newest update."""
         return self._worker.latest
@@ -107,9 +121,9 @@ class Zone:
         Raises StateMismatch where the stored state belongs to another network.
         """
         store, loop = self._plumbing.store, asyncio.get_running_loop()
-        await store.claim(self.id, self._fingerprint)
+        await store.claim(self.id, self.fingerprint)
         worker = self._make_worker()
-        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
+        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self.fingerprint)
         if checkpoint is not None:
             snapshot.restore(worker, checkpoint)
         self._replayed = replayed = await self._catch_up(worker)
@@ -221,6 +235,7 @@ class Zone:
         self._at = sample.time
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
+        self._finished += 1
         if update is not None:
             store.record(self.id, update)
 
@@ -250,7 +265,7 @@ class Zone:
             _log.warning("zone '%s': %s", self.id, error)
 
     async def _save(self) -> None:
-        checkpoint = snapshot.take(self._worker, self._fingerprint)
+        checkpoint = snapshot.take(self._worker, self.fingerprint)
         self._saved = time.monotonic()
         if checkpoint is None:
             return
@@ -265,6 +280,7 @@ class Zone:
             _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
+        self._finished += 1
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
         self._intake.discard()
         self._plumbing.metrics.failed(self.id)
