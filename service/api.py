@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,10 +13,12 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from service import api_pages, api_problems
 from service.api_access import Keys, NoKeys, RequireKey
+from service.api_guard import GatherBody, Guard
 from service.api_limits import StreamLimits
 from service.api_operations import Problems, Reload, operation_routes
 from service.api_problems import Problem
 from service.api_zones import zone_routes
+from service.http_models import HttpConfig
 from service.view import ZoneView
 
 _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate of every zone.
@@ -33,20 +36,26 @@ def create_app(
     keys: Keys | None = None,
     problems: Problems = list,
     reload: Reload | None = None,
+    http: HttpConfig | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
     `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
-    answer, `reload` reads the configuration again.
+    answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
     # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
     app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
     api_problems.install(app)
-    app.state.streams = StreamLimits()
+    http = http or HttpConfig()
+    app.state.streams = StreamLimits(http.limits.streams_per_client, http.limits.streams)
+    # The last one added is the first to see a request.
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
+    app.state.answers = Counter()
+    app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)

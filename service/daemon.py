@@ -24,9 +24,10 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
-from service.config_types import is_loopback
 from service.errors import ConfigError, ServiceError
+from service.exposure import check_exposure
 from service.feeding import end
+from service.http_measures import http_measures
 from service.http_server import HttpServer
 from service.instruments import instrument
 from service.keys import KeyRing
@@ -37,6 +38,7 @@ from service.notify import Notifier
 from service.plumbing import Plumbing
 from service.publisher import Publisher
 from service.reload import ReloadRefused, summary
+from service.retention import Limits
 from service.runtime import Runtime
 from service.store import Store
 from service.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
@@ -77,6 +79,7 @@ def run_daemon(
     if unknown:
         known = ", ".join(zone.id for zone in config.zones)
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
+    check_exposure(config)
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
 
@@ -111,9 +114,9 @@ class Daemon:
             for name in reset:
                 await store.forget(name)
             if self._config.zenoh.enabled:
-                publisher = await asyncio.to_thread(
-                    Publisher.open, self._config.zenoh, self._config.site.id, [zone.id for zone in self._config.zones]
-                )
+                site, zones = self._config.site.id, [zone.id for zone in self._config.zones]
+                connection = self._config.zenoh.connection(site)
+                publisher = await asyncio.to_thread(Publisher.open, connection, site, zones)
             await self._serve(store, pool, asking, publisher)
         finally:
             if publisher is not None:
@@ -173,17 +176,20 @@ class Daemon:
             Organ("the estimator's threads", lambda: loop.run_in_executor(pool, int), HUNG_SECONDS),
         )
         vitals = Vitals(zones, organs)
-        keys = KeyRing(self._config.keys_file, required=not is_loopback(self._config.http.host))
+        http, site = self._config.http, self._config.site
+        keys = KeyRing(self._config.keys_file, required=http.exposed)
         app = create_app(
-            self._config.site.id,
+            site.id,
             zones,
             metrics.registry,
             version=version("thermogate"),
             keys=keys,
             problems=vitals.problems,
             reload=self.reload,
+            http=http,
         )
-        server = HttpServer(app, self._config.http)
+        server = HttpServer(app, http)
+        metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
         watching = [
             asyncio.create_task(watch_loop(metrics.observe_loop_delay)),
@@ -203,6 +209,8 @@ class Daemon:
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
                 runtime.start_feeds()
+                limits = Limits(site.keep_history, site.max_journal)
+                watching.append(asyncio.create_task(store.keep_within(limits)))
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
                 ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]

@@ -16,6 +16,7 @@ def instrument(metrics: Metrics, runtime: Runtime, store: Store, publisher: Publ
     metrics.register(source_measures(runtime))
     metrics.register(zone_measures(runtime))
     metrics.register(zenoh_measures(publisher))
+    metrics.register(store.measures())
 
 
 def source_measures(runtime: Runtime) -> list[Measure]:

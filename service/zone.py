@@ -135,7 +135,7 @@ class Zone:
                 worker.progress.samples,
                 replayed,
             )
-        return await store.last_sample_time(self.id)
+        return await store.resume_after(self.id, None if checkpoint is None else checkpoint.step)
 
     def align(self, alignment: Alignment, live: bool = False) -> None:
         """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
@@ -265,7 +265,7 @@ class Zone:
             _log.warning("zone '%s': %s", self.id, error)
 
     async def _save(self) -> None:
-        checkpoint = snapshot.take(self._worker, self.fingerprint)
+        checkpoint = snapshot.take(self._worker, self.fingerprint, self.estimator)
         self._saved = time.monotonic()
         if checkpoint is None:
             return
