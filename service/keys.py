@@ -155,13 +155,23 @@ class KeyRing:
         if signature == self._seen:
             return
         self._seen = signature
+        before = _accepted(self._keys)
         try:
             self._keys = read_keys(self._path)
         except KeyFileError as error:
             _log.error("%s; until then the keys as they were before are in force", error)
             return
         self._in_force = self._in_force or bool(self._keys)
-        _log.info("keys read again: %s", ", ".join(key.name for key in self._keys if key.revoked is None) or "none")
+        now = _accepted(self._keys)
+        for digest in now.keys() - before.keys():
+            _log.info("API key '%s' with the scope %s is in force", now[digest].name, now[digest].scope)
+        for digest in before.keys() - now.keys():
+            _log.info("API key '%s' is not in force any more", before[digest].name)
+
+
+def _accepted(keys: Sequence[Key]) -> dict[str, Key]:
+    """The keys that have not been revoked, by their digests."""
+    return {key.digest: key for key in keys if key.revoked is None}
 
 
 def _digest(secret: str) -> str:
