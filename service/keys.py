@@ -22,6 +22,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from service.config_types import Identifier
+from service.durable_files import make_folder
 from service.errors import KeyFileError
 
 PREFIX = "tg_"
@@ -77,8 +78,8 @@ def read_keys(path: Path) -> tuple[Key, ...]:
         return ()
     except OSError as error:
         raise KeyFileError(
-            f"the keys in {path} cannot be read ({error.strerror}); make the file readable for the account that the "
-            "daemon runs under"
+            f"the keys in {path} cannot be read ({error.strerror}); give it to the account of the daemon, and "
+            "run commands about it as that account or root"
         ) from None
     except ValidationError:
         raise KeyFileError(
@@ -191,7 +192,7 @@ def _signature(path: Path) -> tuple[int, ...] | None:
 def _changing(path: Path) -> Iterator[list[Key]]:
     """The keys of the file, to be changed; written on leaving, one writer at a time."""
     try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_folder(path.parent)
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX)
