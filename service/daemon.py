@@ -31,12 +31,13 @@ from service.keys import KeyRing
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
-from service.plumbing import Plumbing
+from service.plumbing import Announcer, Plumbing
 from service.publisher import Publisher
 from service.retention import Limits
 from service.routing import Router
-from service.sources import build_source, is_live
+from service.sources import build_source, is_live, pace_of
 from service.store import Store
+from service.streams import Streams
 from service.zone import Zone
 
 DRAIN_SECONDS = 2.0
@@ -121,12 +122,16 @@ class Daemon:
         zones: dict[str, Zone] = {}
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
-        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
+        streams = Streams(self._config.site.id)
+        announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
+        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         for table in self._config.zones:
             zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
         http, release = self._config.http, version("thermogate")
         keys = KeyRing(self._config.keys_file, required=http.exposed)
-        app = create_app(self._config.site.id, zones, metrics.registry, version=release, keys=keys, http=http)
+        app = create_app(
+            self._config.site.id, zones, metrics.registry, version=release, keys=keys, http=http, streams=streams
+        )
         server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
@@ -139,7 +144,7 @@ class Daemon:
             last = dict(zip(zones, preparing.result(), strict=True))
             for table in self._config.zones:
                 live = is_live(table, self._config)
-                zones[table.id].align(make_alignment(table, last[table.id], live), live)
+                zones[table.id].align(make_alignment(table, last[table.id], live), live, pace_of(table, self._config))
             serving = asyncio.create_task(server.run())
             workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
             try:
@@ -160,6 +165,8 @@ class Daemon:
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:
                 await end(tasks)
+                # An open stream would keep the server from stopping; the clients come back after a pause.
+                streams.end()
                 await asyncio.gather(_drain(zones, workers), server.stop(serving))
         finally:
             stop.cancel()

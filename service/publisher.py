@@ -21,7 +21,7 @@ from adapters.zenoh_link import first_line, refusal, session_config
 from service.errors import ServiceError
 from service.payloads import to_json
 from service.records import Update
-from service.rendering import forecast_payload, gate_payload, status_payload, volatility_payload
+from service.rendering import forecast_payload, gate_payload, status_payload, volatility_payload, vouched
 from service.view import ZoneStatus
 
 TOPICS = ("forecast", "volatility", "gate", "status")
@@ -76,7 +76,7 @@ class Publisher:
 
     def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
         """Put everything that `update` brought; ServiceError if the session has failed. Nothing after `close`."""
-        self._put(zone, "forecast", to_json(forecast_payload(self._site, zone, update)))
+        self._put(zone, "forecast", to_json(vouched(forecast_payload(self._site, zone, update), status)))
         self._put(zone, "volatility", to_json(volatility_payload(self._site, zone, update)))
         self._put(zone, "gate", to_json(gate_payload(self._site, zone, update)))
         self.publish_status(zone, status, update)

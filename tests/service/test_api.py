@@ -104,6 +104,7 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/zones/{zone}/forecast",
         "/zones/{zone}/parameters",
         "/zones/{zone}/history",
+        "/zones/{zone}/stream",
         "/healthz",
         "/readyz",
         "/metrics",
@@ -114,11 +115,12 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
     for path, operations in document["paths"].items():
         for operation in operations.values():
             assert operation["summary"], path
+            assert operation["security"] == ([{}] if path == "/healthz" else [{"key": []}, {}])
             for status, answer in operation["responses"].items():
                 if not status.startswith("2"):
                     assert set(answer["content"]) == {"application/problem+json"}
     responses = document["paths"]["/zones/{zone}/forecast"]["get"]["responses"]
-    assert set(responses) == {"200", "404", "422", "500", "503"}
+    assert set(responses) == {"200", "404", "422", "500", "503", "default"}
     assert document["components"]["schemas"]["ForecastRequest"]["examples"]
 
 
