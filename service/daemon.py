@@ -36,7 +36,7 @@ from service.publisher import Publisher
 from service.retention import Limits
 from service.routing import Router
 from service.sources import build_source, is_live, pace_of
-from service.store import Store
+from service.store import Store, store_measures
 from service.streams import Streams
 from service.zone import Zone
 
@@ -133,7 +133,7 @@ class Daemon:
             self._config.site.id, zones, metrics.registry, version=release, keys=keys, http=http, streams=streams
         )
         server = HttpServer(app, http)
-        metrics.register(http_measures(server, app))
+        metrics.register([*http_measures(server, app), *store_measures(store.path)])
         stop = asyncio.create_task(self._stopping.wait())
         watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
         tasks: list[asyncio.Task[None]] = []

@@ -157,15 +157,6 @@ class Store:
                 _log.error("the journal cannot be kept within its limits: %s", error)
             await asyncio.sleep(PRUNE_SECONDS)
 
-    def measures(self) -> list[Measure]:
-        """What metrics tell of the store."""
-        text = "Size of the journal with its write-ahead log"
-
-        def read() -> Rows:
-            return single(float(sum(path.stat().st_size for path in self.path.glob(f"{JOURNAL}*"))))
-
-        return [Measure("thermogate_journal_bytes", "gauge", text, (), read)]
-
     async def last_sample_time(self, zone: str) -> int | None:
         """Time of the newest accepted sample of `zone`."""
         return await self._run(self._journal.last_sample_time, zone)
@@ -203,6 +194,15 @@ class Store:
     def _take_recorded(self) -> None:
         while self._recorded:
             self._journal.record(*self._recorded.popleft())
+
+
+def store_measures(state_dir: Path) -> list[Measure]:
+    """What metrics tell of the store in `state_dir`."""
+
+    def read() -> Rows:
+        return single(float(sum(path.stat().st_size for path in state_dir.glob(f"{JOURNAL}*"))))
+
+    return [Measure("thermogate_journal_bytes", "gauge", "Size of the journal with its write-ahead log", (), read)]
 
 
 def shown_time(seconds: int) -> str:

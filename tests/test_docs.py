@@ -43,6 +43,7 @@ from service.http_server import HttpServer
 from service.metrics import Metrics
 from service.networks import resolve
 from service.show import effective_toml
+from service.store import store_measures
 from service.view import STATES
 from service.worker import STARTED
 
@@ -381,13 +382,13 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
     assert re.search(r"2021-02-\d\dT\d\d:\d\d:00Z", done.stdout)
 
 
-def test_every_metric_is_documented() -> None:
+def test_every_metric_is_documented(tmp_path: Path) -> None:
     documented = first_names(tables(section("operations.md", "Metrics"))[0])
     metrics = Metrics({})
     app = create_app("site", {}, metrics.registry)
     server = HttpServer(app, http_models.HttpConfig(port=0))
     server.close()
-    metrics.register(http_measures(server, app))
+    metrics.register([*http_measures(server, app), *store_measures(tmp_path)])
     families = [family for family in metrics.registry.collect() if family.name.startswith("thermogate_")]
     exposed = [f"{family.name}_total" if family.type == "counter" else family.name for family in families]
     assert sorted(documented) == sorted(exposed)
