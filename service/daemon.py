@@ -24,7 +24,7 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
-from service.errors import ConfigError, ServiceError
+from service.errors import CertificateError, ConfigError, ServiceError
 from service.exposure import check_exposure
 from service.feeding import end
 from service.http_measures import http_measures
@@ -96,6 +96,7 @@ class Daemon:
         self._stopped = threading.Event()
         self._notifier = Notifier()
         self._runtime: Runtime | None = None
+        self._http: HttpServer | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
         self._reloads: set[asyncio.Task[None]] = set()
@@ -137,11 +138,15 @@ class Daemon:
         self._notifier.reloading()
         try:
             new = await asyncio.to_thread(self._reread)
+            if self._http is not None:
+                self._http.reload()
             done = summary(await runtime.reload(new))
             _log.info("configuration reloaded: %s", done)
             return done
         except ConfigError as error:
             raise ReloadRefused(error.problems) from error
+        except CertificateError as error:
+            raise ReloadRefused([str(error)]) from error
         finally:
             self._notifier.ready(self._ready)
 
@@ -193,7 +198,7 @@ class Daemon:
             http=http,
             streams=streams,
         )
-        server = HttpServer(app, http)
+        self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
         watching = [
