@@ -12,13 +12,15 @@ from prometheus_client import CollectorRegistry
 from starlette.middleware.gzip import GZipMiddleware
 
 from service import api_pages, api_problems
-from service.api_access import Keys, NoKeys, RequireKey
+from service.api_access import ADMIN_PREFIX, OPEN_PATHS, Keys, NoKeys, RequireKey
 from service.api_guard import GatherBody, Guard
 from service.api_limits import StreamLimits
 from service.api_operations import Problems, Reload, operation_routes
-from service.api_problems import Problem
+from service.api_problems import Problem, problem_response
+from service.api_stream import stream_routes
 from service.api_zones import zone_routes
 from service.http_models import HttpConfig
+from service.streams import Streams
 from service.view import ZoneView
 
 _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate of every zone.
@@ -37,11 +39,13 @@ def create_app(
     problems: Problems = list,
     reload: Reload | None = None,
     http: HttpConfig | None = None,
+    streams: Streams | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
     `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
-    answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits.
+    answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
+    where the zones announce what happens; without it a stream tells what there is and no more.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
@@ -57,6 +61,7 @@ def create_app(
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
+    app.include_router(stream_routes(site, zones, streams or Streams(site)))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]
@@ -68,5 +73,18 @@ def _document(app: FastAPI) -> dict[str, Any]:
     if app.openapi_schema is None:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
         document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+        for path, operations in document["paths"].items():
+            for operation in operations.values():
+                # Any request may be refused for its key, its size or its pace, before it is looked at.
+                operation["responses"] |= {"default": problem_response("refused: key, size or pace")}
+                operation["security"] = _security(path)
         app.openapi_schema = document
     return app.openapi_schema
+
+
+def _security(path: str) -> list[dict[str, list[str]]]:
+    """The alternatives that a caller of `path` has: the key, or nothing."""
+    if path in OPEN_PATHS:
+        return [{}]
+    return [{"key": []}] if path.startswith(ADMIN_PREFIX) else [{"key": []}, {}]

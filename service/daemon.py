@@ -35,12 +35,13 @@ from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
 from service.notify import Notifier
-from service.plumbing import Plumbing
+from service.plumbing import Announcer, Plumbing
 from service.publisher import Publisher
 from service.reload import ReloadRefused, summary
 from service.retention import Limits
 from service.runtime import Runtime
 from service.store import Store
+from service.streams import Streams
 from service.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.zone_table import ZoneTable
 
@@ -93,6 +94,7 @@ class Daemon:
         self._stopping = asyncio.Event()
         self._stopped = threading.Event()
         self._notifier = Notifier()
+        self._streams = Streams(config.site.id)
         self._runtime: Runtime | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
@@ -135,7 +137,10 @@ class Daemon:
         self._notifier.reloading()
         try:
             new = await asyncio.to_thread(self._reread)
-            done = summary(await runtime.reload(new))
+            changes = await runtime.reload(new)
+            for zone in changes.removed:
+                self._streams.end(zone)
+            done = summary(changes)
             _log.info("configuration reloaded: %s", done)
             return done
         except ConfigError as error:
@@ -167,7 +172,9 @@ class Daemon:
         zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
-        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, publisher, every)
+        streams = self._streams
+        announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
+        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         self._runtime = runtime = Runtime(self._config, zones, plumbing, publisher)
         instrument(metrics, runtime, store, publisher)
         loop = asyncio.get_running_loop()
@@ -187,6 +194,7 @@ class Daemon:
             problems=vitals.problems,
             reload=self.reload,
             http=http,
+            streams=streams,
         )
         server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
@@ -221,6 +229,8 @@ class Daemon:
             finally:
                 await end(self._reloads)
                 await runtime.stop_feeds()
+                # An open stream would keep the server from stopping; the clients come back after a pause.
+                streams.end()
                 await asyncio.gather(runtime.drain(), server.stop(serving))
         finally:
             for task in (stop, *watching):

@@ -23,6 +23,9 @@ FOLLOW_SECONDS = 10.0
 
 BACKLOG = 256
 
+SEND_BUFFER = 131_072
+"""Bytes that the system takes for a client that does not read; left to itself it takes megabytes for each."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -145,6 +148,8 @@ def _bound(config: HttpConfig, setting: str) -> socket.socket:
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setblocking(False)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # Connections that are accepted inherit it.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
     try:
         listener.bind((config.host, config.port))
     except OSError as error:

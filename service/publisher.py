@@ -22,7 +22,7 @@ from adapters.zenoh_link import first_line, refusal, session_config
 from service.errors import ServiceError
 from service.payloads import to_json
 from service.records import Update
-from service.rendering import forecast_payload, gate_payload, status_payload, volatility_payload
+from service.rendering import forecast_payload, gate_payload, status_payload, volatility_payload, vouched
 from service.view import ZoneStatus
 
 TOPICS = ("forecast", "volatility", "gate", "status")
@@ -67,7 +67,7 @@ class Publisher:
 
     def add(self, zone: str) -> None:
         """Publish `zone` from now on; ServiceError if its keys cannot be declared."""
-        base = f"thermogate/{self._site}/{zone}"
+        base = self._base(zone)
         declared = self._declared[zone] = []
         try:
             for topic in TOPICS:
@@ -88,21 +88,29 @@ class Publisher:
     def remove(self, zone: str) -> None:
         """Publish `zone` no longer; without effect if it is not published."""
         for topic in TOPICS:
-            key = f"thermogate/{self._site}/{zone}/{topic}"
+            key = f"{self._base(zone)}/{topic}"
             self._publishers.pop(key, None)
             self._last.pop(key, None)
         self._give_up(self._declared.pop(zone, []))
 
     def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
         """Put everything that `update` brought; ServiceError if the session has failed. Nothing after `close`."""
-        self._put(zone, "forecast", to_json(forecast_payload(self._site, zone, update)))
+        self._put(zone, "forecast", to_json(vouched(forecast_payload(self._site, zone, update), status)))
         self._put(zone, "volatility", to_json(volatility_payload(self._site, zone, update)))
         self._put(zone, "gate", to_json(gate_payload(self._site, zone, update)))
         self.publish_status(zone, status, update)
 
     def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """Put the status alone, with what became of the last sample if `update` is given."""
+        """Put the status, with what became of the last sample if `update` is given. A forecast that the zone can no
+        longer vouch for is put again, once, marked bad: whoever asks for the last value must not take it for good."""
         self._put(zone, "status", to_json(status_payload(self._site, zone, status, update)))
+        if update is None:
+            return
+        issued = forecast_payload(self._site, zone, update)
+        forecast = vouched(issued, status)
+        payload = to_json(forecast)
+        if forecast.quality is not issued.quality and self._last.get(f"{self._base(zone)}/forecast") != payload:
+            self._put(zone, "forecast", payload)
 
     def await_subscriber(self, timeout: float) -> bool:
         """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
@@ -140,8 +148,11 @@ class Publisher:
         if closing.is_alive():
             _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
 
+    def _base(self, zone: str) -> str:
+        return f"thermogate/{self._site}/{zone}"
+
     def _put(self, zone: str, topic: str, payload: bytes) -> None:
-        key = f"thermogate/{self._site}/{zone}/{topic}"
+        key = f"{self._base(zone)}/{topic}"
         publisher = self._publishers.get(key)
         if publisher is None:
             # A reload has removed the zone under its last step.

@@ -16,7 +16,7 @@ from service.fitting import fingerprint, make_alignment, make_worker, zones_of
 from service.plumbing import Plumbing
 from service.publisher import Publisher
 from service.reload import Changes, ReloadRefused, compare, obstacles
-from service.sources import SOURCE_KINDS, is_live
+from service.sources import SOURCE_KINDS, is_live, pace_of
 from service.zone import Zone
 from service.zone_table import ZoneTable
 
@@ -130,7 +130,7 @@ class Runtime:
         self._last |= dict(zip(zones, lasts, strict=True))
         for table in tables:
             live = is_live(table, config)
-            zones[table.id].align(make_alignment(table, self._last[table.id], live), live)
+            zones[table.id].align(make_alignment(table, self._last[table.id], live), live, pace_of(table, config))
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]

@@ -73,6 +73,12 @@ def is_live(zone: ZoneConfig, config: Config) -> bool:
     return any(SOURCE_KINDS[config.sources[table.source].kind].live for table in zone.channels.values())
 
 
+def pace_of(zone: ZoneConfig, config: Config) -> float:
+    """How many times faster than the real time the telemetry of `zone` comes: 1 if it is live."""
+    tables = [config.sources[table.source] for table in zone.channels.values()]
+    return min((table.pace if isinstance(table, CsvConfig) else 1.0 for table in tables), default=1.0)
+
+
 def edge_of(channel: ChannelConfig, unit: str, rollover: float | None = None) -> Edge:
     """How raw values of `channel` become values in the network's `unit`; a counter that does not say otherwise starts
     again at `rollover`."""

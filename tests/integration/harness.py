@@ -65,7 +65,7 @@ class Daemon:
         """The address it serves on, once it does."""
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline:
-            found = re.search(r"serving on (http://\S+)", self.log())
+            found = re.search(r"serving on (https?://\S+)", self.log())
             if found:
                 return found.group(1)
             assert self.process.poll() is None, self.log()

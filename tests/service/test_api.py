@@ -127,6 +127,7 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/admin/reload",
         "/zones/{zone}/parameters",
         "/zones/{zone}/history",
+        "/zones/{zone}/stream",
         "/healthz",
         "/readyz",
         "/metrics",
@@ -137,11 +138,13 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
     for path, operations in document["paths"].items():
         for operation in operations.values():
             assert operation["summary"], path
+            free = [{}] if path == "/healthz" else [{"key": []}, {}]
+            assert operation["security"] == ([{"key": []}] if path.startswith("/admin") else free)
             for status, answer in operation["responses"].items():
                 if not status.startswith("2"):
                     assert set(answer["content"]) == {"application/problem+json"}
     responses = document["paths"]["/zones/{zone}/forecast"]["get"]["responses"]
-    assert set(responses) == {"200", "404", "422", "500", "503"}
+    assert set(responses) == {"200", "404", "422", "500", "503", "default"}
     assert document["components"]["schemas"]["ForecastRequest"]["examples"]
 
 
