@@ -73,7 +73,8 @@ def run_daemon(
     """
     configure_logging()
     # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
-    faulthandler.enable(sys.__stderr__ or sys.stderr)
+    if sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)
     sys.setswitchinterval(_SWITCH_SECONDS)
     gc.set_threshold(*_COLLECT_AFTER)
     unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]

@@ -130,7 +130,8 @@ class Runtime:
         self._last |= dict(zip(zones, lasts, strict=True))
         for table in tables:
             live = is_live(table, config)
-            zones[table.id].align(make_alignment(table, self._last[table.id], live), live, pace_of(table, config))
+            pace = pace_of(table, config)
+            zones[table.id].align(make_alignment(table, self._last[table.id], live), live, pace)
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]

@@ -56,12 +56,12 @@ class Zone:
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
-        self._finished = 0
-        """How many samples were assimilated, or could not be."""
         self._timeliness = Timeliness(name)
         self._unsaved = False
         """Whether the worker has gone on since the last checkpoint."""
         self._save_at = self._next_checkpoint()
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
         self._hurried = False
@@ -104,9 +104,7 @@ class Zone:
     @property
     def busy(self) -> Busy:
         """What waits, and what was finished."""
-        mailbox = self._intake.mailbox
-        waiting = max(len(mailbox), int(mailbox.waiting_since is not None))
-        return Busy(waiting + (self._at is not None), self._finished)
+        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
 
     def latest(self) -> Update | None:
         """The newest update."""
@@ -266,8 +264,8 @@ class Zone:
             self._timeliness.begin(accepted)
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
-        self._finished += 1
         self._unsaved = True
+        self._finished += 1
         if update is not None:
             store.record(self.id, update)
 
