@@ -17,6 +17,9 @@ from service.aggregation import Aggregate, Span, aggregate, default_aggregate
 from service.errors import ConfigError
 from service.records import Array, Sample
 
+MOST_READINGS = 100_000
+"""Of one channel in one interval, some MB; what is more is a flood, and no rule for aggregating needs all of it."""
+
 
 class _Interval(NamedTuple):
     """An open grid interval: per channel the readings by time, and which (channel, time) of them are uncertain."""
@@ -37,8 +40,8 @@ class Alignment:
     NaN, but at most `idle_limit` in a row: then the grid falls silent until readings come again. Samples are strictly
     increasing in time.
 
-    A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order)
-    and a second one of the same channel and time (duplicated; the first is kept).
+    A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order),
+    a second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
     """
 
     def __init__(
@@ -121,6 +124,8 @@ class Alignment:
             row = rows[self._slots[channel]]
             if time in row:
                 self.faults[Fault.DUPLICATED] += 1
+            elif len(row) >= MOST_READINGS:
+                self.faults[Fault.OVERRUN] += 1
             else:
                 row[time] = value
         if isfinite(now):

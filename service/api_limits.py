@@ -16,8 +16,6 @@ from starlette.types import Scope as Connection
 
 from service.api_problems import RequestRefused
 
-STREAMS_PER_CLIENT = 8
-STREAMS = 64
 STREAM_RETRY_SECONDS = 10
 
 FAILURES = 10
@@ -35,19 +33,28 @@ def peer_of(connection: Connection) -> str:
     client = connection.get("client")
     if client is None:
         return "local"
+    plain = plain_address(client[0])
     try:
-        address = ipaddress.ip_address(client[0])
+        address = ipaddress.ip_address(plain)
     except ValueError:
-        return str(client[0])
-    if address.version == 6:
-        return str(ipaddress.ip_network((int(address), 64), strict=False))
-    return str(address)
+        return plain
+    return plain if address.version == 4 else str(ipaddress.ip_network((int(address), 64), strict=False))
+
+
+def plain_address(address: str) -> str:
+    """`address`, as IPv4 where a socket for both has wrapped it into IPv6."""
+    try:
+        found = ipaddress.ip_address(address)
+    except ValueError:
+        return address
+    mapped = found.ipv4_mapped if isinstance(found, ipaddress.IPv6Address) else None
+    return address if mapped is None else str(mapped)
 
 
 class StreamLimits:
     """How many streams are open, per client and in all."""
 
-    def __init__(self, per_client: int = STREAMS_PER_CLIENT, total: int = STREAMS) -> None:
+    def __init__(self, per_client: int, total: int) -> None:
         self._per_client = per_client
         self._total = total
         self._open: Counter[str] = Counter()

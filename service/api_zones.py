@@ -10,7 +10,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
 
-from adapters.reading import Quality
 from estimator.types import ParameterSummary
 from service.api_access import Asking, find_zone
 from service.api_models import (
@@ -30,16 +29,17 @@ from service.api_models import (
 )
 from service.api_plan import full_plan, steps_in
 from service.api_problems import RETRY_SECONDS, RequestRefused, documented
+from service.journal import HistoryRow
 from service.payloads import FanPayload, ForecastPayload, Payload, to_json
 from service.records import Update
-from service.rendering import fan_payload, forecast_payload, refined_payload, status_payload, utc
+from service.rendering import fan_payload, forecast_payload, refined_payload, status_payload, utc, vouched
 from service.view import Fan, ZoneView
 
 _HOUR = 3600.0
 
 
 def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
-    """Routes over `zones`, which may not change afterwards."""
+    """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
 
     @router.get("", response_model=ZonesPayload, responses=documented(500), summary="Every zone and how it is doing")
@@ -107,25 +107,28 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        rows = await view.history(_epoch(query.start), _epoch(query.end), query.limit)
-        return _json(
-            HistoryPayload(
-                site=site,
-                zone=zone,
-                output=view.network.measured[0],
-                period_s=view.period,
-                rows=[HistoryRowPayload(**row._asdict() | {"time": utc(row.time)}) for row in rows],
-            )
-        )
+        rows = await view.history(epoch(query.start), epoch(query.end), query.limit)
+        return _json(history_payload(site, view, rows))
 
     return router
+
+
+def history_payload(site: str, zone: ZoneView, rows: Sequence[HistoryRow]) -> HistoryPayload:
+    """`rows` of the history of `zone`."""
+    return HistoryPayload(
+        site=site,
+        zone=zone.id,
+        output=zone.network.measured[0],
+        period_s=zone.period,
+        rows=[HistoryRowPayload(**row._asdict() | {"time": utc(row.time)}) for row in rows],
+    )
 
 
 def _json(payload: Payload) -> Response:
     return Response(to_json(payload), media_type="application/json")
 
 
-def _epoch(when: datetime | None) -> int | None:
+def epoch(when: datetime | None) -> int | None:
     """The first whole UTC second not before `when`."""
     return None if when is None else math.ceil(when.timestamp())
 
@@ -156,10 +159,7 @@ def _published(update: Update) -> list[float]:
 
 
 def _current(zone: ZoneView, payload: ForecastPayload) -> ForecastPayload:
-    """`payload`, marked bad if the zone can no longer vouch for it."""
-    if zone.status().state in ("stalled", "failed"):
-        return payload.model_copy(update={"quality": Quality.BAD})
-    return payload
+    return vouched(payload, zone.status())
 
 
 def _summary(zone: ZoneView) -> ZoneSummary:

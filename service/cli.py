@@ -12,6 +12,7 @@ import tempfile
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from service import cli_bms, cli_experiment, cli_keys, cli_probe
+from service import cli_bms, cli_experiment, cli_keys, cli_probe, cli_state
 from service.cli_arguments import instant, positive, whole
 from service.errors import ConfigError, ServiceError
 
@@ -117,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     add_with_config("show-config", _show_config, "Print the effective configuration as TOML, every default filled in.")
 
     cli_probe.add_to(add)
+    cli_state.add_to(add)
     cli_keys.add_to(add)
 
     demo = add("demo", _demo, "Run the daemon on a simulated two-zone home, streamed faster than real time.")
@@ -185,13 +187,16 @@ def _run(arguments: argparse.Namespace) -> int:
 
     config = _load(arguments.config, arguments)
     _require_zones(config, arguments.reset, "--reset")
-    return run_daemon(config, reset=arguments.reset)
+    return run_daemon(config, reset=arguments.reset, reread=partial(_load, arguments.config, arguments))
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    from service.exposure import check_exposure
     from service.show import summary
 
-    print("\n".join(summary(_load(arguments.config, arguments))))
+    config = _load(arguments.config, arguments)
+    check_exposure(config)
+    print("\n".join(summary(config)))
     return 0
 
 

@@ -20,6 +20,7 @@ from service.config_types import (
     FilePath,
     Flag,
     Identifier,
+    JournalSize,
     Levels,
     Period,
     PositiveDuration,
@@ -27,6 +28,7 @@ from service.config_types import (
     context,
     whole,
 )
+from service.durations import DAY
 from service.http_models import HttpConfig
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
@@ -43,6 +45,8 @@ class SiteConfig(BaseModel):
     id: Identifier = Field(description='the name of the site, such as "htwg"')
     state_dir: FilePath = Field(default=Path("var/thermogate"), validate_default=True)
     checkpoint_every: PositiveDuration = 300.0
+    keep_history: PositiveDuration = 400 * DAY
+    max_journal: JournalSize = 2 * 10**9
 
 
 class ZenohConfig(SessionConfig):

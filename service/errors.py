@@ -17,12 +17,20 @@ class KeyFileError(ServiceError):
     """The file of API keys cannot be read, written or trusted, or has no such key."""
 
 
+class CertificateError(ServiceError):
+    """Certificate or key of the HTTP server cannot be used."""
+
+
 class JournalError(ServiceError):
     """The journal cannot be opened or written."""
 
 
 class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
+
+
+class BackupError(ServiceError):
+    """A backup that cannot be made, read or put back."""
 
 
 class StateMismatch(ServiceError):

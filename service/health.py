@@ -9,12 +9,20 @@ from service.worker import Progress
 
 
 def state_and_reason(
-    progress: Progress, *, has_forecast: bool, failure: str | None, trouble: Sequence[str], live: bool, ended: bool
+    progress: Progress,
+    *,
+    has_forecast: bool,
+    failure: str | None,
+    trouble: Sequence[str],
+    live: bool,
+    ended: bool,
+    lag: str | None = None,
 ) -> tuple[str, str]:
     """One of `service.view.STATES`, and why.
 
     `failure` is why the last step failed, `trouble` why sources do not deliver; `live` says that the zone goes by the
-    wall clock, `ended` that no source will deliver any more.
+    wall clock, `ended` that no source will deliver any more, `lag` why
+    the estimator has not kept up.
     """
     if failure is not None:
         return "failed", failure
@@ -26,6 +34,8 @@ def state_and_reason(
         return "waiting", "; ".join((progress.stalled or "no complete sample yet", *trouble))
     if progress.stalled is not None:
         return "stalled", "; ".join((progress.stalled, *trouble))
+    if lag is not None:
+        return "stalled", lag
     if ended:
         return "stalled", "its recording has come to an end; the last forecast stands"
     if live and progress.last_time is not None and progress.last_time > time.time():

@@ -4,45 +4,39 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable, Iterator
-from enum import Enum
+import time
+from collections.abc import Iterable
 
 from adapters.reading import Reading
 from service.alignment import Alignment
 from service.errors import ServiceError
+from service.mailbox import Accepted, Mailbox
 from service.records import Sample
 from service.store import Store
 
-MAILBOX = 16
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
 
 _log = logging.getLogger(__name__)
 
 
-class Mark(Enum):
-    """What a mailbox tells besides samples."""
-
-    ENDED = "no telemetry will follow"
-    CLOSED = "nothing at all will follow"
-
-
 class ZoneIntake:
     """The way of a zone's telemetry from its sources to its mailbox, which only `service.zone` empties."""
 
     def __init__(self, zone: str, store: Store) -> None:
-        self.mailbox: asyncio.Queue[Sample | Mark] = asyncio.Queue(MAILBOX)
-        self.journal_only = False
-        """Whether samples go into the journal alone, because the worker will read them from there."""
+        self.mailbox = Mailbox()
         self.alignment: Alignment | None = None
         self.live = False
         self.trouble: dict[str, str] = {}
         """Why a source does not deliver, by its name."""
         self.clocks: dict[str, float] = {}
         """A recording's own time, by source."""
+        self.unwritten: str | None = None
+        """Why a sample cannot be made durable now."""
         self._zone = zone
         self._store = store
         self._accepting = asyncio.Lock()
+        self._closed = False
 
     def align(self, alignment: Alignment, live: bool) -> None:
         """Take telemetry through `alignment` from now on; a `live` zone goes by the wall clock."""
@@ -70,27 +64,24 @@ class ZoneIntake:
         self.trouble.pop(source, None)
         await self.accept(self.alignment.end(source))
         if self.alignment.ended:
-            await self.mailbox.put(Mark.ENDED)
+            self.mailbox.end()
 
     async def accept(self, samples: Iterable[Sample]) -> None:
         """Make samples durable and hand them to the worker."""
         # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
         async with self._accepting:
+            if self._closed:
+                return
             for sample in samples:
+                accepted = Accepted(sample, time.monotonic())
                 await self._append(sample)
-                if not self.journal_only:
-                    await self.mailbox.put(sample)
+                await self.mailbox.put(accepted, patient=not self.live)
 
     async def close(self) -> None:
-        """No sample follows."""
-        await self.mailbox.put(Mark.CLOSED)
-
-    def discard(self) -> None:
-        """Empty the mailbox but for its marks, and let the journal alone take samples from now on."""
-        self.journal_only = True
-        marks = [item for item in self._emptied() if isinstance(item, Mark)]
-        for mark in marks:
-            self.mailbox.put_nowait(mark)
+        """No sample follows: what is being accepted still is, what comes later is passed over."""
+        async with self._accepting:
+            self._closed = True
+        self.mailbox.close()
 
     async def _append(self, sample: Sample) -> None:
         """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
@@ -98,12 +89,10 @@ class ZoneIntake:
         while True:
             try:
                 await self._store.append(self._zone, sample)
+                self.unwritten = None
                 return
             except ServiceError as error:
+                self.unwritten = f"it cannot accept samples: {error}; trying again every {pause:.0f} s or more"
                 _log.error("zone '%s' cannot accept samples: %s", self._zone, error)
                 await asyncio.sleep(pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
-
-    def _emptied(self) -> Iterator[Sample | Mark]:
-        while not self.mailbox.empty():
-            yield self.mailbox.get_nowait()

@@ -88,6 +88,21 @@ class Metrics:
         if written:
             self._checkpointed.labels(zone).set_to_current_time()
 
+    def forget(self, zone: str) -> None:
+        """Show nothing of `zone` any more."""
+        for metric in (
+            self._samples,
+            self._seconds,
+            self._alpha,
+            self._gate,
+            self._n_eff,
+            self._width,
+            self._checkpoints,
+            self._checkpointed,
+            self._failures,
+        ):
+            metric.remove_by_labels({"zone": zone})
+
     def failed(self, zone: str) -> None:
         """A step of `zone`, or the restoring of its state, failed."""
         self._failures.labels(zone).inc()
@@ -121,15 +136,26 @@ class _StatusCollector(Collector):
         state = GaugeMetricFamily(
             "thermogate_zone_state", "1 for the state that the zone is in", labels=["zone", "state"]
         )
+        overruns = CounterMetricFamily(
+            "thermogate_overruns", "Forecasts that were published after the next sample was due", labels=["zone"]
+        )
+        delay = GaugeMetricFamily(
+            "thermogate_forecast_delay_seconds",
+            "How long after its sample the newest forecast was published",
+            labels=["zone"],
+        )
         for zone in tuple(self._zones.values()):
             status = zone.status()
             for kind, count in status.faults.items():
                 faults.add_metric([zone.id, kind], count)
             if status.last_sample_time is not None:
                 age.add_metric([zone.id], clock(status) - status.last_sample_time)
+            overruns.add_metric([zone.id], status.overruns)
+            if status.delay is not None:
+                delay.add_metric([zone.id], status.delay)
             for name in STATES:
                 state.add_metric([zone.id, name], float(status.state == name))
-        return (faults, age, state)
+        return (faults, age, state, overruns, delay)
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: asking the zones is for scrapes, not for registration."""

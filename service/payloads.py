@@ -161,6 +161,8 @@ class StatusPayload(Envelope):
     samples: int
     segment: int = Field(description="counts up at every gap longer than max_gap")
     outcome: str | None = Field(description="what became of the last sample: started, assimilated, missing or vanished")
+    delay_s: float | None = Field(description="from the newest sample to the publication of its forecast")
+    overruns: int = Field(description="forecasts since the start that came after the next sample was due")
     faults: dict[str, int] = Field(description="bad readings by kind since the start")
     channels: list[ChannelStatus]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple, Protocol
 
@@ -33,6 +34,6 @@ class Plumbing(NamedTuple):
     stopping: threading.Event
     """Set when the daemon begins to stop."""
     metrics: Metrics
-    announcer: Announcer | None
+    announcers: Sequence[Announcer]
     checkpoint_every: float
     """Wall-clock s between two checkpoints of a zone."""

@@ -44,6 +44,13 @@ def forecast_payload(site: str, zone: str, update: Update, levels: Sequence[floa
     return _forecast(site, zone, update, outputs, forecast.inputs)
 
 
+def vouched(payload: ForecastPayload, status: ZoneStatus) -> ForecastPayload:
+    """`payload`, marked bad if the zone, which is in `status`, can no longer vouch for it."""
+    if status.state in ("stalled", "failed"):
+        return payload.model_copy(update={"quality": Quality.BAD})
+    return payload
+
+
 def refined_payload(site: str, zone: str, fan: Fan) -> ForecastPayload:
     """The standing forecast of `fan`, with the intervals that were asked for."""
     return _forecast(site, zone, fan.update, fan.steps[0].outputs, fan.inputs)
@@ -104,6 +111,8 @@ def status_payload(site: str, zone: str, status: ZoneStatus, update: Update | No
         samples=status.samples,
         segment=status.segment,
         outcome=None if update is None else update.outcome,
+        delay_s=status.delay,
+        overruns=status.overruns,
         faults=dict(status.faults),
         channels=[_channel(channel, status, now) for channel in status.channels],
     )

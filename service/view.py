@@ -33,6 +33,10 @@ class ZoneStatus(NamedTuple):
     now: float | None = None
     channels: tuple[str, ...] = ()
     """All channels of the network, also those that never had a good reading."""
+    overruns: int = 0
+    """Forecasts since the start that were published after the next sample was due."""
+    delay: float | None = None
+    """How long after its sample the newest forecast was published, s; None before the first since the start."""
 
 
 class FanStep(NamedTuple):

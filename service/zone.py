@@ -11,8 +11,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from math import inf
 
 from adapters.reading import Reading
 from estimator.types import ParameterSummary
@@ -20,11 +22,14 @@ from service import snapshot
 from service.alignment import Alignment
 from service.errors import ServiceError, StateMismatch
 from service.health import state_and_reason
-from service.intake import FIRST_PAUSE, LONGEST_PAUSE, Mark, ZoneIntake
+from service.intake import FIRST_PAUSE, LONGEST_PAUSE, ZoneIntake
 from service.journal import HistoryRow
+from service.mailbox import Left, Mark
 from service.plumbing import Plumbing
 from service.records import Sample, Update
+from service.timeliness import Timeliness
 from service.view import Fan, ZoneStatus
+from service.vitals import Busy
 from service.worker import ZoneWorker
 
 ATTEMPTS = 3
@@ -40,7 +45,8 @@ class Zone:
     ) -> None:
         self.id = name
         self.estimator = estimator
-        self._fingerprint = fingerprint
+        self.fingerprint = fingerprint
+        """What its state belongs to."""
         self._make_worker = make_worker
         self._plumbing = plumbing
         self._worker = make_worker()
@@ -50,7 +56,12 @@ class Zone:
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
-        self._saved = time.monotonic()
+        self._timeliness = Timeliness(name)
+        self._unsaved = False
+        """Whether the worker has gone on since the last checkpoint."""
+        self._save_at = self._next_checkpoint()
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
         self._hurried = False
@@ -65,10 +76,11 @@ class Zone:
         state, reason = state_and_reason(
             progress,
             has_forecast=self._worker.latest is not None,
-            failure=self._failure,
+            failure=self._failure or intake.unwritten,
             trouble=trouble,
             live=intake.live,
             ended=self._ended,
+            lag=self._timeliness.lag(intake.mailbox.waiting_since),
         )
         return ZoneStatus(
             state=state,
@@ -80,7 +92,19 @@ class Zone:
             last_good=dict(alignment.last_good) if alignment else {},
             channels=self.network.channels,
             now=min(clocks, default=None),
+            overruns=self._timeliness.overruns,
+            delay=self._timeliness.delay,
         )
+
+    @property
+    def live(self) -> bool:
+        """Whether the zone goes by the wall clock."""
+        return self._intake.live
+
+    @property
+    def busy(self) -> Busy:
+        """What waits, and what was finished."""
+        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
 
     def latest(self) -> Update | None:
         """The newest update."""
@@ -107,9 +131,9 @@ class Zone:
         Raises StateMismatch where the stored state belongs to another network.
         """
         store, loop = self._plumbing.store, asyncio.get_running_loop()
-        await store.claim(self.id, self._fingerprint)
+        await store.claim(self.id, self.fingerprint)
         worker = self._make_worker()
-        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
+        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self.fingerprint)
         if checkpoint is not None:
             snapshot.restore(worker, checkpoint)
         self._replayed = replayed = await self._catch_up(worker)
@@ -121,12 +145,14 @@ class Zone:
                 worker.progress.samples,
                 replayed,
             )
-        return await store.last_sample_time(self.id)
+        return await store.resume_after(self.id, None if checkpoint is None else checkpoint.step)
 
-    def align(self, alignment: Alignment, live: bool = False) -> None:
+    def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
         """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
-        wall clock (`elapse`), not by what its sources say the time is."""
+        wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
+        `pace`."""
         self._intake.align(alignment, live)
+        self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
 
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
@@ -191,36 +217,55 @@ class Zone:
                 self._fail(error, pause)
                 if failed_on is not None and attempts >= ATTEMPTS:
                     await self._pass_over(failed_on, error)
-                if await self._closed_within(pause):
+                if await self._intake.mailbox.closed_within(pause):
                     return
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
         await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
-        while not self._hurried and (sample := await self._intake.mailbox.get()) is not Mark.CLOSED:
-            if sample is Mark.ENDED:
-                self._ended = True
-                if faults := self.status().faults:
-                    counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
-                    _log.warning("zone '%s': readings refused: %s", self.id, counts)
-                await self._announce_status()
+        while not self._hurried:
+            self._timeliness.rest()
+            try:
+                async with asyncio.timeout(self._save_at - time.monotonic() if self._unsaved else None):
+                    item = await self._intake.mailbox.get()
+            except TimeoutError:
+                await self._save()
                 continue
-            last = self._worker.progress.last_time
-            # After a recovery the mailbox may still hold what the journal has already brought.
-            if last is None or sample.time > last:
-                await self._step(self._worker, sample)
-                if time.monotonic() - self._saved >= self._plumbing.checkpoint_every:
-                    await self._save()
+            if item is Mark.CLOSED:
+                break
+            if item is Mark.ENDED:
+                await self._end()
+            elif isinstance(item, Left):
+                await self._catch_up(self._worker, item)
+            else:
+                last = self._worker.progress.last_time
+                # After a recovery the mailbox may still hold what the journal has already brought.
+                if last is None or item.sample.time > last:
+                    await self._step(self._worker, item.sample, item.at)
         # A source that was stopped between journal and mailbox leaves its last sample in the journal alone.
         await self._catch_up(self._worker)
         await self._save()
 
-    async def _step(self, worker: ZoneWorker, sample: Sample) -> None:
+    async def _end(self) -> None:
+        self._ended = True
+        if faults := self.status().faults:
+            counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+            _log.warning("zone '%s': readings refused: %s", self.id, counts)
+        await self._announce_status()
+
+    async def _step(self, worker: ZoneWorker, sample: Sample, accepted: float | None) -> None:
+        """Take `worker` over a sample that was `accepted` then (monotonic s); None where that is long ago."""
         loop, store = asyncio.get_running_loop(), self._plumbing.store
+        if self._unsaved and time.monotonic() >= self._save_at:
+            await self._save()
         self._at = sample.time
+        if accepted is not None:
+            self._timeliness.begin(accepted)
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
+        self._unsaved = True
+        self._finished += 1
         if update is not None:
             store.record(self.id, update)
 
@@ -230,6 +275,7 @@ class Zone:
         if worker is self._worker:
             if update is not None:
                 self._plumbing.metrics.observe(self.id, update)
+            self._timeliness.published()
             self._announce(update)
         return update
 
@@ -237,27 +283,27 @@ class Zone:
         await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, None)
 
     def _announce(self, update: Update | None) -> None:
-        """Tell the announcer; that it cannot be reached must not stop the zone."""
-        announcer = self._plumbing.announcer
-        if announcer is None:
-            return
-        try:
-            if update is not None:
-                announcer.publish(self.id, update, self.status())
-            else:
-                announcer.publish_status(self.id, self.status(), self._worker.latest)
-        except ServiceError as error:
-            _log.warning("zone '%s': %s", self.id, error)
+        """Tell the announcers; that one cannot be reached must not stop the zone, nor the others."""
+        status = self.status()
+        for announcer in self._plumbing.announcers:
+            try:
+                if update is not None:
+                    announcer.publish(self.id, update, status)
+                else:
+                    announcer.publish_status(self.id, status, self._worker.latest)
+            except ServiceError as error:
+                _log.warning("zone '%s': %s", self.id, error)
 
     async def _save(self) -> None:
-        checkpoint = snapshot.take(self._worker, self._fingerprint)
-        self._saved = time.monotonic()
+        checkpoint = snapshot.take(self._worker, self.fingerprint, self.estimator)
+        self._save_at = self._next_checkpoint()
         if checkpoint is None:
             return
         loop, store = asyncio.get_running_loop(), self._plumbing.store
         try:
             await store.flush()
             await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
+            self._unsaved = False
             self._plumbing.metrics.checkpointed(self.id, written=True)
         except ServiceError as error:
             self._plumbing.metrics.checkpointed(self.id, written=False)
@@ -265,29 +311,44 @@ class Zone:
             _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
+        self._finished += 1
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
-        self._intake.discard()
+        self._intake.mailbox.discard()
+        self._timeliness.rest()
         self._plumbing.metrics.failed(self.id)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
         self._announce(None)
 
     async def _recover(self) -> None:
         await self.restore()
-        # From here on samples come through the mailbox again; those accepted until now are read once more.
-        self._failure, self._intake.journal_only = None, False
-        await self._catch_up(self._worker)
+        # What was accepted meanwhile is left to the journal, and comes next.
+        self._failure = None
         _log.info("zone '%s' has recovered", self.id)
 
-    async def _catch_up(self, worker: ZoneWorker) -> int:
-        """Step `worker` through what the journal holds beyond it; how many samples that were."""
+    async def _catch_up(self, worker: ZoneWorker, left: Left | None = None) -> int:
+        """Step `worker` through what the journal holds beyond it; how many samples that were. `left` says when those
+        were accepted for which there was no room."""
         caught_up = 0
         while samples := await self._plumbing.store.samples_after(self.id, worker.progress.last_time):
             for sample in samples:
                 if self._hurried:
                     return caught_up
-                await self._step(worker, sample)
+                await self._step(worker, sample, None if left is None else self._accepted(left, sample))
                 caught_up += 1
         return caught_up
+
+    def _accepted(self, left: Left, sample: Sample) -> float:
+        """When `sample` was accepted, monotonic s: one came after the other at the pace of the telemetry."""
+        if left.time is None or self._timeliness.patience == inf:
+            return left.at
+        return left.at + (sample.time - left.time) / self.period * self._timeliness.patience
+
+    def _next_checkpoint(self) -> float:
+        """When the next checkpoint is due, monotonic s: each zone has a moment of its own within `checkpoint_every`, so
+        that no instant sees those of all zones."""
+        every, now = self._plumbing.checkpoint_every, time.monotonic()
+        moment = zlib.crc32(self.id.encode()) / 2**32 * every
+        return now + ((moment - now) % every or every)
 
     async def _pass_over(self, when: int, error: Exception) -> None:
         """Mark the sample at `when` as one that is not to be assimilated."""
@@ -297,14 +358,3 @@ class Zone:
             await self._plumbing.store.skip(self.id, when, reason)
         except ServiceError as failure:
             _log.error("zone '%s': %s", self.id, failure)
-
-    async def _closed_within(self, pause: float) -> bool:
-        """Wait for `pause` s; True if the mailbox was closed meanwhile."""
-        try:
-            async with asyncio.timeout(pause):
-                while (item := await self._intake.mailbox.get()) is not Mark.CLOSED:
-                    # Samples are in the journal; the end of the telemetry is noted for after the recovery.
-                    self._ended = self._ended or item is Mark.ENDED
-                return True
-        except TimeoutError:
-            return False

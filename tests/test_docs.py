@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from integration.all_metrics import exposed
 from integration.harness import EXAMPLES, Daemon, free_port
 from pydantic import BaseModel
 
@@ -25,6 +26,7 @@ from service import (
     api_models,
     api_problems,
     config_models,
+    http_models,
     modbus_models,
     network_models,
     payloads,
@@ -36,7 +38,6 @@ from service.aggregation import AGGREGATES, default_aggregate
 from service.cli import main
 from service.config import load
 from service.errors import ConfigError
-from service.metrics import Metrics
 from service.networks import resolve
 from service.show import effective_toml
 from service.view import STATES
@@ -49,7 +50,8 @@ TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
 # Heading in configuration.md to the model that its first table describes.
 TABLES: dict[str, type[BaseModel]] = {
     "`[site]`": config_models.SiteConfig,
-    "`[http]`": config_models.HttpConfig,
+    "`[http]`": http_models.HttpConfig,
+    "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": config_models.ZenohConfig,
     "Recorded files": source_models.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
@@ -201,7 +203,15 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
     described = {config_models.Config, source_models.UnboundChannel, *TABLES.values()}
-    for module in (config_models, modbus_models, network_models, source_models, zenoh_models, zenoh_session_models):
+    for module in (
+        config_models,
+        http_models,
+        modbus_models,
+        network_models,
+        source_models,
+        zenoh_models,
+        zenoh_session_models,
+    ):
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
                 assert value in described, f"{value.__name__} has no table in configuration.md"
@@ -213,6 +223,7 @@ def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
     in_force: dict[str, Mapping[str, Any]] = {
         "`[site]`": effective["site"],
         "`[http]`": effective["http"],
+        "`[http.limits]`": effective["http"]["limits"],
         "`[zenoh]`": effective["zenoh"],
         "Recorded files": effective["sources"]["export"],
         "`timestamp`": effective["sources"]["export"]["timestamp"],
@@ -368,10 +379,8 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
 
 
 def test_every_metric_is_documented() -> None:
-    documented = first_names(tables(section("operations.md", "Metrics"))[0])
-    families = [family for family in Metrics({}).registry.collect() if family.name.startswith("thermogate_")]
-    exposed = [f"{family.name}_total" if family.type == "counter" else family.name for family in families]
-    assert sorted(documented) == sorted(exposed)
+    rows = tables(section("operations.md", "Metrics"))[0][1:]
+    assert sorted((names(row[0])[0], row[1]) for row in rows) == sorted(exposed().items())
 
 
 def offered(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:

@@ -7,6 +7,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -71,11 +72,27 @@ def test_a_stored_time_is_not_overwritten(journal: Journal) -> None:
 
 def test_samples_after_a_time_are_in_order_and_paged(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.journal._PAGE", 4)
-    for step in (3, 0, 9, 1, 2, 5, 4, 8, 7, 6):
+    for step in range(10):
         journal.append("living", make_sample(step))
+        journal.append("bedroom", make_sample(20 + step))
     steps = [(sample.time - START) // PERIOD for sample in journal.samples_after("living", START + PERIOD)]
     assert steps == list(range(2, 10))
     assert list(journal.samples_after("living", START + 9 * PERIOD)) == []
+
+
+def test_a_sample_that_is_older_than_the_newest_is_not_taken(path: Path, journal: Journal) -> None:
+    assert journal.append("living", make_sample(5))
+    assert not journal.append("living", make_sample(4))
+    journal.close()
+    reopened = Journal.open(path)
+    assert not reopened.append("living", make_sample(4))
+    assert (
+        reopened.append_all([("living", make_sample(6)), ("living", make_sample(6)), ("living", make_sample(7))]) == 2
+    )
+    assert [sample.time for sample in reopened.samples_after("living", None)] == [
+        make_sample(k).time for k in (5, 6, 7)
+    ]
+    reopened.close()
 
 
 def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,10 +234,8 @@ def test_a_damaged_page_is_reported_when_it_is_read(path: Path, journal: Journal
     content = bytearray(path.read_bytes())
     content[4096:] = b"\xff" * (len(content) - 4096)
     path.write_bytes(content)
-    reopened = Journal.open(path)
-    with pytest.raises(JournalError, match="failed"):
+    with pytest.raises(JournalError, match="failed"), closing(Journal.open(path)) as reopened:
         list(reopened.samples_after("living", None))
-    reopened.close()
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:

@@ -61,9 +61,10 @@ def short_pauses(monkeypatch):
 
 @asynccontextmanager
 async def plumbing(folder, announcer=None, checkpoint_every=1e9):
+    announcers = [] if announcer is None else [announcer]
     store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
-        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcer, checkpoint_every)
+        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcers, checkpoint_every)
     finally:
         asking.shutdown()
         pool.shutdown()
@@ -231,7 +232,13 @@ def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path
                 return await real(name, item)
 
             monkeypatch.setattr(shared.store, "append", failing)
-            await finished(zone, await fed(zone, [sample(0), sample(1)]))
+            accepting = asyncio.create_task(fed(zone, [sample(0), sample(1)]))
+            async with asyncio.timeout(10):
+                while zone.status().state != "failed":
+                    await asyncio.sleep(0)
+            assert "disk full" in zone.status().reason
+            await finished(zone, await accepting)
+            assert zone.status().state == "running"
             assert zone.status().samples == 2
 
     asyncio.run(scenario())
@@ -240,7 +247,7 @@ def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path
 
 def test_checkpoints_are_written_while_running(tmp_path):
     async def scenario():
-        async with plumbing(tmp_path, checkpoint_every=0.0) as shared:
+        async with plumbing(tmp_path, checkpoint_every=1e-6) as shared:
             zone = make(shared)
             running = await fed(zone, [sample(k) for k in range(10)])
             async with asyncio.timeout(10):

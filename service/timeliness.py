@@ -1,0 +1,75 @@
+"""Whether a zone keeps up with its telemetry: how late its forecasts are, and how often too late."""
+
+from __future__ import annotations
+
+import logging
+import time
+from math import inf
+
+REPEAT = 600.0
+"""That a zone is too slow is said again after this time at the earliest, in s."""
+
+_log = logging.getLogger(__name__)
+
+
+class Timeliness:
+    """Watches one zone. Times are monotonic s; safe to ask from any thread.
+
+    The delay of a forecast counts from when its sample was accepted to when it was published. One that is longer than
+    the time from one sample to the next is an overrun: the forecast came after its time.
+    """
+
+    def __init__(self, zone: str) -> None:
+        self.overruns = 0
+        self.delay: float | None = None
+        """Of the newest forecast; None before the first."""
+        self.patience = inf
+        """Real time from one sample to the next, in s; infinite for a recording that is played as fast as possible."""
+        self._zone = zone
+        self._since: float | None = None
+        self._said = -inf
+        self._unsaid = 0
+
+    def begin(self, accepted: float) -> None:
+        """The step over a sample that was accepted then has begun."""
+        self._since = accepted
+
+    def rest(self) -> None:
+        """Nothing is being stepped over."""
+        self._since = None
+
+    def published(self) -> None:
+        """The forecast that came of the sample is out."""
+        if self._since is None:
+            return
+        self.delay = time.monotonic() - self._since
+        if self.delay > self.patience:
+            self.overruns += 1
+            self._unsaid += 1
+            self._say(self.delay)
+
+    def lag(self, waiting_since: float | None) -> str | None:
+        """Why the newest forecast is too old, or None. `waiting_since`: when the next sample was accepted."""
+        since = waiting_since if self._since is None else self._since
+        late = 0.0 if since is None else time.monotonic() - since
+        if late <= self.patience:
+            return None
+        return (
+            f"its estimator is {late:.1f} s behind its telemetry, of which a sample comes every {self.patience:g} s; "
+            "take fewer particles, a longer period or a faster machine"
+        )
+
+    def _say(self, delay: float) -> None:
+        now = time.monotonic()
+        if now < self._said + REPEAT:
+            return
+        _log.warning(
+            "zone '%s': a forecast came %.1f s after its sample, and samples come every %g s; %d late since this was "
+            "last said, %d in all",
+            self._zone,
+            delay,
+            self.patience,
+            self._unsaid,
+            self.overruns,
+        )
+        self._said, self._unsaid = now, 0
