@@ -125,7 +125,7 @@ LABELS = st.sampled_from(["bn", "bt", "bu", "bv", "bver", "n", "u", "v", "vb", "
 
 @structured(
     share=4,
-    examples=250,
+    examples=80,
     document=st.fixed_dictionaries(
         {},
         optional={
@@ -145,7 +145,7 @@ def test_json_document(document: object) -> None:
         become_readings(payload, form)
 
 
-@structured(share=4, examples=250, pack=st.lists(st.dictionaries(LABELS, TREES, max_size=6), max_size=5))
+@structured(share=4, examples=80, pack=st.lists(st.dictionaries(LABELS, TREES, max_size=6), max_size=5))
 def test_senml_pack(pack: object) -> None:
     payload = json.dumps(pack).encode()
     for form in FORMS[3:]:
