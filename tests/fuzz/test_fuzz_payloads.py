@@ -58,7 +58,7 @@ def become_readings(payload: bytes, form: PayloadFormat, stamp: float | None = N
     for reading in [*channels.readings("bms/T", [incoming]), *channels.readings("bms/T", [incoming])]:
         assert isinstance(reading, Reading)
         assert (reading.fault is None) == (reading.quality is not Quality.BAD)
-        assert reading.fault is not None or (math.isfinite(reading.value) and reading.time <= NOW + 10)
+        assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
     for channel in listed:
         shown = probed(channel, Dating(TIMES), [incoming], 1.0)
         assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
