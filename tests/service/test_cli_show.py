@@ -51,7 +51,6 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "connect": [],
         "timeout": "5s",
         "await_subscriber": "0s",
-        "timeout": "5s",
     }
     assert shown["sources"]["log"]["pace"] == "max"
     living = shown["zones"][0]
