@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -45,6 +45,11 @@ load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each se
 
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
+
+KILLS ?= 500
+
+kill-loop: $(VENV)/.ready  ## the daemon killed KILLS=500 times at random moments under load, and held to what it had told; half an hour
+	$(BIN)/python tests/integration/kill_loop.py --kills $(KILLS) --out var/kill-loop.json
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
 	$(BIN)/python -m replay.fleet $(FLEET)

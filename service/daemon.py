@@ -95,6 +95,7 @@ class Daemon:
         self._stopping = asyncio.Event()
         self._stopped = threading.Event()
         self._notifier = Notifier()
+        self._streams = Streams(config.site.id)
         self._runtime: Runtime | None = None
         self._http: HttpServer | None = None
         self._ready: str | None = None
@@ -140,7 +141,10 @@ class Daemon:
             new = await asyncio.to_thread(self._reread)
             if self._http is not None:
                 self._http.reload()
-            done = summary(await runtime.reload(new))
+            changes = await runtime.reload(new)
+            for zone in changes.removed:
+                self._streams.end(zone)
+            done = summary(changes)
             _log.info("configuration reloaded: %s", done)
             return done
         except ConfigError as error:
@@ -174,7 +178,7 @@ class Daemon:
         zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
-        streams = Streams(self._config.site.id)
+        streams = self._streams
         announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         self._runtime = runtime = Runtime(self._config, zones, plumbing, publisher)

@@ -29,6 +29,10 @@ class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
 
 
+class BackupError(ServiceError):
+    """A backup that cannot be made, read or put back."""
+
+
 class StateMismatch(ServiceError):
     """The stored state of `zone`, in `place`, was made with another network or other structural options."""
 
