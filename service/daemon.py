@@ -151,9 +151,8 @@ class Daemon:
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
                 tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
-                clocks = [keep_time(zones[table.id]) for table in self._config.zones if is_live(table, self._config)]
-                clocks += [watch_clock()] if clocks else []
-                tasks += [asyncio.create_task(clock) for clock in clocks]
+                if any(is_live(table, self._config) for table in self._config.zones):
+                    tasks += [asyncio.create_task(keep_time(zones)), asyncio.create_task(watch_clock(plumbing.clock))]
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
             finally:
                 await end(tasks)

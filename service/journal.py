@@ -217,6 +217,20 @@ class Journal:
             for table in ("samples", "history", "zones"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
 
+    def samples_ahead(self, zone: str, after: int) -> int:
+        """How many samples of `zone` are later than `after`."""
+        with _translated(self._path):
+            query = "SELECT count(*) FROM samples WHERE zone = ? AND time > ?"
+            count: int = self._connection.execute(query, (zone, after)).fetchone()[0]
+            return count
+
+    def set_aside(self, zone: str, after: int) -> None:
+        """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
+        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
+        with self._transaction() as cursor:
+            for table in ("samples", "history"):
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
+
     def close(self) -> None:
         """Flush and close; safe to call twice."""
         try:

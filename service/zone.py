@@ -27,6 +27,7 @@ from service.journal import HistoryRow
 from service.mailbox import Left, Mark
 from service.plumbing import Plumbing
 from service.records import Sample, Update
+from service.setting_back import set_back
 from service.timeliness import Timeliness
 from service.view import Fan, ZoneStatus
 from service.worker import ZoneWorker
@@ -50,7 +51,7 @@ class Zone:
         self._worker = make_worker()
         self.network = self._worker.network
         self.period = float(self._worker.period)
-        self._intake = ZoneIntake(name, plumbing.store)
+        self._intake = ZoneIntake(name, self.period, plumbing.store, plumbing.clock)
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
@@ -76,6 +77,7 @@ class Zone:
             trouble=trouble,
             live=intake.live,
             ended=self._ended,
+            now=self._plumbing.clock.wall(),
             lag=self._timeliness.lag(intake.mailbox.waiting_since),
         )
         return ZoneStatus(
@@ -147,6 +149,14 @@ class Zone:
     async def elapse(self, now: float) -> None:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
         await self._intake.elapse(now)
+
+    def is_due(self) -> bool:
+        """Whether there is anything to do for `keep_time`."""
+        return self._intake.live and self._intake.is_due()
+
+    async def keep_time(self) -> None:
+        """The wall clock goes on, in a live zone."""
+        await self._intake.keep_time()
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
@@ -222,6 +232,9 @@ class Zone:
                 break
             if item is Mark.ENDED:
                 await self._end()
+            elif item is Mark.SET_BACK:
+                if await set_back(self.id, self._fingerprint, self._worker, self._intake, self._plumbing.store):
+                    await self._announce_status()
             elif isinstance(item, Left):
                 await self._catch_up(self._worker, item)
             else:
