@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -48,6 +48,9 @@ bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/be
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
 	$(BIN)/python -m replay.fleet $(FLEET)
+
+audit:  ## every pinned dependency against the database of known vulnerabilities
+	$(PYTHON) .ci/audit constraints.txt
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info

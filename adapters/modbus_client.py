@@ -1,4 +1,4 @@
-"""The connection to a Modbus device or gateway: pymodbus behind four verbs, its errors as ours. It can only read."""
+"""The connection to a Modbus device or gateway: pymodbus behind a few verbs, its errors as ours. It can only read."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import logging
 import termios
 import time
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,6 +32,9 @@ EXCEPTIONS = {
     11: "gateway target does not respond",
 }
 """What exception codes mean (Modbus application protocol 1.1b3, 7)."""
+
+READS = frozenset({1, 2, 3, 4})
+"""The function codes that are ever sent: coils, discrete inputs, holding registers, input registers."""
 
 _ABOUT_THE_UNIT = {5, 6, 10, 11}
 """Codes that say that the unit cannot answer now, whatever it is asked."""
@@ -83,13 +87,35 @@ class Line:
         return self.device if self.transport == "rtu" else f"{self.host}:{self.port}"
 
 
+class ReadingClient:
+    """pymodbus' client without its verbs that write: to connect, to close, and a read for every table. Should anything
+    else reach the wire all the same, it is stopped there."""
+
+    def __init__(self, line: Line) -> None:
+        client = _client(line)
+        client.set_max_no_responses(_NEVER)
+        self._connected = lambda: client.connected
+        self.connect: Callable[[], Awaitable[bool]] = client.connect
+        self.close: Callable[[], None] = client.close
+        self.reads: Mapping[str, Callable[..., Awaitable[ModbusPDU]]] = {
+            "coil": client.read_coils,
+            "discrete": client.read_discrete_inputs,
+            "holding": client.read_holding_registers,
+            "input": client.read_input_registers,
+        }
+
+    @property
+    def connected(self) -> bool:
+        """Whether the connection stands."""
+        return self._connected()
+
+
 class ModbusLink:
     """One connection; requests go out one after the other. Made inside the event loop that uses it."""
 
     def __init__(self, line: Line) -> None:
         self._line = line
-        self._client = _client(line)
-        self._client.set_max_no_responses(_NEVER)
+        self._client = ReadingClient(line)
         self._free_at = 0.0
 
     async def open(self) -> None:
@@ -107,7 +133,7 @@ class ModbusLink:
         for attempt in range(self._line.retries + 1):
             await self._wait_for_the_line()
             try:
-                response = await self._ask(unit, table, address, count)
+                response = await self._client.reads[table](address, count=count, device_id=unit)
                 arrived = time.time()
             except ModbusException as error:
                 if not self._client.connected:
@@ -125,16 +151,6 @@ class ModbusLink:
     def close(self) -> None:
         """Close the connection; safe to call twice."""
         self._client.close()
-
-    async def _ask(self, unit: int, table: str, address: int, count: int) -> ModbusPDU:
-        client = self._client
-        if table == "holding":
-            return await client.read_holding_registers(address, count=count, device_id=unit)
-        if table == "input":
-            return await client.read_input_registers(address, count=count, device_id=unit)
-        if table == "coil":
-            return await client.read_coils(address, count=count, device_id=unit)
-        return await client.read_discrete_inputs(address, count=count, device_id=unit)
 
     async def _wait_for_the_line(self) -> None:
         wait = self._free_at - asyncio.get_running_loop().time()
@@ -159,11 +175,25 @@ def _client(line: Line) -> ModbusBaseClient:
             timeout=line.timeout,
             retries=0,
             reconnect_delay=0,
+            trace_pdu=_only_reads,
         )
     framer = FramerType.RTU if line.transport == "rtu-over-tcp" else FramerType.SOCKET
     return AsyncModbusTcpClient(
-        line.host, port=line.port, framer=framer, timeout=line.timeout, retries=0, reconnect_delay=0
+        line.host,
+        port=line.port,
+        framer=framer,
+        timeout=line.timeout,
+        retries=0,
+        reconnect_delay=0,
+        trace_pdu=_only_reads,
     )
+
+
+def _only_reads(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+    """Every request passes here on its way to the wire."""
+    if sending and pdu.function_code not in READS:
+        raise ModbusException(f"function code {pdu.function_code} is not one that reads")
+    return pdu
 
 
 def _words(response: ModbusPDU, table: str, count: int) -> list[int]:

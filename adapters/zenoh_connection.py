@@ -1,4 +1,4 @@
-"""Where the Zenoh session of a source listens and connects, and what it shows there, as Zenoh's settings.
+"""Where a Zenoh session listens and connects, what it shows there and whom it lets do what, as Zenoh's settings.
 
 It listens and connects where it is told and nowhere else: no multicast scouting, no gossip.
 """
@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import os
 import ssl
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from adapters.errors import SourceConfigError
@@ -43,6 +43,8 @@ class Connection:
     password_env: str | None = None
     users_file: Path | None = None
     tls: Tls | None = None
+    access: Mapping[str, object] = field(default_factory=dict)
+    """Zenoh's `access_control`; nothing is checked if it is empty."""
 
     @property
     def place(self) -> str:
@@ -71,6 +73,8 @@ class Connection:
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
         }
+        if self.access:
+            settings["access_control"] = dict(self.access)
         if self.user is not None:
             settings |= {f"{_USER}/user": self.user, f"{_USER}/password": _password(self)}
         if self.users_file is not None:
@@ -82,6 +86,7 @@ class Connection:
                 settings[f"{_TLS}/root_ca_certificate"] = str(tls.ca)
             if tls.certificate is not None:
                 settings[f"{_TLS}/enable_mtls"] = tls.mutual
+                settings[f"{_TLS}/close_link_on_expiration"] = True
                 for side in ("connect", "listen"):
                     settings[f"{_TLS}/{side}_certificate"] = str(tls.certificate)
                     settings[f"{_TLS}/{side}_private_key"] = str(tls.private_key)

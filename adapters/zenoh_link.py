@@ -38,11 +38,11 @@ class ZenohLink:
     async def open(cls, connection: Connection) -> ZenohLink:
         """Open the session. Raises SourceConfigError for what the settings have wrong, and SourceUnavailable if nobody
         answers within the timeout (mode "client") or an address is taken."""
-        config = _session_config(connection)
+        config = session_config(connection)
         try:
             session = await _in_thread(lambda: zenoh.open(config), lambda late: late.close())
         except zenoh.ZError as error:
-            text = _first_line(error)
+            text = first_line(error)
             raise SourceUnavailable(await _in_thread(lambda: _why(connection, text))) from error
         return cls(session)
 
@@ -76,7 +76,7 @@ class ZenohLink:
             else:
                 self._subscriptions.append(self._session.declare_subscriber(key, handler))
         except zenoh.ZError as error:
-            raise SourceUnavailable(f'key "{key}" cannot be subscribed to ({_first_line(error)})') from error
+            raise SourceUnavailable(f'key "{key}" cannot be subscribed to ({first_line(error)})') from error
 
     def ask(self, key: str, on_sample: OnSample, seconds: float) -> None:
         """Call `on_sample` for every answer to a query of `key` that comes within `seconds`."""
@@ -113,7 +113,7 @@ def key_problem(key: str) -> str | None:
     try:
         zenoh.KeyExpr(key)
     except zenoh.ZError as error:
-        return _first_line(error).split(": ", 1)[-1]
+        return first_line(error).split(": ", 1)[-1]
     return None
 
 
@@ -158,13 +158,14 @@ async def _in_thread(work: Callable[[], Any], abandoned: Callable[[Any], object]
     return await outcome
 
 
-def _session_config(connection: Connection) -> zenoh.Config:
+def session_config(connection: Connection) -> zenoh.Config:
+    """The settings of `connection` for Zenoh; SourceConfigError for one that Zenoh does not take."""
     config = zenoh.Config()
     for key, value in connection.settings().items():
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise SourceConfigError(f"Zenoh does not take {key} ({_first_line(error)})") from None
+            raise SourceConfigError(f"Zenoh does not take {key} ({first_line(error)})") from None
     return config
 
 
@@ -172,13 +173,20 @@ def _why(connection: Connection, text: str) -> str:
     """Why the session did not open, of which Zenoh says `text`, and the remedy."""
     if "in use" in text or "listener" in text:
         return f"listen: an address of {', '.join(connection.listen)} cannot be used ({text}); choose another"
+    return refusal(connection) or (
+        f"no Zenoh session answers at {', '.join(connection.connect)}; start it, or correct the address"
+    )
+
+
+def refusal(connection: Connection) -> str | None:
+    """The sentence about endpoints that accept a TCP connection but no session; None if there are none."""
     refusing = [endpoint for endpoint in connection.connect if _answers(endpoint)]
-    if refusing:
-        return (
-            f"{', '.join(refusing)} can be reached but does not take this session; check user and password, "
-            "certificates, and that it speaks Zenoh there"
-        )
-    return f"no Zenoh session answers at {', '.join(connection.connect)}; start it, or correct the address"
+    if not refusing:
+        return None
+    return (
+        f"{', '.join(refusing)} can be reached but does not take this session; check user and password, "
+        "certificates, and that it speaks Zenoh there"
+    )
 
 
 def _answers(endpoint: str) -> bool:
@@ -194,6 +202,6 @@ def _answers(endpoint: str) -> bool:
         return False
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
     """The message without the place in Zenoh's own source code."""
     return str(error).splitlines()[0].split(" at /")[0].strip()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import time
+from collections import Counter
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -16,11 +17,13 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from service import api_pages, api_problems
 from service.api_access import Keys, NoKeys, RequireKey
+from service.api_guard import GatherBody, Guard
 from service.api_limits import StreamLimits
 from service.api_models import HealthPayload, ReadyPayload
 from service.api_problems import RETRY_SECONDS, Problem, RequestRefused, documented
 from service.api_stream import stream_routes
 from service.api_zones import zone_routes
+from service.http_models import HttpConfig
 from service.payloads import to_json
 from service.streams import Streams
 from service.view import ZoneView
@@ -38,21 +41,27 @@ def create_app(
     *,
     version: str = "unknown",
     keys: Keys | None = None,
+    http: HttpConfig | None = None,
     streams: Streams | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
-    `keys` open it; without, reading is open and administration closed. `streams` is where the zones announce what
-    happens; without it a stream tells what there is and no more.
+    `keys` open it; without, reading is open and administration closed. `http` has the hosts it answers for and the
+    limits. `streams` is where the zones announce what happens; without it a stream tells what there is and no more.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
     # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
     app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
     api_problems.install(app)
-    app.state.streams = StreamLimits()
+    http = http or HttpConfig()
+    app.state.streams = StreamLimits(http.limits.streams_per_client, http.limits.streams)
+    # The last one added is the first to see a request.
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
+    app.state.answers = Counter()
+    app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
     app.include_router(stream_routes(site, zones, streams or Streams(site)))
     _add_operations(app, zones, metrics_registry, version)

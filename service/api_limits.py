@@ -16,8 +16,6 @@ from starlette.types import Scope as Connection
 
 from service.api_problems import RequestRefused
 
-STREAMS_PER_CLIENT = 8
-STREAMS = 64
 STREAM_RETRY_SECONDS = 10
 
 FAILURES = 10
@@ -47,7 +45,7 @@ def peer_of(connection: Connection) -> str:
 class StreamLimits:
     """How many streams are open, per client and in all."""
 
-    def __init__(self, per_client: int = STREAMS_PER_CLIENT, total: int = STREAMS) -> None:
+    def __init__(self, per_client: int, total: int) -> None:
         self._per_client = per_client
         self._total = total
         self._open: Counter[str] = Counter()

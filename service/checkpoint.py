@@ -2,7 +2,8 @@
 
 One uncompressed NumPy `.npz` per checkpoint, `<directory>/<zone>/<step>.npz`, never pickle. It is written to a
 temporary file, fsynced, renamed, and its directory fsynced, so that a crash leaves either the old set or the new one.
-Beside the arrays it holds a header (format version, fingerprint, step, meta) and a digest over all of them.
+Beside the arrays it holds a header (format version, fingerprint, step, meta, and what `thermogate inspect` tells of it)
+and a digest over all of them.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ import hashlib
 import io
 import json
 import logging
-import os
+import lzma
 import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from service.durable_files import make_folder, sync_folder, write_file
 from service.errors import CheckpointError, StateMismatch
 
 FORMAT_VERSION = 1
@@ -31,10 +34,11 @@ _DIGEST = "digest"
 _ARRAY = "array."
 _TEMPORARY = ".tmp"
 
-# What zipfile and numpy raise on damaged bytes; OSError is not among them, since reading the file comes first.
-_DAMAGE = (
+DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
+    lzma.LZMAError,
+    OSError,
     struct.error,
     ValueError,
     KeyError,
@@ -44,6 +48,7 @@ _DAMAGE = (
     TypeError,
     OverflowError,
 )
+"""What zipfile, its decompressors and NumPy raise on damaged bytes."""
 
 _log = logging.getLogger(__name__)
 
@@ -52,13 +57,14 @@ class Checkpoint(NamedTuple):
     """The state of a zone after the sample at `step`, in UTC seconds.
 
     `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
-    dtype but object; `meta` is what JSON can hold.
+    dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it.
     """
 
     fingerprint: str
     step: int
     arrays: Mapping[str, npt.NDArray[Any]]
     meta: Mapping[str, object]
+    about: Mapping[str, object] = {}
 
 
 class CheckpointStore:
@@ -75,16 +81,20 @@ class CheckpointStore:
         content = _encode(checkpoint)
         temporary = target.with_name(f"{target.name}{_TEMPORARY}")
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
             _remove_leftovers(folder)
-            with temporary.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(target)
+            try:
+                write_file(temporary, content)
+                temporary.replace(target)
+            except OSError:
+                # On a full disk the half of a checkpoint would take the place that the journal needs.
+                with suppress(OSError):
+                    temporary.unlink(missing_ok=True)
+                raise
+            # Only when the new one cannot be lost any more may an old one go.
+            sync_folder(folder)
             for old in [] if keep_all else _newest_first(folder)[self._keep :]:
                 old.unlink()
-            _sync(folder)
         except OSError as error:
             raise CheckpointError(
                 f"the checkpoint {target} cannot be written ({error.strerror}); "
@@ -116,6 +126,11 @@ class CheckpointStore:
             ) from error
         return None
 
+    def oldest(self, zone: str) -> int | None:
+        """The step of the oldest kept checkpoint of `zone`; None if there is none."""
+        kept = _newest_first(self._directory / zone)
+        return int(kept[-1].stem) if kept else None
+
     def reset(self, zone: str) -> Path | None:
         """Set the checkpoints of `zone` aside in a folder of their own, which is returned; None if there are none."""
         folder = self._directory / zone
@@ -134,8 +149,8 @@ class CheckpointStore:
             aside.mkdir()
             for path in files:
                 path.rename(aside / path.name)
-            _sync(aside)
-            _sync(folder)
+            sync_folder(aside)
+            sync_folder(folder)
         except OSError as error:
             raise CheckpointError(
                 f"the checkpoints in {folder} cannot be set aside ({error.strerror}); make the folder writable"
@@ -145,11 +160,11 @@ class CheckpointStore:
     def _read(self, path: Path) -> Checkpoint | None:
         content = path.read_bytes()
         try:
-            return _decode(content, path)
-        except _DAMAGE as error:
+            return decode(content, path)
+        except DAMAGE as error:
             aside = path.with_name(f"{path.name}.corrupt")
             path.replace(aside)
-            _sync(path.parent)
+            sync_folder(path.parent)
             _log.warning(
                 "checkpoint %s is damaged (%s); set aside as %s, using the one before", path, error, aside.name
             )
@@ -165,6 +180,7 @@ def _encode(checkpoint: Checkpoint) -> bytes:
         "fingerprint": checkpoint.fingerprint,
         "step": checkpoint.step,
         "meta": dict(checkpoint.meta),
+        "about": dict(checkpoint.about),
     }
     parts = {_HEADER: np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
     parts |= {f"{_ARRAY}{name}": np.asarray(array) for name, array in checkpoint.arrays.items()}
@@ -173,7 +189,8 @@ def _encode(checkpoint: Checkpoint) -> bytes:
     return buffer.getvalue()
 
 
-def _decode(content: bytes, path: Path) -> Checkpoint:
+def decode(content: bytes, path: Path) -> Checkpoint:
+    """The checkpoint in the bytes of `path`; one of `DAMAGE`, or CheckpointError if they are too new."""
     parts: dict[str, npt.NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         for member in archive.namelist():
@@ -191,7 +208,7 @@ def _decode(content: bytes, path: Path) -> Checkpoint:
     if not np.array_equal(digest, _digest(parts)):
         raise ValueError("its content does not match its digest")
     arrays = {name.removeprefix(_ARRAY): array for name, array in parts.items() if name.startswith(_ARRAY)}
-    return Checkpoint(header["fingerprint"], header["step"], arrays, header["meta"])
+    return Checkpoint(header["fingerprint"], header["step"], arrays, header["meta"], header.get("about", {}))
 
 
 def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
@@ -214,12 +231,3 @@ def _remove_leftovers(folder: Path) -> None:
     """Remove what a crash in the middle of a write left behind."""
     for path in folder.glob(f"*{_TEMPORARY}"):
         path.unlink()
-
-
-def _sync(folder: Path) -> None:
-    """Make renames in `folder` durable."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -189,9 +189,12 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    from service.exposure import check_exposure
     from service.show import summary
 
-    print("\n".join(summary(_load(arguments.config, arguments))))
+    config = _load(arguments.config, arguments)
+    check_exposure(config)
+    print("\n".join(summary(config)))
     return 0
 
 

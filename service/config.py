@@ -77,6 +77,8 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         site = problems.read(SiteConfig, site_table, ("site",), context)
     http = problems.read(HttpConfig, raw.get("http", {}), ("http",), context)
     zenoh = problems.read(ZenohConfig, raw.get("zenoh", {}), ("zenoh",), context)
+    for problem in zenoh.session({}).problems() if zenoh is not None and zenoh.enabled else ():
+        problems.add(("zenoh",), problem)
     raw_sources = _raw_sources(raw, problems)
     raw_zones = _raw_zones(raw, problems)
     sources = {name: _read_source(name, table, problems, context) for name, table in raw_sources.items()}

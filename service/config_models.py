@@ -8,32 +8,33 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, SerializeAsAny, ValidationInfo, model_validator
 
+from adapters.zenoh_access import publishing
+from adapters.zenoh_connection import Connection
 from service.config_types import (
     Duration,
     Endpoint,
     FilePath,
     Flag,
     Identifier,
+    JournalSize,
     Levels,
-    LoopbackEndpoint,
     Period,
     PositiveDuration,
     Text,
-    choice,
     context,
     whole,
 )
+from service.durations import DAY
 from service.http_models import HttpConfig
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
 from service.zenoh_models import ZenohSourceConfig
-
-Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("peer", "client", "router"))]
+from service.zenoh_session_models import Mode, SessionConfig
 
 
 class SiteConfig(BaseModel):
@@ -44,19 +45,18 @@ class SiteConfig(BaseModel):
     id: Identifier = Field(description='the name of the site, such as "htwg"')
     state_dir: FilePath = Field(default=Path("var/thermogate"), validate_default=True)
     checkpoint_every: PositiveDuration = 300.0
+    keep_history: PositiveDuration = 400 * DAY
+    max_journal: JournalSize = 2 * 10**9
 
 
-class ZenohConfig(BaseModel):
+class ZenohConfig(SessionConfig):
     """[zenoh]: the daemon's own session."""
-
-    model_config = TABLE
 
     enabled: Flag = True
     mode: Mode = "peer"
-    listen: tuple[LoopbackEndpoint, ...] = Field(
+    listen: tuple[Endpoint, ...] = Field(
         default=("tcp/127.0.0.1:7447",), description='a list of endpoints, such as ["tcp/127.0.0.1:7447"]'
     )
-    connect: tuple[Endpoint, ...] = Field(default=(), description='a list of endpoints, such as ["tcp/127.0.0.1:7448"]')
     await_subscriber: Duration = 0.0
 
     @model_validator(mode="after")
@@ -64,6 +64,10 @@ class ZenohConfig(BaseModel):
         if self.enabled and self.mode == "client" and not self.connect:
             raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
         return self
+
+    def connection(self, site: str) -> Connection:
+        """The session in which everyone who can connect may read what `site` publishes, and do nothing else."""
+        return self.session(publishing(f"thermogate/{site}/**"))
 
 
 SourceConfig = Annotated[CsvConfig | ModbusConfig | ZenohSourceConfig, Field(discriminator="kind")]

@@ -18,12 +18,15 @@ from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainVali
 from adapters.errors import SourceConfigError
 from adapters.timestamps import timestamp_parser
 from service.durations import DAY, format_duration, parse_duration
+from service.sizes import format_size, parse_size
 
 _IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-_ENDPOINT = re.compile(r"(?P<protocol>tcp|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>\d{1,5})")
-_SOURCE_ENDPOINT = re.compile(_ENDPOINT.pattern.replace("tcp|udp|ws", "tcp|tls|quic|udp|ws"))
+_ENDPOINT = re.compile(r"(?:tcp|tls|quic|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>[0-9]{1,5})")
 _SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 1200, 1800, 3600, 7200)
+
+SMALLEST_JOURNAL = 16 * 10**6
+"""Below this the write-ahead log alone takes a good part of it."""
 
 
 def shown(value: object) -> str:
@@ -123,6 +126,13 @@ def positive_duration(value: object) -> float:
     return seconds
 
 
+def journal_size(value: object) -> int:
+    size = parse_size(value)
+    if not SMALLEST_JOURNAL <= size <= 2**62:
+        raise ValueError(f"must be at least {format_size(SMALLEST_JOURNAL)}, not {shown(value)}")
+    return size
+
+
 def period(value: object) -> int:
     """A sampling period in whole seconds, such that the grid restarts at every UTC midnight."""
     seconds = positive_duration(value)
@@ -172,29 +182,23 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def loopback_host(value: object) -> str:
-    if not is_loopback(text(value)):
-        raise ValueError(
-            f"{shown(value)} is not a loopback address, and listening for other machines is refused because "
-            "credentials are not available yet; use 127.0.0.1, ::1 or localhost"
-        )
-    return str(value).strip("[]")
+def is_multicast(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_multicast
+    except ValueError:
+        return False
 
 
 def endpoint(value: object) -> str:
     match = _ENDPOINT.fullmatch(text(value))
     if not match or int(match["port"]) > 65535:
-        raise ValueError(f'{shown(value)} is not an endpoint; write protocol/host:port, such as "tcp/127.0.0.1:7447"')
-    return str(value)
-
-
-def zenoh_endpoint(value: object) -> str:
-    match = _SOURCE_ENDPOINT.fullmatch(text(value))
-    if not match or int(match["port"]) > 65535:
         raise ValueError(
             f"{shown(value)} is not an endpoint; write protocol/host:port with tcp, tls, quic, udp or ws, such as "
-            '"tls/bms.example:7447"'
+            '"tcp/127.0.0.1:7447"'
         )
+    if is_multicast(match["host"]):
+        # Zenoh's access control does not look at what comes in there.
+        raise ValueError(f"{shown(value)} is a multicast address, where anybody could put anything; give a host's own")
     return str(value)
 
 
@@ -202,8 +206,8 @@ def loopback_endpoint(value: object) -> str:
     host = endpoint(value).split("/", 1)[1].rsplit(":", 1)[0]
     if not is_loopback(host):
         raise ValueError(
-            f"{shown(value)} is not on a loopback address, and listening for other machines is refused because "
-            'credentials are not available yet; use 127.0.0.1, [::1] or localhost, such as "tcp/127.0.0.1:7447"'
+            f"{shown(value)} is not on a loopback address, and a simulated building has no credentials to serve other "
+            'machines; use 127.0.0.1, [::1] or localhost, such as "tcp/127.0.0.1:7447"'
         )
     return str(value)
 
@@ -275,12 +279,10 @@ Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
 _AsText: Any = PlainSerializer(format_duration, return_type=str)
 Duration = Annotated[float, BeforeValidator(parse_duration), _AsText]
 PositiveDuration = Annotated[float, BeforeValidator(positive_duration), _AsText]
+JournalSize = Annotated[int, BeforeValidator(journal_size), PlainSerializer(format_size)]
 Period = Annotated[int, BeforeValidator(period), _AsText]
 Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
-LoopbackHost = Annotated[str, BeforeValidator(loopback_host)]
 Endpoint = Annotated[str, BeforeValidator(endpoint)]
-LoopbackEndpoint = Annotated[str, BeforeValidator(loopback_endpoint)]
-SourceEndpoint = Annotated[str, BeforeValidator(zenoh_endpoint)]
 TimeZone = Annotated[str, BeforeValidator(time_zone)]
 TimestampFormat = Annotated[str, BeforeValidator(timestamp_format)]
 Delimiter = Annotated[str, BeforeValidator(delimiter)]

@@ -21,10 +21,11 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
-from service.config_types import is_loopback
 from service.errors import ServiceError
+from service.exposure import check_exposure
 from service.feeding import end, feed, keep_time, watch_clock
 from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
+from service.http_measures import http_measures
 from service.http_server import HttpServer
 from service.keys import KeyRing
 from service.logs import configure_logging
@@ -32,6 +33,7 @@ from service.loop_delay import watch_loop
 from service.metrics import Metrics
 from service.plumbing import Announcer, Plumbing
 from service.publisher import Publisher
+from service.retention import Limits
 from service.routing import Router
 from service.sources import build_source, is_live, pace_of
 from service.store import Store
@@ -70,6 +72,7 @@ def run_daemon(config: Config, *, reset: Sequence[str] = (), duration: float | N
     if unknown:
         known = ", ".join(zone.id for zone in config.zones)
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
+    check_exposure(config)
     asyncio.run(Daemon(config).run(reset, duration))
     return 0
 
@@ -97,9 +100,9 @@ class Daemon:
             for name in reset:
                 await store.forget(name)
             if self._config.zenoh.enabled:
-                publisher = await asyncio.to_thread(
-                    Publisher.open, self._config.zenoh, self._config.site.id, [zone.id for zone in self._config.zones]
-                )
+                site, zones = self._config.site.id, [zone.id for zone in self._config.zones]
+                connection = self._config.zenoh.connection(site)
+                publisher = await asyncio.to_thread(Publisher.open, connection, site, zones)
             await self._serve(store, pool, asking, publisher)
         finally:
             if publisher is not None:
@@ -124,11 +127,13 @@ class Daemon:
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         for table in self._config.zones:
             zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
-        keys = KeyRing(self._config.keys_file, required=not is_loopback(self._config.http.host))
+        http, release = self._config.http, version("thermogate")
+        keys = KeyRing(self._config.keys_file, required=http.exposed)
         app = create_app(
-            self._config.site.id, zones, metrics.registry, version=version("thermogate"), keys=keys, streams=streams
+            self._config.site.id, zones, metrics.registry, version=release, keys=keys, http=http, streams=streams
         )
-        server = HttpServer(app, self._config.http)
+        server = HttpServer(app, http)
+        metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
         watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
         tasks: list[asyncio.Task[None]] = []
@@ -151,6 +156,9 @@ class Daemon:
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
                 tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
+                site = self._config.site
+                limits = Limits(site.keep_history, site.max_journal)
+                tasks.append(asyncio.create_task(store.keep_within(limits)))
                 if any(is_live(table, self._config) for table in self._config.zones):
                     tasks += [asyncio.create_task(keep_time(zones)), asyncio.create_task(watch_clock(plumbing.clock))]
                 await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)

@@ -17,6 +17,10 @@ class KeyFileError(ServiceError):
     """The file of API keys cannot be read, written or trusted, or has no such key."""
 
 
+class CertificateError(ServiceError):
+    """Certificate or key of the HTTP server cannot be used."""
+
+
 class JournalError(ServiceError):
     """The journal cannot be opened or written."""
 

@@ -7,92 +7,43 @@ replay sees the very bits that the worker saw, NaN included; history columns are
 
 from __future__ import annotations
 
-import math
+import logging
 import sqlite3
+import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-import numpy as np
-
-from adapters.reading import Quality
 from service.errors import JournalError
-from service.records import Array, Sample, Update
+from service.journal_file import open_database, translated
+from service.journal_rows import (
+    HistoryRow,
+    SampleRow,
+    history_checksum,
+    history_row,
+    link_of,
+    sample_row,
+    to_history,
+    to_sample,
+)
+from service.records import Sample, Update
 
-SCHEMA_VERSION = 1
+__all__ = ["HistoryRow", "Journal"]
+
 _BUSY_SECONDS = 5.0
 _PAGE = 1000
 _PENDING_LIMIT = 1000
 _ROWS_AT_ONCE = 250
 """SQLite takes 32,766 values in a statement; the widest row has 18."""
-
-_SCHEMA = """
-CREATE TABLE samples (
-    zone TEXT NOT NULL, time INTEGER NOT NULL, outputs BLOB NOT NULL, inputs BLOB NOT NULL,
-    output_quality TEXT NOT NULL, input_quality TEXT NOT NULL, skipped TEXT,
-    PRIMARY KEY (zone, time)
-) WITHOUT ROWID;
-CREATE TABLE zones (zone TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE history (
-    zone TEXT NOT NULL, time INTEGER NOT NULL, y REAL, mean REAL, lower REAL, upper REAL, sd REAL, residual REAL,
-    alpha_lower REAL, alpha_median REAL, alpha_upper REAL, cdf REAL, gate REAL, n_eff REAL, resampled INTEGER,
-    log_likelihood REAL, segment INTEGER,
-    PRIMARY KEY (zone, time)
-) WITHOUT ROWID;
-"""
-
-
-class HistoryRow(NamedTuple):
-    """One update in numbers: the first output (degC, K) against its forecast, and the first volatility block, if any.
-
-    `mean`, `lower`, `upper`, `sd` and `residual` belong to the forecast that stood before `y` was seen; NaN where there
-    was none, and `y` is NaN where it was missing. `time` is UTC seconds.
-    """
-
-    time: int
-    y: float
-    mean: float
-    lower: float
-    upper: float
-    sd: float
-    residual: float
-    alpha_lower: float
-    alpha_median: float
-    alpha_upper: float
-    cdf: float
-    gate: float
-    n_eff: float
-    resampled: bool
-    log_likelihood: float
-    segment: int
-
-    @classmethod
-    def of(cls, update: Update) -> HistoryRow:
-        """The row of `update`."""
-        score, volatility = update.score, update.volatility
-        scored, alpha = (math.nan,) * 5, (math.nan,) * 4
-        if score is not None:
-            scored = (score.mean[0], score.lower[0], score.upper[0], score.sd[0], score.residual[0])
-        if volatility.blocks:
-            alpha = (volatility.lower[0], volatility.median[0], volatility.upper[0], volatility.cdf[0])
-        return cls(
-            update.time,
-            update.y[0],
-            *scored,
-            *alpha,
-            gate=update.gate.value,
-            n_eff=update.effective_sample_size,
-            resampled=update.resampled,
-            log_likelihood=update.log_likelihood,
-            segment=update.segment,
-        )
-
+_EARLIEST = -(2**63)
 
 _COLUMNS = ", ".join(HistoryRow._fields)
-_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS})"
-_ACCEPT = "INSERT OR IGNORE INTO samples (zone, time, outputs, inputs, output_quality, input_quality)"
+_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
+_SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, link"
+
+_log = logging.getLogger(__name__)
 
 
 class Journal:
@@ -102,27 +53,19 @@ class Journal:
         self._connection = connection
         self._path = path
         self._pending: list[tuple[object, ...]] = []
+        self._ends: dict[str, tuple[int, int]] = {}
+        """Time and link of the newest sample of each zone that was written to since the journal was opened."""
+        self._damaged: set[tuple[str, int]] = set()
+        """History rows whose damage was said."""
 
     @classmethod
     def open(cls, path: Path) -> Journal:
         """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise JournalError(f"the folder of the journal {path} cannot be made: {error.strerror}") from error
-        with _translated(path):
-            connection = sqlite3.connect(path, timeout=_BUSY_SECONDS, check_same_thread=False)
-        try:
-            with _translated(path):
-                _prepare(connection, path)
-        except JournalError:
-            connection.close()
-            raise
-        return cls(connection, path)
+        return cls(open_database(path, _BUSY_SECONDS), path)
 
     def claim(self, zone: str, fingerprint: str) -> bool:
         """Whether the samples of `zone` belong to `fingerprint`; a zone without samples takes it over."""
-        with self._transaction() as cursor:
+        with self.transaction() as cursor:
             stored = cursor.execute("SELECT fingerprint FROM zones WHERE zone = ?", (zone,)).fetchone()
             used = cursor.execute("SELECT 1 FROM samples WHERE zone = ? LIMIT 1", (zone,)).fetchone()
             if stored is not None and used is not None:
@@ -131,40 +74,38 @@ class Journal:
             return True
 
     def append(self, zone: str, sample: Sample) -> bool:
-        """Store `sample`, durable on return with the history recorded so far; False if its time is already stored."""
+        """Store `sample`, durable on return with the history recorded so far; False if it is not the newest."""
         return self.append_all([(zone, sample)]) == 1
 
     def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
         """Store samples of zones, all or none of them, as `append`; how many were not stored already."""
-        rows = [
-            (
-                zone,
-                sample.time,
-                _to_blob(sample.outputs),
-                _to_blob(sample.inputs),
-                ",".join(sample.output_quality),
-                ",".join(sample.input_quality),
-            )
-            for zone, sample in accepted
-        ]
-        with self._transaction() as cursor:
-            return _insert(cursor, _ACCEPT, rows)
+        rows: list[SampleRow] = []
+        ends: dict[str, tuple[int, int]] = {}
+        with self.transaction() as cursor:
+            for zone, sample in accepted:
+                time, link = ends.get(zone) or self._ends.get(zone) or self._end(zone)
+                if sample.time > time:
+                    rows.append(sample_row(zone, sample, link))
+                    ends[zone] = (sample.time, rows[-1][-1])
+            _insert(cursor, f"INSERT INTO samples ({_SAMPLE_COLUMNS})", rows)
+        self._ends |= ends
+        return len(rows)
 
     def record(self, zone: str, update: Update) -> None:
         """Add or replace the history row of `update`; durable with the next append, flush or close."""
-        self._pending.append((zone, *HistoryRow.of(update)))
+        self._pending.append(history_row(zone, HistoryRow.of(update)))
         if len(self._pending) >= _PENDING_LIMIT:
             self.flush()
 
     def flush(self) -> None:
         """Make the recorded history durable."""
         if self._pending:
-            with self._transaction():
+            with self.transaction():
                 pass
 
     def skip(self, zone: str, time: int, reason: str) -> None:
         """Mark a stored sample as one that must not be assimilated; it stays in the file, with `reason`."""
-        with self._transaction() as cursor:
+        with self.transaction() as cursor:
             cursor.execute("UPDATE samples SET skipped = ? WHERE zone = ? AND time = ?", (reason, zone, time))
             if cursor.rowcount == 0:
                 raise JournalError(f"the journal {self._path} has no sample of zone '{zone}' at {time} to skip")
@@ -173,30 +114,40 @@ class Journal:
         """The samples of `zone` later than `time` (None: all), in order, without the skipped ones.
 
         A skipped sample is left out, as if its interval had brought nothing. Writing between two items is allowed.
+        JournalError where a sample is damaged or missing in the middle.
         """
-        after = -(2**63) if time is None else time
+        after = _EARLIEST if time is None else time
+        previous = self._link_before(zone, after)
         query = (
-            "SELECT time, outputs, inputs, output_quality, input_quality FROM samples "
-            f"WHERE zone = ? AND time > ? AND skipped IS NULL ORDER BY time LIMIT {_PAGE}"
+            f"SELECT {_SAMPLE_COLUMNS}, skipped FROM samples WHERE zone = ? AND time > ? ORDER BY time LIMIT {_PAGE}"
         )
         while True:
-            with _translated(self._path):
+            with translated(self._path):
                 rows = self._connection.execute(query, (zone, after)).fetchall()
-            for row in rows:
-                yield _to_sample(row, self._path)
+            for *values, link, skipped in rows:
+                sample = self._checked(tuple(values), link, previous)
+                if skipped is None:
+                    yield sample
+                previous = link
             if len(rows) < _PAGE:
                 return
-            after = rows[-1][0]
+            after = rows[-1][1]
 
     def last_sample_time(self, zone: str) -> int | None:
         """Time of the newest stored sample of `zone`, skipped or not."""
-        with _translated(self._path):
-            query = "SELECT max(time) FROM samples WHERE zone = ?"
-            newest: int | None = self._connection.execute(query, (zone,)).fetchone()[0]
-            return newest
+        newest: int | None = self.read("SELECT max(time) FROM samples WHERE zone = ?", zone)[0][0]
+        return newest
+
+    def pruned_until(self, zone: str) -> int | None:
+        """Time of the newest sample of `zone` that was deleted to keep the journal small; None if none was."""
+        rows = self.read("SELECT time FROM pruned WHERE zone = ?", zone)
+        return rows[0][0] if rows else None
 
     def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first."""
+        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first.
+
+        A damaged row is left out, which the log says once.
+        """
         # Reading need not wait for the disk because of other zones.
         if any(row[0] == zone for row in self._pending):
             self.flush()
@@ -205,31 +156,49 @@ class Journal:
             if bound is not None:
                 where += f" AND {condition}"
                 bounds.append(bound)  # type: ignore[arg-type]
-        query = f"SELECT {_COLUMNS} FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
-        with _translated(self._path):
-            rows = self._connection.execute(query, (*bounds, limit)).fetchall()
-        return [_to_history(row) for row in reversed(rows)]
+        query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
+        rows = (self._sound(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
+        return [row for row in rows if row is not None]
 
     def forget(self, zone: str) -> None:
-        """Set aside all of `zone`: its rows stay in the file under a name that no zone can have."""
+        """Set aside all of `zone`: its rows stay in the file under a name that no zone can have.
+
+        Until `forgot`, `is_forgotten` tells that what else there is of the zone has to go too.
+        """
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
-        with self._transaction() as cursor:
-            for table in ("samples", "history", "zones"):
+        with self.transaction() as cursor:
+            for table in ("samples", "history", "zones", "pruned"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
+            cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
+        self._ends.pop(zone, None)
+
+    def is_forgotten(self, zone: str) -> bool:
+        """Whether `zone` is being forgotten."""
+        return bool(self.read("SELECT 1 FROM forgotten WHERE zone = ?", zone))
+
+    def forgot(self, zone: str) -> None:
+        """Nothing is left of `zone`."""
+        with self.transaction() as cursor:
+            cursor.execute("DELETE FROM forgotten WHERE zone = ?", (zone,))
+
+    def size(self) -> int:
+        """Bytes that the journal takes on the disk, its write-ahead log included."""
+        pages, size = self.read("PRAGMA page_count")[0][0], self.read("PRAGMA page_size")[0][0]
+        log = self._path.with_name(f"{self._path.name}-wal")
+        return int(pages * size) + (log.stat().st_size if log.exists() else 0)
 
     def samples_ahead(self, zone: str, after: int) -> int:
         """How many samples of `zone` are later than `after`."""
-        with _translated(self._path):
-            query = "SELECT count(*) FROM samples WHERE zone = ? AND time > ?"
-            count: int = self._connection.execute(query, (zone, after)).fetchone()[0]
-            return count
+        count: int = self.read("SELECT count(*) FROM samples WHERE zone = ? AND time > ?", zone, after)[0][0]
+        return count
 
     def set_aside(self, zone: str, after: int) -> None:
         """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
-        with self._transaction() as cursor:
+        with self.transaction() as cursor:
             for table in ("samples", "history"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
+        self._ends.pop(zone, None)
 
     def close(self) -> None:
         """Flush and close; safe to call twice."""
@@ -238,10 +207,15 @@ class Journal:
         finally:
             self._connection.close()
 
+    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        """All rows of a question."""
+        with translated(self._path):
+            return self._connection.execute(query, values).fetchall()
+
     @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Cursor]:
+    def transaction(self) -> Iterator[sqlite3.Cursor]:
         """One durable transaction that also carries the pending history, which is kept for the next try if it fails."""
-        with _translated(self._path):
+        with translated(self._path):
             cursor = self._connection.cursor()
             try:
                 cursor.execute("BEGIN IMMEDIATE")
@@ -255,84 +229,51 @@ class Journal:
                 raise
         self._pending.clear()
 
+    def _end(self, zone: str) -> tuple[int, int]:
+        """Time and link of the newest sample of `zone`."""
+        newest = self.read("SELECT time, link FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1", zone)
+        return (newest[0][0], newest[0][1] or 0) if newest else (_EARLIEST, 0)
 
-def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> int:
-    """Insert `rows`; how many went in.
+    def _link_before(self, zone: str, time: int) -> int | None:
+        """The link of the newest sample not later than `time`, pruned or not; None where it has none."""
+        query = "SELECT link FROM samples WHERE zone = ? AND time <= ? ORDER BY time DESC LIMIT 1"
+        rows = self.read(query, zone, time) or self.read("SELECT link FROM pruned WHERE zone = ?", zone)
+        return rows[0][0] if rows else None
+
+    def _checked(self, row: tuple[Any, ...], link: int | None, previous: int | None) -> Sample:
+        """The sample of a row after one with the link `previous`. Rows of version 1 have no links."""
+        try:
+            if (link is None and previous is None) or link == link_of(previous or 0, row):
+                return to_sample(row)
+            reason = "it does not match its checksum, or the one before it is missing"
+        except (ValueError, TypeError, AttributeError) as error:
+            reason = str(error)
+        raise JournalError(
+            f"the journal {self._path} holds a damaged sample of zone '{row[0]}' at {row[1]} ({reason}); check the "
+            f"disk, then restore a backup, or give the zone's state up with `thermogate run CONFIG --reset {row[0]}`"
+        )
+
+    def _sound(self, zone: str, row: list[Any], checksum: int | None) -> HistoryRow | None:
+        """The history row of its columns; None if it is damaged. Rows of version 1 have no checksums."""
+        try:
+            history = to_history(tuple(row))
+            if checksum is None or checksum == history_checksum(zone, history):
+                return history
+        except (ValueError, TypeError, struct.error):
+            pass
+        if (zone, row[0]) not in self._damaged:
+            self._damaged.add((zone, row[0]))
+            _log.error("the journal %s holds a damaged history row of zone '%s' at %s", self._path, zone, row[0])
+        return None
+
+
+def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> None:
+    """Insert `rows`.
 
     Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
     compute, which for a thousand zones would take longer than the writing.
     """
-    inserted = 0
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         part = rows[first : first + _ROWS_AT_ONCE]
         places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
-        inserted += cursor.execute(f"{statement} VALUES {places}", [value for row in part for value in row]).rowcount
-    return inserted
-
-
-def _prepare(connection: sqlite3.Connection, path: Path) -> None:
-    connection.isolation_level = None
-    version = connection.execute("PRAGMA user_version").fetchone()[0]
-    empty = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
-    if version > SCHEMA_VERSION:
-        raise JournalError(
-            f"the journal {path} has schema {version} of a newer Thermogate (this one reads {SCHEMA_VERSION}); "
-            "upgrade Thermogate or use another state_dir"
-        )
-    if version == 0 and not empty:
-        raise JournalError(f"{path} is an SQLite file, but not a Thermogate journal; use another state_dir")
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = FULL")
-    if empty:
-        connection.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
-
-
-@contextmanager
-def _translated(path: Path) -> Iterator[None]:
-    """Turn sqlite3's errors into one sentence with the place and the remedy."""
-    try:
-        yield
-    except sqlite3.Error as error:
-        raise JournalError(f"the journal {path} failed ({error}); {_remedy(error)}") from error
-
-
-def _remedy(error: sqlite3.Error) -> str:
-    name = getattr(error, "sqlite_errorname", "")
-    remedies = {
-        "SQLITE_FULL": "free space on its disk",
-        "SQLITE_BUSY": "stop the other process that writes to it",
-        "SQLITE_LOCKED": "stop the other process that writes to it",
-        "SQLITE_READONLY": "make the file and its folder writable",
-        "SQLITE_CANTOPEN": "make its folder readable and writable",
-        "SQLITE_CORRUPT": "move it away; the zones go on from their checkpoints with an empty history",
-        "SQLITE_NOTADB": "move it away; the zones go on from their checkpoints with an empty history",
-    }
-    # Extended codes append to the primary name, such as SQLITE_READONLY_DIRECTORY.
-    for primary, remedy in remedies.items():
-        if name.startswith(primary):
-            return remedy
-    return "check the disk it is on"
-
-
-def _to_blob(values: Array) -> bytes:
-    return np.asarray(values, dtype="<f8").tobytes()
-
-
-def _to_sample(row: tuple[int, bytes, bytes, str, str], path: Path) -> Sample:
-    time, *blobs = row[:3]
-    try:
-        outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in blobs)
-        return Sample(time, outputs, inputs, _qualities(row[3]), _qualities(row[4]))
-    except ValueError as error:
-        raise JournalError(
-            f"the journal {path} holds a sample at {time} that cannot be read ({error}); move the file away"
-        ) from error
-
-
-def _qualities(text: str) -> tuple[Quality, ...]:
-    return tuple(Quality(word) for word in text.split(",")) if text else ()
-
-
-def _to_history(row: tuple[float | None, ...]) -> HistoryRow:
-    values = {name: math.nan if value is None else value for name, value in zip(HistoryRow._fields, row, strict=True)}
-    return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))  # type: ignore[arg-type]
+        cursor.execute(f"{statement} VALUES {places}", [value for row in part for value in row])

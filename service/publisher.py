@@ -2,20 +2,22 @@
 
 The daemon owns one session that listens and connects only where the configuration says. Each zone has four keys,
 `thermogate/<site>/<zone>/{forecast,volatility,gate,status}`, whose last value also answers queries, and a liveliness
-token `.../alive`. Nothing here waits for a subscriber: where the network is congested, messages are dropped.
+token `.../alive`. Who connects may read these and do nothing else, neither towards the daemon nor through it to others.
+Nothing here waits for a subscriber: where the network is congested, messages are dropped.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import zenoh
 
+from adapters.errors import SourceConfigError
+from adapters.zenoh_connection import Connection
+from adapters.zenoh_link import first_line, refusal, session_config
 from service.errors import ServiceError
 from service.payloads import to_json
 from service.records import Update
@@ -27,19 +29,6 @@ _POLL_SECONDS = 0.02
 _CLOSE_SECONDS = 1.0
 
 _log = logging.getLogger(__name__)
-
-
-class ZenohSettings(Protocol):
-    """What the publisher needs from the `[zenoh]` table: mode, and the locators to listen on and to connect to."""
-
-    @property
-    def mode(self) -> str: ...
-
-    @property
-    def listen(self) -> Sequence[str]: ...
-
-    @property
-    def connect(self) -> Sequence[str]: ...
 
 
 class Publisher:
@@ -69,18 +58,20 @@ class Publisher:
         self._tokens = [session.liveliness().declare_token(f"{key}/alive") for key in keys]
 
     @classmethod
-    def open(cls, settings: ZenohSettings, site: str, zones: Sequence[str]) -> Publisher:
-        """Open the session; ServiceError if an address is taken or no router can be reached."""
+    def open(cls, connection: Connection, site: str, zones: Sequence[str]) -> Publisher:
+        """Open the session; ServiceError if an address is taken, no router can be reached or none takes us."""
         try:
-            session = zenoh.open(_session_config(settings))
+            session = zenoh.open(session_config(connection))
+        except SourceConfigError as error:
+            raise ServiceError(f"[zenoh]: {error}") from error
         except zenoh.ZError as error:
-            raise ServiceError(_opening_failed(settings, error)) from error
+            raise ServiceError(_opening_failed(connection, first_line(error))) from error
         try:
             return cls(session, site, zones)
         except zenoh.ZError as error:
             session.close()
             raise ServiceError(
-                f"[zenoh]: the keys of site '{site}' cannot be declared ({_first_line(error)})"
+                f"[zenoh]: the keys of site '{site}' cannot be declared ({first_line(error)})"
             ) from error
 
     def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
@@ -132,7 +123,7 @@ class Publisher:
         except zenoh.ZError as error:
             # A close in another thread may undeclare the publisher under this put.
             if not self._closed:
-                raise ServiceError(f"[zenoh]: {key} cannot be published ({_first_line(error)})") from error
+                raise ServiceError(f"[zenoh]: {key} cannot be published ({first_line(error)})") from error
 
     def _answer(self, query: zenoh.Query) -> None:
         """Reply with the last value of every key the query asks for; with nothing before the first."""
@@ -155,36 +146,19 @@ class Publisher:
                 _log.debug("while closing Zenoh: %s", error)
 
 
-def _session_config(settings: ZenohSettings) -> zenoh.Config:
-    config = zenoh.Config()
-    for key, value in {
-        "mode": settings.mode,
-        # Without this line a peer would listen on every address of the machine.
-        "listen/endpoints": list(settings.listen),
-        "connect/endpoints": list(settings.connect),
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": bool(settings.connect),
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _opening_failed(settings: ZenohSettings, error: zenoh.ZError) -> str:
-    text = _first_line(error)
+def _opening_failed(connection: Connection, text: str) -> str:
+    """Why the session did not open, of which Zenoh says `text`, and the remedy."""
     if "in use" in text:
         return (
-            f"zenoh.listen: an address of {', '.join(settings.listen)} is in use by another process; "
+            f"zenoh.listen: an address of {', '.join(connection.listen)} is in use by another process; "
             "choose another port, stop that process, or do without Zenoh (zenoh.enabled = false)"
         )
-    if settings.mode == "client":
-        connect = ", ".join(settings.connect) or "nothing"
+    if connection.mode == "client":
+        if refused := refusal(connection):
+            return f"zenoh.connect: {refused}"
+        connect = ", ".join(connection.connect) or "nothing"
         return f"zenoh.connect: no Zenoh router answers at {connect}; start it or correct the address ({text})"
     return f"[zenoh]: the session cannot be opened ({text}); check mode, listen and connect"
-
-
-def _first_line(error: Exception) -> str:
-    """The message without the place in Zenoh's own source code."""
-    return str(error).splitlines()[0].split(" at /")[0].strip()
 
 
 def _matches(publisher: zenoh.Publisher) -> bool:

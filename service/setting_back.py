@@ -8,8 +8,9 @@ with a new segment.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
-from service import snapshot
+from service.checkpoint import Checkpoint
 from service.clock import MOST_SET_ASIDE
 from service.intake import ZoneIntake
 from service.store import Store
@@ -20,8 +21,10 @@ WHY = "the clock of this machine was set back; waiting for the next sample"
 _log = logging.getLogger(__name__)
 
 
-async def set_back(zone: str, fingerprint: str, worker: ZoneWorker, intake: ZoneIntake, store: Store) -> bool:
-    """Set `zone` back to the present time; whether that was done.
+async def set_back(
+    zone: str, checkpoint: Callable[[], Checkpoint | None], worker: ZoneWorker, intake: ZoneIntake, store: Store
+) -> bool:
+    """Set `zone`, whose state `checkpoint` takes, back to the present time; whether that was done.
 
     It is not if more than MOST_SET_ASIDE would be set aside: then it is the clock that is wrong. Nobody may use the
     worker meanwhile. Raises ServiceError, and then the zone has to be restored.
@@ -40,9 +43,9 @@ async def set_back(zone: str, fingerprint: str, worker: ZoneWorker, intake: Zone
                 ahead,
             )
             return False
-        before = snapshot.take(worker, fingerprint)
+        before = checkpoint()
         worker.set_back(last, WHY)
-        await store.set_back(zone, before, snapshot.take(worker, fingerprint), last)
+        await store.set_back(zone, before, checkpoint(), last)
         intake.aligned.set_back(now)
     _log.warning(
         "zone '%s': the clock was set back; %d samples that lie ahead of it were set aside, and a new segment begins "

@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -68,15 +69,25 @@ def fingerprint(network: Network, period: float, estimator: str, options: Mappin
     return hashlib.sha256(json.dumps(described, sort_keys=True).encode()).hexdigest()
 
 
-def take(worker: ZoneWorker, mark: str) -> Checkpoint | None:
-    """The checkpoint of a worker whose fingerprint is `mark`; None before its first update."""
+def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
+    """The checkpoint of a worker whose fingerprint is `mark`; None before its first update.
+
+    `estimator` is its name in the registry.
+    """
     held, progress, standing = worker.held, worker.progress, worker.standing
     if standing is None:
         return None
     arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
     meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update)))
-    return Checkpoint(mark, int(progress.last_time or 0), arrays, meta)
+    about = {
+        "network": worker.network.name,
+        "estimator": estimator,
+        "period": worker.period,
+        "parameters": [[p.name, p.unit, p.free] for p in worker.network.parameters],
+        "thermogate": version("thermogate"),
+    }
+    return Checkpoint(mark, int(progress.last_time or 0), arrays, meta, about)
 
 
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:

@@ -14,7 +14,6 @@ from adapters.modbus_plan import Limits
 from adapters.modbus_source import ModbusChannel, ModbusSource
 from adapters.reading import Source
 from adapters.units import ENERGIES, conversion, default_valid_range
-from adapters.zenoh_connection import Connection, Tls
 from adapters.zenoh_points import Dating, ZenohChannel
 from adapters.zenoh_source import Intake, ZenohSource
 from service.config_models import ChannelConfig, Config, ZoneConfig
@@ -148,20 +147,9 @@ def _modbus_channel(id: str, channel: ModbusChannelConfig, unit: str, table: Mod
 
 
 def _build_zenoh(name: str, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> ZenohSource:
-    tls = None if table.tls is None else Tls(**dict(table.tls))
     return ZenohSource(
         name,
-        Connection(
-            table.mode,
-            table.connect,
-            table.listen,
-            table.timeout,
-            table.user,
-            table.password_file,
-            table.password_env,
-            table.users_file,
-            tls,
-        ),
+        table.connection,
         [_zenoh_channel(binding.id, binding.channel, binding.unit) for binding in bindings],
         Intake(Dating(table.times, table.max_ahead), table.recover, table.queue, table.longest_stretch),
     )

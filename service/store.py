@@ -8,20 +8,40 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
+import logging
 import os
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
 from service.checkpoint import Checkpoint, CheckpointStore
+from service.durable_files import make_folder
 from service.errors import ServiceError, StateMismatch
 from service.journal import HistoryRow, Journal
+from service.measures import Measure, Rows, single
 from service.records import Sample, Update
+from service.retention import Limits, prune
 
 _PAGE = 500
+
+PRUNE_SECONDS = 60.0
+"""How often the journal is looked through for what its limits no longer allow."""
+
+_BETWEEN_SLICES = 0.02
+"""Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
+
+JOURNAL = "journal.sqlite3"
+CHECKPOINTS = "checkpoints"
+RESTORING = "restoring"
+"""Folder in a state_dir into which a backup is unpacked; while it is there the rest is not to be trusted."""
+
+_log = logging.getLogger(__name__)
+
+_DONE = object()
 
 Result = TypeVar("Result")
 
@@ -32,10 +52,18 @@ class Store:
     def __init__(self, state_dir: Path) -> None:
         """Opens both and takes the lock. Raises ServiceError with the remedy where that fails."""
         self.path = state_dir
-        self._lock: int | None = _lock(state_dir)
+        self._lock: int | None = lock(state_dir)
+        try:
+            if (state_dir / RESTORING).exists():
+                raise ServiceError(
+                    f"restoring a backup into {state_dir} was interrupted; run `thermogate restore` again"
+                )
+            self._journal = Journal.open(state_dir / JOURNAL)
+        except BaseException:
+            os.close(self._lock)
+            raise
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
-        self._journal = Journal.open(state_dir / "journal.sqlite3")
-        self.checkpoints = CheckpointStore(state_dir / "checkpoints")
+        self.checkpoints = CheckpointStore(state_dir / CHECKPOINTS)
         self._recorded: deque[tuple[str, Update]] = deque()
         """Updates on their way to the journal's thread."""
         self._accepted: list[tuple[str, Sample]] = []
@@ -46,6 +74,9 @@ class Store:
 
     async def claim(self, zone: str, fingerprint: str) -> None:
         """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
+        if await self._run(self._journal.is_forgotten, zone):
+            # The power failed while the zone was forgotten: the journal knows, the checkpoints do not yet.
+            await self._forget_checkpoints(zone)
         if not await self._run(self._journal.claim, zone, fingerprint):
             raise StateMismatch(zone, self.path)
 
@@ -76,7 +107,63 @@ class Store:
     async def forget(self, zone: str) -> None:
         """Set all state of a zone aside."""
         await self._run(self._journal.forget, zone)
-        self.checkpoints.reset(zone)
+        await self._forget_checkpoints(zone)
+
+    async def _forget_checkpoints(self, zone: str) -> None:
+        await asyncio.to_thread(self.checkpoints.reset, zone)
+        await self._run(self._journal.forgot, zone)
+
+    async def resume_after(self, zone: str, checkpoint: int | None) -> int | None:
+        """The time that telemetry of a restored `zone` goes on after; `checkpoint` is that of the one it was given.
+
+        Says in the log where journal and checkpoint do not follow each other, which only a damaged disk brings about.
+        """
+        last = await self.last_sample_time(zone)
+        pruned = await self._run(self._journal.pruned_until, zone)
+        if checkpoint is not None and (last is None or last < checkpoint):
+            _log.warning(
+                "zone '%s' goes on from its checkpoint at %s, but the journal ends %s: samples and history are missing",
+                zone,
+                shown_time(checkpoint),
+                "before any sample of it" if last is None else f"at {shown_time(last)}",
+            )
+            return checkpoint
+        if pruned is not None and (checkpoint is None or checkpoint < pruned):
+            _log.warning(
+                "zone '%s' has no readable checkpoint after %s, up to which its samples were deleted by "
+                "keep_history or max_journal; it has learned anew from the later ones",
+                zone,
+                shown_time(pruned),
+            )
+        return last
+
+    async def keep_within(self, limits: Limits) -> None:
+        """Delete, for ever, what the journal holds beyond `limits`."""
+        while True:
+            try:
+                slices = prune(self._journal, self.checkpoints.oldest, limits)
+                while await self._run(next, slices, _DONE) is not _DONE:
+                    await asyncio.sleep(_BETWEEN_SLICES)
+                size = await self._run(self._journal.size)
+                if size > limits.max_journal:
+                    _log.warning(
+                        "the journal takes %d bytes, more than max_journal = %d, and a start may need all of it; "
+                        "raise max_journal, or see which zone writes no checkpoints",
+                        size,
+                        limits.max_journal,
+                    )
+            except ServiceError as error:
+                _log.error("the journal cannot be kept within its limits: %s", error)
+            await asyncio.sleep(PRUNE_SECONDS)
+
+    def measures(self) -> list[Measure]:
+        """What metrics tell of the store."""
+        text = "Size of the journal with its write-ahead log"
+
+        def read() -> Rows:
+            return single(float(sum(path.stat().st_size for path in self.path.glob(f"{JOURNAL}*"))))
+
+        return [Measure("thermogate_journal_bytes", "gauge", text, (), read)]
 
     async def samples_ahead(self, zone: str, after: int) -> int:
         """How many accepted samples of `zone` are later than `after`."""
@@ -134,10 +221,15 @@ class Store:
             self._journal.record(*self._recorded.popleft())
 
 
-def _lock(state_dir: Path) -> int:
+def shown_time(seconds: int) -> str:
+    """UTC seconds for people."""
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def lock(state_dir: Path) -> int:
     """An exclusive lock on `state_dir`, held until its descriptor is closed or the process ends."""
     try:
-        state_dir.mkdir(parents=True, exist_ok=True)
+        make_folder(state_dir)
         descriptor = os.open(state_dir / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise ServiceError(

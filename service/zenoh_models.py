@@ -5,30 +5,25 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Self
 from zoneinfo import ZoneInfo
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from adapters.json_pointer import parse
 from adapters.payload_time import TIME_FORMATS
+from adapters.zenoh_access import ANYBODY, collecting
+from adapters.zenoh_connection import Connection
 from adapters.zenoh_payload import FORMATS, PayloadFormat, quality_word
 from adapters.zenoh_points import TIMES
 from service.config_types import (
     Duration,
-    FilePath,
-    Flag,
     PositiveDuration,
-    SourceEndpoint,
     Text,
     TimeZone,
     choice,
-    is_loopback,
     shown,
     whole,
 )
-from service.durations import format_duration
-from service.network_models import TABLE
 from service.source_models import ChannelConfig
-
-LONGEST_TIMEOUT = 60.0
+from service.zenoh_session_models import Mode, SessionConfig
 
 _INHERITED = ("format", "time_format", "time_zone", "good", "uncertain", "stuck_after")
 _POINTERS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
@@ -48,12 +43,6 @@ def word(value: object) -> str:
     return quality_word(value)
 
 
-def bearable(seconds: float) -> float:
-    if seconds > LONGEST_TIMEOUT:
-        raise ValueError(f"must be at most {format_duration(LONGEST_TIMEOUT)}, not {format_duration(seconds)}")
-    return seconds
-
-
 def different(times: tuple[str, ...]) -> tuple[str, ...]:
     if len(set(times)) < len(times):
         raise ValueError(f"{shown(times)} names the same time twice")
@@ -67,43 +56,14 @@ TimeFormat = Annotated[str, BeforeValidator(choice(*TIME_FORMATS))]
 _WORDS = 'a list of what stands for it, such as ["good", 192]'
 
 
-class TlsConfig(BaseModel):
-    """tls of a Zenoh source: certificates, as files in PEM."""
-
-    model_config = TABLE
-
-    ca: FilePath | None = None
-    certificate: FilePath | None = None
-    private_key: FilePath | None = None
-    mutual: Flag = True
-    verify_name: Flag = True
-
-    @model_validator(mode="after")
-    def _paired(self) -> Self:
-        if (self.certificate is None) != (self.private_key is None):
-            raise ValueError("certificate and private_key belong together; give both, or neither")
-        return self
-
-
-class ZenohSourceConfig(BaseModel):
+class ZenohSourceConfig(SessionConfig):
     """[sources.<name>] of kind "zenoh": what a building management system publishes, in a session of its own."""
 
-    model_config = TABLE
-
     kind: Literal["zenoh"] = "zenoh"
-    mode: Annotated[Literal["client", "peer", "router"], BeforeValidator(choice("client", "peer", "router"))] = "client"
-    connect: tuple[SourceEndpoint, ...] = Field(
-        default=(), description='a list of endpoints, such as ["tcp/192.168.1.30:7447"]'
+    mode: Mode = "client"
+    writers: tuple[Text, ...] | None = Field(
+        default=None, min_length=1, description='a list of user names and common names, such as ["bms-gateway"]'
     )
-    listen: tuple[SourceEndpoint, ...] = Field(
-        default=(), description='a list of endpoints, such as ["tcp/127.0.0.1:7449"]'
-    )
-    timeout: Annotated[PositiveDuration, AfterValidator(bearable)] = 5.0
-    user: Text | None = None
-    password_file: FilePath | None = None
-    password_env: Text | None = None
-    users_file: FilePath | None = None
-    tls: TlsConfig | None = None
     times: Annotated[tuple[Annotated[str, BeforeValidator(choice(*TIMES))], ...], AfterValidator(different)] = Field(
         default=TIMES, min_length=1, description=f"a list of {', '.join(TIMES)} in the order of preference"
     )
@@ -130,21 +90,21 @@ class ZenohSourceConfig(BaseModel):
         return self
 
     @model_validator(mode="after")
-    def _known(self) -> Self:
-        passwords = [self.password_file, self.password_env]
-        if (self.user is None) != (passwords.count(None) == 2) or None not in passwords:
-            raise ValueError("user goes with the password's place: give user and one of password_file and password_env")
-        encrypted = [endpoint for endpoint in self.listen if endpoint.startswith(("tls/", "quic/"))]
-        certificate = self.tls is not None and self.tls.certificate is not None
-        if encrypted and not certificate:
-            raise ValueError(f"listening on {encrypted[0]} needs tls.certificate and tls.private_key")
-        for endpoint in self.listen:
-            mutual = endpoint in encrypted and self.tls is not None and self.tls.mutual and self.tls.ca is not None
-            if not (is_loopback(_host(endpoint)) or mutual or self.users_file is not None):
-                raise ValueError(
-                    f"listening on {endpoint} lets other machines in: give users_file, or listen on tls with tls.ca, "
-                    "tls.certificate and tls.private_key and mutual = true"
-                )
+    def _written_by_somebody(self) -> Self:
+        anybody = self.writers is not None and ANYBODY in self.writers
+        if anybody and self.writers != (ANYBODY,):
+            raise ValueError(f'writers: "{ANYBODY}" lets everyone put readings; remove it, or the names beside it')
+        if self.listen and self.writers is None:
+            raise ValueError(
+                "listening lets others connect; say in writers, by user name or by the common name of their "
+                f'certificate, who may put readings, or writers = ["{ANYBODY}"] for everyone who can connect'
+            )
+        nameless = [endpoint for endpoint in self.listen if not self.knows(endpoint)]
+        if self.writers and not anybody and nameless:
+            raise ValueError(
+                f"writers: who connects to {nameless[0]} has no name; give users_file, or listen on tls with tls.ca, "
+                "tls.certificate and tls.private_key and mutual = true"
+            )
         return self
 
     @model_validator(mode="after")
@@ -157,15 +117,16 @@ class ZenohSourceConfig(BaseModel):
         return self
 
     @property
+    def connection(self) -> Connection:
+        """The session in which `writers`, or whom we connect to, may tell us something."""
+        return self.session(collecting(self.writers or (ANYBODY,), relaying=bool(self.listen)))
+
+    @property
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         listening = f"listening on {', '.join(self.listen)}" if self.listen else ""
         connecting = f"connecting to {', '.join(self.connect)}" if self.connect else ""
         return f"{self.mode} {' and '.join(filter(None, (connecting, listening)))}"
-
-
-def _host(endpoint: str) -> str:
-    return endpoint.split("/", 1)[1].rsplit(":", 1)[0]
 
 
 class ZenohChannelConfig(ChannelConfig):

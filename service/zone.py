@@ -20,6 +20,7 @@ from adapters.reading import Reading
 from estimator.types import ParameterSummary
 from service import snapshot
 from service.alignment import Alignment
+from service.checkpoint import Checkpoint
 from service.errors import ServiceError, StateMismatch
 from service.health import state_and_reason
 from service.intake import FIRST_PAUSE, LONGEST_PAUSE, ZoneIntake
@@ -133,7 +134,7 @@ class Zone:
                 worker.progress.samples,
                 replayed,
             )
-        return await store.last_sample_time(self.id)
+        return await store.resume_after(self.id, None if checkpoint is None else checkpoint.step)
 
     def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
         """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
@@ -233,7 +234,7 @@ class Zone:
             if item is Mark.ENDED:
                 await self._end()
             elif item is Mark.SET_BACK:
-                if await set_back(self.id, self._fingerprint, self._worker, self._intake, self._plumbing.store):
+                if await set_back(self.id, self._checkpoint, self._worker, self._intake, self._plumbing.store):
                     await self._announce_status()
             elif isinstance(item, Left):
                 await self._catch_up(self._worker, item)
@@ -292,8 +293,11 @@ class Zone:
             except ServiceError as error:
                 _log.warning("zone '%s': %s", self.id, error)
 
+    def _checkpoint(self) -> Checkpoint | None:
+        return snapshot.take(self._worker, self._fingerprint, self.estimator)
+
     async def _save(self) -> None:
-        checkpoint = snapshot.take(self._worker, self._fingerprint)
+        checkpoint = self._checkpoint()
         self._save_at = self._next_checkpoint()
         if checkpoint is None:
             return

@@ -25,16 +25,21 @@ from service import (
     api_models,
     api_problems,
     config_models,
+    http_models,
     modbus_models,
     network_models,
     payloads,
     source_models,
     zenoh_models,
+    zenoh_session_models,
 )
 from service.aggregation import AGGREGATES, default_aggregate
+from service.api import create_app
 from service.cli import main
 from service.config import load
 from service.errors import ConfigError
+from service.http_measures import http_measures
+from service.http_server import HttpServer
 from service.metrics import Metrics
 from service.networks import resolve
 from service.show import effective_toml
@@ -48,13 +53,15 @@ TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
 # Heading in configuration.md to the model that its first table describes.
 TABLES: dict[str, type[BaseModel]] = {
     "`[site]`": config_models.SiteConfig,
-    "`[http]`": config_models.HttpConfig,
+    "`[http]`": http_models.HttpConfig,
+    "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": config_models.ZenohConfig,
     "Recorded files": source_models.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
+    "Zenoh sessions": zenoh_session_models.SessionConfig,
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
-    "`tls`": zenoh_models.TlsConfig,
+    "`tls`": zenoh_session_models.TlsConfig,
     "`timestamp`": source_models.TimestampConfig,
     "`[[zones]]`": config_models.ZoneConfig,
     "`[zones.channels]`": source_models.ChannelConfig,
@@ -151,8 +158,13 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert mistakes.value.problems == block.after.splitlines()
     elif "site" in raw:
         assert load(with_recordings(block.text, tmp_path)).site.id == raw["site"]["id"]
+    elif raw.keys() == {"zenoh", "sources"}:
+        context = {"folder": tmp_path}
+        assert config_models.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
+        for source in raw["sources"].values():
+            zenoh_models.ZenohSourceConfig.model_validate(source, context=context)
     else:
-        assert raw.keys() == {"zones"}, "a fragment shows one network"
+        assert raw.keys() == {"zones"}, "a fragment shows one network, or Zenoh sessions"
         assert raw["zones"].keys() == {"network"}
         model, table = network_models.network_model(raw["zones"]["network"])
         network, wrong = resolve(model.model_validate(table))
@@ -178,11 +190,12 @@ def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]
 
 
 def own_fields(model: type[BaseModel]) -> set[str]:
-    """The keys of a table; of a channel of some kind of source those that not every channel has."""
-    common = source_models.ChannelConfig
-    return set(model.model_fields) - (
-        set(common.model_fields) if issubclass(model, common) and model is not common else set()
-    )
+    """The keys of a table, without those that every channel or every Zenoh session has in the same way."""
+    own = set(model.model_fields)
+    for common in (source_models.ChannelConfig, zenoh_session_models.SessionConfig):
+        if issubclass(model, common) and model is not common:
+            own -= set(common.model_fields) - set(model.__annotations__)
+    return own
 
 
 @pytest.mark.parametrize("heading", TABLES)
@@ -193,7 +206,15 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
     described = {config_models.Config, source_models.UnboundChannel, *TABLES.values()}
-    for module in (config_models, modbus_models, network_models, source_models):
+    for module in (
+        config_models,
+        http_models,
+        modbus_models,
+        network_models,
+        source_models,
+        zenoh_models,
+        zenoh_session_models,
+    ):
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
                 assert value in described, f"{value.__name__} has no table in configuration.md"
@@ -205,6 +226,7 @@ def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
     in_force: dict[str, Mapping[str, Any]] = {
         "`[site]`": effective["site"],
         "`[http]`": effective["http"],
+        "`[http.limits]`": effective["http"]["limits"],
         "`[zenoh]`": effective["zenoh"],
         "Recorded files": effective["sources"]["export"],
         "`timestamp`": effective["sources"]["export"]["timestamp"],
@@ -297,14 +319,12 @@ def test_documented_defaults_of_live_sources_are_those_in_force() -> None:
         "Modbus": source,
         "`serial`": serial,
         "Zenoh as a source": heard,
-        "`tls`": zenoh_models.TlsConfig(),
+        "`tls`": zenoh_session_models.TlsConfig(),
     }
     for heading, model in described.items():
         values = model.model_dump(mode="json")
         for key, _, default, _ in tables(section("configuration.md", heading))[0][1:]:
             (name,) = names(key)
-            if name == "connect":
-                continue  # one of connect and listen has to be given to make the model at all
             if default.startswith("`"):
                 assert tomllib.loads(f"v = {default.strip('`')}")["v"] == values[name], f"{heading} {name}"
             else:
@@ -363,7 +383,12 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
 
 def test_every_metric_is_documented() -> None:
     documented = first_names(tables(section("operations.md", "Metrics"))[0])
-    families = [family for family in Metrics({}).registry.collect() if family.name.startswith("thermogate_")]
+    metrics = Metrics({})
+    app = create_app("site", {}, metrics.registry)
+    server = HttpServer(app, http_models.HttpConfig(port=0))
+    server.close()
+    metrics.register(http_measures(server, app))
+    families = [family for family in metrics.registry.collect() if family.name.startswith("thermogate_")]
     exposed = [f"{family.name}_total" if family.type == "counter" else family.name for family in families]
     assert sorted(documented) == sorted(exposed)
 

@@ -14,7 +14,9 @@ from replay.bms.faults import MENU, Fault, FaultError, FaultSpec
 from replay.bms.register_map import as_csv
 from replay.bms.simulation import Simulation
 from service import api_pages, api_problems
+from service.api_guard import Guard
 from service.api_problems import RequestRefused, documented, invalid
+from service.http_models import HttpConfig
 from service.rendering import utc
 
 
@@ -68,6 +70,7 @@ def create_control(simulation: Simulation) -> FastAPI:
     """The ASGI application."""
     app = FastAPI(title="Thermogate simulated BMS", description=__doc__ or "", docs_url=None, redoc_url=None)
     api_problems.install(app)
+    app.add_middleware(Guard, config=HttpConfig())
     api_pages.install_documentation(app)
     board = simulation.faults
 

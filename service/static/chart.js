@@ -80,12 +80,25 @@ function next(forecast) {
   };
 }
 
+// All that was measured, and all of the intervals but the widest few: the first forecasts of a zone would flatten the rest.
+function temperatures(rows, forecast) {
+  const known = (key) => rows.map((row) => row[key]).filter((value) => value !== null);
+  const quantile = (values, level) => values.sort((a, b) => a - b)[Math.round(level * (values.length - 1))];
+  const edges = [...known("y"), ...(forecast ? [forecast.mean] : [])];
+  const [lower, upper] = [known("lower"), known("upper")];
+  if (lower.length) edges.push(quantile(lower, 0.05), quantile(upper, 0.95));
+  if (!edges.length) return undefined;
+  const [low, high] = [Math.min(...edges), Math.max(...edges)];
+  const margin = Math.max(0.06 * (high - low), 0.1);
+  return [low - margin, high + margin];
+}
+
 // Without volatility (EKF, UKF) there is neither alpha nor a gate that moves: the temperature has all the room.
 function hasVolatility(rows) {
   return rows.some((row) => row.alpha_median !== null);
 }
 
-function layout(width, volatile) {
+function layout(width, volatile, range) {
   const axis = {
     gridcolor: colour("--line"),
     linecolor: colour("--line"),
@@ -109,7 +122,7 @@ function layout(width, volatile) {
     font: { color: colour("--muted"), size: 11.5, family: "system-ui, sans-serif" },
     hoverlabel: { font: { family: "system-ui, sans-serif" } },
     xaxis: { ...axis, anchor: volatile ? "y3" : "y", type: "date", tickangle: 0, nticks: Math.max(3, Math.floor(width / 60)) },
-    yaxis: named("°C", [volatile ? 0.44 : 0, 1]),
+    yaxis: named("°C", [volatile ? 0.44 : 0, 1], { range }),
     ...(volatile && {
       yaxis2: named("α", [0.2, 0.38], { type: "log", dtick: 1, minor: { showgrid: false } }),
       yaxis3: named("gate", [0, 0.14], { range: [-0.05, 1.05], tickvals: [0, 0.5, 1] }),
@@ -150,5 +163,5 @@ export function draw(node, rows, forecast, period) {
     ...(forecast ? [next(forecast)] : []),
     ...(volatile ? volatility(parts) : []),
   ];
-  return Plotly.react(node, traces, layout(node.clientWidth, volatile), CONFIG);
+  return Plotly.react(node, traces, layout(node.clientWidth, volatile, temperatures(rows, forecast)), CONFIG);
 }

@@ -6,18 +6,20 @@ import asyncio
 import json
 import logging
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 import zenoh
-from zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, session
+from integration.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, session
 
 import adapters.zenoh_source
 from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.json_pointer import parse
 from adapters.reading import Quality
+from adapters.zenoh_access import ANYBODY, collecting
 from adapters.zenoh_connection import Connection, Tls
 from adapters.zenoh_payload import PayloadFormat
 from adapters.zenoh_points import Dating, ZenohChannel
@@ -32,7 +34,9 @@ SENML = PayloadFormat("senml", record="room/T")
 def source(
     where: str | Connection, *channels: ZenohChannel, dating: Dating | None = None, **intake: object
 ) -> ZenohSource:
+    """With access control as the daemon has it, though everyone may put readings."""
     connection = where if isinstance(where, Connection) else Connection(connect=(where,), timeout=1.0)
+    connection = replace(connection, access=collecting((ANYBODY,), relaying=bool(connection.listen)))
     return ZenohSource("bms", connection, channels or (T,), Intake(dating or Dating(), **intake))
 
 

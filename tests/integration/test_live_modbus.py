@@ -131,6 +131,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
             status = until(daemon, "zone-bms", lambda status: status["state"] == "stalled")
             assert "T_out is" in status["reason"]
             assert daemon.terminate()[0] == 0
+        assert site.codes == {3}, "of all the frames that the daemon sent"
         assert "the device refuses zone-bms/T_out (unit 1 holding 1): exception 2" in daemon.log()
         assert "Traceback" not in daemon.log()
 
@@ -199,6 +200,7 @@ def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Pat
 
         site.registers[1, "holding"][0] = 0xD700
         wrong = thermogate("probe", config, "--source", "bms")
+        assert site.codes == {3}
         assert wrong.returncode == 1
         assert "implausible: not within -60 to 80\n    BADC would be 21.5, which is plausible" in wrong.stdout
     gone = thermogate("probe", config)

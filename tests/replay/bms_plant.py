@@ -64,7 +64,7 @@ def ask(plant: Simulation, *requests: tuple[str, str, Any]) -> list[httpx.Respon
 
     async def main() -> list[httpx.Response]:
         transport = httpx.ASGITransport(create_control(plant))
-        async with httpx.AsyncClient(transport=transport, base_url="http://bms") as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return [await client.request(method, path, json=body) for method, path, body in requests]
 
     return asyncio.run(main())

@@ -14,7 +14,7 @@ def request(app: FastAPI, method: str, url: str, **options: Any) -> httpx.Respon
 
     async def send() -> httpx.Response:
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)
-        async with httpx.AsyncClient(transport=transport, base_url="http://thermogate") as client:
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return await client.request(method, url, **options)
 
     return asyncio.run(send())

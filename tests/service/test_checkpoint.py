@@ -204,6 +204,7 @@ def test_a_crash_before_the_rename_leaves_the_old_set(store: CheckpointStore, mo
 
 
 def test_file_and_folder_are_synced_around_the_rename(store: CheckpointStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    store.save("living", make(0))
     order: list[str] = []
     fsync, replace = os.fsync, Path.replace
 

@@ -32,8 +32,18 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "id": "house",
         "state_dir": str(tmp_path / "var/thermogate"),
         "checkpoint_every": "5min",
+        "keep_history": "400d",
+        "max_journal": "2GB",
     }
-    assert shown["http"] == {"host": "127.0.0.1", "port": 8080}
+    assert shown["http"]["limits"]["send_timeout"] == "30s"
+    assert shown["http"] | {"limits": None} == {
+        "host": "127.0.0.1",
+        "port": 8080,
+        "behind_tls_proxy": False,
+        "trusted_proxies": ["127.0.0.1", "::1"],
+        "allowed_hosts": [],
+        "limits": None,
+    }
     assert shown["zenoh"] == {
         "enabled": True,
         "mode": "peer",

@@ -24,6 +24,7 @@ def test_defaults(tmp_path: Path) -> None:
 
     assert config.site.state_dir == tmp_path / "var/thermogate"
     assert config.site.checkpoint_every == 300
+    assert (config.site.keep_history, config.site.max_journal) == (400 * 86400, 2 * 10**9)
     assert (config.http.host, config.http.port) == ("127.0.0.1", 8080)
     assert config.zenoh.enabled
     assert (config.zenoh.mode, config.zenoh.listen, config.zenoh.connect) == ("peer", ("tcp/127.0.0.1:7447",), ())
@@ -38,7 +39,12 @@ def test_defaults(tmp_path: Path) -> None:
 
 def test_what_is_given_replaces_the_defaults(tmp_path: Path) -> None:
     tables = sound(tmp_path)
-    tables["site"] |= {"state_dir": "/srv/state", "checkpoint_every": "1h"}
+    tables["site"] |= {
+        "state_dir": "/srv/state",
+        "checkpoint_every": "1h",
+        "keep_history": "90d",
+        "max_journal": "500MB",
+    }
     tables["http"] = {"host": "::1", "port": 0}
     tables["zenoh"] = {
         "mode": "client",
@@ -53,8 +59,9 @@ def test_what_is_given_replaces_the_defaults(tmp_path: Path) -> None:
     config = load(write(tmp_path, tables))
 
     assert (config.site.state_dir, config.site.checkpoint_every) == (Path("/srv/state"), 3600)
+    assert (config.site.keep_history, config.site.max_journal) == (90 * 86400, 5 * 10**8)
     assert (config.http.host, config.http.port) == ("::1", 0)
-    assert config.zenoh.model_dump() == tables["zenoh"] | {
+    assert config.zenoh.model_dump(exclude_defaults=True) == tables["zenoh"] | {
         "listen": (),
         "connect": ("tcp/192.168.1.5:7447",),
         "await_subscriber": "2s",

@@ -4,9 +4,13 @@ import asyncio
 import socket
 
 from fastapi import FastAPI
+from served import Client, config, serving
 
-from service.config_models import HttpConfig
+from service.api import create_app
+from service.http_measures import http_measures
+from service.http_models import HttpConfig
 from service.http_server import HttpServer
+from service.metrics import Metrics
 
 
 def test_answers_do_not_wait_for_more_to_send():
@@ -23,5 +27,28 @@ def test_answers_do_not_wait_for_more_to_send():
         writer.close()
         await writer.wait_closed()
         await server.stop(serving)
+
+    asyncio.run(scenario())
+
+
+def test_connections_and_answers_are_figures():
+    async def scenario():
+        metrics = Metrics({})
+        app = create_app("site", {}, metrics.registry)
+        async with serving(app, config(limits={"receive_timeout": 0.2})) as server:
+            metrics.register(http_measures(server, app))
+            slow = await Client.to(server)
+            await slow.send(b"GET")
+            assert (await slow.answer()).status == 408
+            client = await Client.to(server)
+            await client.ask("/nowhere")
+            exposed = (await client.ask("/metrics")).body.decode()
+            assert "thermogate_http_connections 1.0" in exposed
+            assert "thermogate_http_streams 0.0" in exposed
+            assert 'thermogate_http_answers_total{status="404"} 1.0' in exposed
+            assert 'thermogate_http_cut_off_total{reason="slow to ask"} 1.0' in exposed
+            assert "\nthermogate_certificate_expiry_timestamp_seconds" not in exposed, "no value without TLS"
+            for one in (slow, client):
+                await one.close()
 
     asyncio.run(scenario())

@@ -71,11 +71,27 @@ def test_a_stored_time_is_not_overwritten(journal: Journal) -> None:
 
 def test_samples_after_a_time_are_in_order_and_paged(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.journal._PAGE", 4)
-    for step in (3, 0, 9, 1, 2, 5, 4, 8, 7, 6):
+    for step in range(10):
         journal.append("living", make_sample(step))
+        journal.append("bedroom", make_sample(20 + step))
     steps = [(sample.time - START) // PERIOD for sample in journal.samples_after("living", START + PERIOD)]
     assert steps == list(range(2, 10))
     assert list(journal.samples_after("living", START + 9 * PERIOD)) == []
+
+
+def test_a_sample_that_is_older_than_the_newest_is_not_taken(path: Path, journal: Journal) -> None:
+    assert journal.append("living", make_sample(5))
+    assert not journal.append("living", make_sample(4))
+    journal.close()
+    reopened = Journal.open(path)
+    assert not reopened.append("living", make_sample(4))
+    assert (
+        reopened.append_all([("living", make_sample(6)), ("living", make_sample(6)), ("living", make_sample(7))]) == 2
+    )
+    assert [sample.time for sample in reopened.samples_after("living", None)] == [
+        make_sample(k).time for k in (5, 6, 7)
+    ]
+    reopened.close()
 
 
 def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:

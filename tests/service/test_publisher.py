@@ -10,13 +10,14 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 import zenoh
 from fake_zones import make_update, running
 
+from adapters.zenoh_connection import Connection
 from service import publisher as module
+from service.config_models import ZenohConfig
 from service.errors import ServiceError
 from service.payloads import ForecastPayload, to_json
 from service.publisher import Publisher
@@ -25,10 +26,8 @@ from service.rendering import forecast_payload
 ZONES = ["living", "bedroom"]
 
 
-class Settings(NamedTuple):
-    mode: str = "peer"
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
+def settings(listen: tuple[str, ...] = (), mode: str = "peer", connect: tuple[str, ...] = ()) -> Connection:
+    return ZenohConfig(listen=listen, mode=mode, connect=connect).connection("htwg")
 
 
 def free_port() -> int:
@@ -54,7 +53,7 @@ def address() -> str:
 
 @pytest.fixture
 def publisher(address: str) -> Iterator[Publisher]:
-    publisher = Publisher.open(Settings(listen=(address,)), "htwg", ZONES)
+    publisher = Publisher.open(settings(listen=(address,)), "htwg", ZONES)
     yield publisher
     publisher.close()
 
@@ -172,7 +171,7 @@ def test_liveliness_ends_with_the_publisher(publisher: Publisher, session: zenoh
 
 def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -> None:
     with pytest.raises(ServiceError) as caught:
-        Publisher.open(Settings(listen=(address,)), "htwg", ["living"])
+        Publisher.open(settings(listen=(address,)), "htwg", ["living"])
     assert str(caught.value) == (
         f"zenoh.listen: an address of {address} is in use by another process; choose another port, "
         "stop that process, or do without Zenoh (zenoh.enabled = false)"
@@ -181,12 +180,12 @@ def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -
 
 def test_a_client_without_a_router_is_one_sentence(address: str) -> None:
     with pytest.raises(ServiceError, match=f"zenoh.connect: no Zenoh router answers at {address}"):
-        Publisher.open(Settings("client", connect=(address,)), "htwg", ["living"])
+        Publisher.open(settings(mode="client", connect=(address,)), "htwg", ["living"])
 
 
 def test_a_malformed_locator_is_one_sentence() -> None:
-    with pytest.raises(ServiceError, match=r"\[zenoh\]: .*check mode, listen and connect") as caught:
-        Publisher.open(Settings(listen=("nonsense",)), "htwg", ["living"])
+    with pytest.raises(ServiceError, match=r"\[zenoh\]: Zenoh does not take listen/endpoints") as caught:
+        Publisher.open(Connection("peer", listen=("nonsense",)), "htwg", ["living"])
     assert ".rs" not in str(caught.value)
 
 
@@ -214,7 +213,7 @@ def listening_ports() -> set[int]:
 @pytest.mark.parametrize("configured", [True, False])
 def test_it_listens_nowhere_else(configured: bool, address: str) -> None:
     before = listening_ports()
-    publisher = Publisher.open(Settings(listen=(address,) if configured else ()), "htwg", ["living"])
+    publisher = Publisher.open(settings(listen=(address,) if configured else ()), "htwg", ["living"])
     opened = listening_ports() - before
     publisher.close()
     assert opened == ({int(address.rsplit(":", 1)[1])} if configured else set())
@@ -279,7 +278,7 @@ def test_the_interpreter_ends_even_if_close_is_forgotten(close: bool, address: s
     script = (
         "import sys; sys.path[:0] = ['.', 'tests/service']\n"
         "from test_publisher import *\n"
-        f"publisher = Publisher.open(Settings(listen=({address!r},)), 'htwg', ['living'])\n"
+        f"publisher = Publisher.open(settings(listen=({address!r},)), 'htwg', ['living'])\n"
         "publisher.publish('living', make_update(0), running('living').status())\n"
         f"{'publisher.close()' if close else ''}\n"
     )

@@ -13,7 +13,7 @@ from service.checkpoint import CheckpointStore
 
 def through_disk(zone, folder):
     store = CheckpointStore(folder)
-    store.save("z", snapshot.take(zone, "mark"))
+    store.save("z", snapshot.take(zone, "mark", "rbpf"))
     back = worker()
     snapshot.restore(back, store.load("z", "mark"))
     return back
@@ -37,7 +37,7 @@ def test_what_comes_back_continues_with_the_same_bits(stop, tmp_path):
 
 
 def test_before_the_first_update_there_is_nothing_to_keep():
-    assert snapshot.take(worker(), "mark") is None
+    assert snapshot.take(worker(), "mark", "rbpf") is None
 
 
 def test_the_fingerprint_tells_what_a_state_belongs_to():

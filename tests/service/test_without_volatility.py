@@ -80,7 +80,7 @@ def test_metrics_leave_out_what_is_not_there(stepped):
 def test_a_checkpoint_continues_bit_for_bit(stepped, tmp_path):
     zone, _ = stepped
     store = CheckpointStore(tmp_path)
-    store.save("z", snapshot.take(zone, "mark"))
+    store.save("z", snapshot.take(zone, "mark", "ekf"))
     again = ZoneWorker(zone.estimator, zone.settings)
     snapshot.restore(again, store.load("z", "mark"))
     for k in range(12, 20):

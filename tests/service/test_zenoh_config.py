@@ -91,8 +91,13 @@ MISTAKES = [
     (bms(connect=["10.0.0.5:7447"]), f"{BMS}.connect", "write protocol/host:port"),
     (bms(connect=["tcp/10.0.0.5:99999"]), f"{BMS}.connect", "is not an endpoint"),
     (bms(listen=["tcp/127.0.0.1:0"]), BMS, 'mode "client" only connects'),
-    (bms(mode="routr"), f"{BMS}.mode", '"client", "peer" or "router"'),
-    (bms(mode="router", listen=["tcp/0.0.0.0:7447"]), BMS, "lets other machines in: give users_file"),
+    (bms(mode="routr"), f"{BMS}.mode", '"peer", "client" or "router"'),
+    (bms(mode="router", listen=["tcp/0.0.0.0:7447"], writers=["*"]), BMS, "lets other machines in: give users_file"),
+    (bms(mode="router", listen=["tcp/127.0.0.1:7447"]), BMS, "say in writers"),
+    (bms(mode="router", listen=["tcp/127.0.0.1:7447"], writers=["bms"]), BMS, "has no name; give users_file"),
+    (bms(writers=["*", "bms"]), BMS, "lets everyone put readings"),
+    (bms(writers=[]), f"{BMS}.writers", "a list of user names and common names"),
+    (bms(connect=["udp/224.0.0.224:7446"]), f"{BMS}.connect", "is a multicast address"),
     (bms(mode="peer", listen=["tls/127.0.0.1:7447"]), BMS, "needs tls.certificate and tls.private_key"),
     (bms(user="x"), BMS, "user goes with the password's place"),
     (bms(password_env="X"), BMS, "user goes with the password's place"),
@@ -139,7 +144,7 @@ def test_a_mistake_is_one_sentence_with_its_place(change: Change, place: str, gi
 def test_listening_for_other_machines_takes_credentials(tmp_path: Path) -> None:
     (tmp_path / "users").write_text("bms:secret\n", encoding="utf-8")
     tables = zenoh(tmp_path)
-    bms(mode="router", listen=["tcp/0.0.0.0:7447"], users_file="users")(tables)
+    bms(mode="router", listen=["tcp/0.0.0.0:7447"], users_file="users", writers=["bms"])(tables)
     assert load(write(tmp_path, tables)).sources["bms"].described == (
         "router connecting to tcp/10.0.0.5:7447 and listening on tcp/0.0.0.0:7447"
     )

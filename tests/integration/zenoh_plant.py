@@ -110,14 +110,14 @@ async def listening(source: ZenohSource) -> AsyncIterator[Listener]:
         await source.close()
 
 
-def certificates(folder: Path) -> Path:
-    """`folder` with ca.pem, and for "server", "client" and "stranger" NAME.pem and NAME.key; strangers are signed by
+def certificates(folder: Path, names: tuple[str, ...] = ("server", "client")) -> Path:
+    """`folder` with ca.pem, and for each of `names` and "stranger" NAME.pem and NAME.key; the stranger's is signed by
     another authority."""
     if shutil.which("openssl") is None:
         pytest.skip("there is no openssl to make certificates with")
-    for authority, names in (("ca", ("server", "client")), ("other", ("stranger",))):
+    for authority, signed in (("ca", names), ("other", ("stranger",))):
         _openssl(folder, f"req -x509 {_KEY} -keyout {authority}.key -out {authority}.pem -days 2 -subj /CN={authority}")
-        for name in names:
+        for name in signed:
             _openssl(folder, f"req {_KEY} -keyout {name}.key -out {name}.csr -subj /CN={name}")
             (folder / "extensions").write_text(
                 "subjectAltName=IP:127.0.0.1\nextendedKeyUsage=serverAuth,clientAuth\n", encoding="utf-8"

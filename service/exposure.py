@@ -1,0 +1,31 @@
+"""Whether the daemon may be reached from where its configuration says: encrypted, and with keys."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from service.config_models import Config
+from service.errors import CertificateError, ConfigError, KeyFileError
+from service.keys import read_keys
+from service.tls import server_certificate
+
+
+def check_exposure(config: Config) -> None:
+    """Raise ConfigError, a sentence each, if the certificate cannot be used or others could ask without a key."""
+    problems = []
+    try:
+        server_certificate(config.http)
+    except CertificateError as error:
+        problems.append(str(error))
+    try:
+        keys = read_keys(config.keys_file)
+    except KeyFileError as error:
+        problems.append(f"http.keys_file: {error}")
+    else:
+        if config.http.exposed and not any(key.state(datetime.now(UTC)) == "active" for key in keys):
+            problems.append(
+                "http: other machines are let in, and there is no valid API key to tell them apart by; make one with "
+                "`thermogate keys create CONFIG NAME --scope read`"
+            )
+    if problems:
+        raise ConfigError(problems)

@@ -1,0 +1,213 @@
+"""Nobody on Zenoh passes off a forecast or a reading for a true one, but who is allowed to: every party a process."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+import tomli_w
+import zenoh
+from integration.harness import Daemon, free_port
+from integration.zenoh_parties import FORGED, TRUE, opened, party
+from integration.zenoh_plant import TLS, USER, certificates, session
+
+PEOPLE = ("router", "thermogate", "bms-gateway", "reader")
+ALIVE = "thermogate/plant/room/alive"
+
+
+def configuration(folder: Path, source: dict[str, Any], ours: dict[str, Any]) -> Path:
+    """One zone with samples of one second."""
+    tables = {
+        "site": {"id": "plant", "state_dir": str(folder / "state")},
+        "zenoh": ours,
+        "sources": {"bms": {"kind": "zenoh", "times": ["zenoh", "arrival"], "recover": "5s", **source}},
+        "zones": [
+            {
+                "id": "room",
+                "period": "1s",
+                "network": "titeth",
+                "hold_inputs": "30s",
+                "estimator_options": {"particles": 50},
+                "channels": {
+                    "T_i": {"source": "bms", "key": "bms/T", "unit": "degC"},
+                    "T_out": {"source": "bms", "key": "bms/out", "unit": "degC"},
+                    "u_heat": {"source": "bms", "key": "bms/heat", "unit": "W"},
+                },
+            }
+        ],
+    }
+    path = folder / "plant.toml"
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    return path
+
+
+class Seen(NamedTuple):
+    """What a reader got from the daemon: payloads published and answered, whether a key was deleted, living zones."""
+
+    published: set[bytes]
+    answered: set[bytes]
+    deleted: bool
+    alive: set[str]
+
+    @property
+    def forged(self) -> bool:
+        return self.deleted or FORGED.encode() in self.published | self.answered or self.alive != {ALIVE}
+
+
+def read(reader: zenoh.Session, seconds: float) -> Seen:
+    """What `reader` gets within `seconds`."""
+    handler = zenoh.handlers.RingChannel(10_000)
+    subscriber = reader.declare_subscriber("thermogate/**", handler)
+    tokens = reader.liveliness().declare_subscriber("thermogate/**", handler, history=True)
+    end = time.monotonic() + seconds
+    answered: set[bytes] = set()
+    while time.monotonic() < end:
+        replies = reader.get("thermogate/**", timeout=1, consolidation=zenoh.ConsolidationMode.NONE)
+        answered |= {reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
+        time.sleep(0.1)
+    samples = list(iter(subscriber.try_recv, None))
+    living = {str(sample.key_expr) for sample in iter(tokens.try_recv, None)}
+    living |= {str(reply.ok.key_expr) for reply in reader.liveliness().get("thermogate/**") if reply.ok is not None}
+    for declared in (subscriber, tokens):
+        declared.undeclare()
+    deleted = any(sample.kind == zenoh.SampleKind.DELETE for sample in samples)
+    return Seen({sample.payload.to_bytes() for sample in samples}, answered, deleted, living)
+
+
+def real(seen: Seen) -> int:
+    """How many forecasts of the zone were published."""
+    bodies = [json.loads(payload) for payload in seen.published if payload and payload != FORGED.encode()]
+    return sum("intervals" in body and body["zone"] == "room" for body in bodies)
+
+
+def measured(daemon: Daemon) -> list[float]:
+    return [row["y"] for row in daemon.history("room")]
+
+
+@contextmanager
+def forgers(*settings: dict[str, object]) -> Iterator[None]:
+    """Forgers with these settings, all of whom get a session."""
+    with ExitStack() as stack:
+        verdicts = [stack.enter_context(party("forger", one)) for one in settings]
+        assert verdicts == ["opened"] * len(settings)
+        yield
+
+
+def fed(daemon: Daemon, more: int) -> None:
+    """Until the zone has taken `more` samples than now."""
+    had = daemon.get("/zones")[1]["zones"][0]["samples"]
+    daemon.wait(lambda zones: zones["room"]["samples"] >= had + more)
+
+
+def test_the_forger_forges_where_nothing_is_denied() -> None:
+    """What the other tests rely on: without access control all of it comes through."""
+    place = f"tcp/127.0.0.1:{free_port()}"
+    with session("router", listen=place) as plain, party("forger", {"mode": "client", "connect/endpoints": [place]}):
+        seen = read(plain, 1.0)
+        assert FORGED.encode() in seen.published
+        assert FORGED.encode() in seen.answered
+        assert seen.deleted
+        assert seen.alive == {"thermogate/plant/forged/alive"}
+
+
+def test_a_daemon_that_others_connect_to(tmp_path: Path) -> None:
+    """On its own sessions: the visitor has an account and can connect, but only the writers' readings are taken."""
+    readings, forecasts = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    (tmp_path / "users").write_text("bms-gateway:one\nvisitor:two\nsecond:three\n", encoding="utf-8")
+    writers = ["bms-gateway", "second"]
+    source = {"mode": "router", "listen": [readings], "users_file": "users", "writers": writers}
+    path = configuration(tmp_path, source, {"listen": [forecasts]})
+
+    def account(name: str, password: str) -> dict[str, object]:
+        user = {f"{USER}user": name, f"{USER}password": password}
+        return {"mode": "client", "connect/endpoints": [readings], **user}
+
+    with Daemon(path, tmp_path / "log", {"zenoh.enabled": True}) as daemon:
+        daemon.url()
+        with (
+            party("gateway", account("bms-gateway", "one")) as verdict,
+            session("client", connect=forecasts) as reader,
+        ):
+            assert verdict == "opened"
+            with forgers(account("visitor", "two"), {"mode": "client", "connect/endpoints": [forecasts]}):
+                fed(daemon, 1)
+                seen = read(reader, 2.0)
+                assert (real(seen) >= 1, seen.forged) == (True, False)
+                assert set(measured(daemon)) == {float(TRUE["bms/T"])}
+            with forgers(account("second", "three")):
+                fed(daemon, 2)
+                assert max(measured(daemon)) > float(TRUE["bms/T"]), "who may put readings can"
+
+
+@pytest.mark.parametrize("shown", ["certificates", "passwords"])
+def test_a_daemon_behind_the_router_of_the_site(shown: str, tmp_path: Path) -> None:
+    """With the access control that is shipped: every party shows who it is and can do its task only."""
+    place, site = _site(shown, tmp_path)
+    at_router = {"mode": "client", "connect": [place], **site.daemon}
+    path = configuration(tmp_path, at_router | site.source, at_router)
+    with party("router", {"listen/endpoints": [place], **site.router}) as verdict:
+        assert verdict == "opened"
+        with party("forger", site.client("stranger") | {"connect/timeout_ms": 1000}) as refused:
+            assert refused == "refused"
+        with (
+            Daemon(path, tmp_path / "log", {"zenoh.enabled": True}) as daemon,
+            forgers(site.client("reader")),
+            opened(site.client("reader")) as reader,
+        ):
+            # The gateway is known by its name for readings, and is nobody for forecasts.
+            with party("gateway", site.client("bms-gateway")) as verdict:
+                assert verdict == "opened"
+                daemon.wait(lambda zones: zones["room"]["samples"] >= 1)
+                seen = read(reader, 2.0)
+                assert (real(seen) >= 1, seen.forged) == (True, False)
+                assert set(measured(daemon)) == {float(TRUE["bms/T"])}
+                assert reader.declare_subscriber("bms/**", zenoh.handlers.RingChannel(9)).try_recv() is None
+            with forgers(site.client("bms-gateway")):
+                assert not read(reader, 1.0).forged
+                fed(daemon, 1)
+                assert max(measured(daemon)) > float(TRUE["bms/T"]), "who may put readings can"
+
+
+class Site(NamedTuple):
+    """What each party shows: the router and clients in Zenoh's keys, the daemon, and its source besides, in those of
+    its configuration."""
+
+    router: dict[str, object]
+    daemon: dict[str, object]
+    source: dict[str, object]
+    client: Callable[[str], dict[str, object]]
+
+
+def _site(shown: str, folder: Path) -> tuple[str, Site]:
+    if shown == "passwords":
+        place = f"tcp/127.0.0.1:{free_port()}"
+        users = folder / "users"
+        users.write_text("".join(f"{name}:secret-{name}\n" for name in PEOPLE), encoding="utf-8")
+        (folder / "password").write_text("secret-thermogate\n", encoding="utf-8")
+
+        def account(name: str) -> dict[str, object]:
+            user = {f"{USER}user": name, f"{USER}password": f"secret-{name}"}
+            return {"mode": "client", "connect/endpoints": [place], **user}
+
+        # The router knows nobody by certificate then.
+        router = {f"{USER}dictionary_file": str(users), f"{TLS}enable_mtls": False}
+        return place, Site(router, {"user": "thermogate", "password_file": "password"}, {}, account)
+    place = f"tls/127.0.0.1:{free_port()}"
+    certificates(folder, PEOPLE)
+
+    def pair(name: str, side: str) -> dict[str, object]:
+        files = {f"{side}_certificate": f"{name}.pem", f"{side}_private_key": f"{name}.key"}
+        return {f"{TLS}{key}": str(folder / file) for key, file in files.items()}
+
+    authority = {f"{TLS}root_ca_certificate": str(folder / "ca.pem"), f"{TLS}enable_mtls": True}
+
+    def signed(name: str) -> dict[str, object]:
+        return {"mode": "client", "connect/endpoints": [place], **authority, **pair(name, "connect")}
+
+    tls = {"ca": "ca.pem", "certificate": "thermogate.pem", "private_key": "thermogate.key"}
+    return place, Site(authority | pair("router", "listen"), {"tls": tls}, {"writers": ["router"]}, signed)

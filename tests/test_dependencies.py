@@ -1,0 +1,106 @@
+"""The pinned dependencies: each is needed by somebody, and the audit tells a finding from a database that is away."""
+
+import json
+import re
+import sys
+import tomllib
+from importlib.machinery import SourceFileLoader
+from importlib.metadata import PackageNotFoundError, requires
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+PINS = {
+    canonicalize_name(name): version
+    for name, version in re.findall(r"^([\w.-]+)==(\S+)$", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
+}
+
+
+def wanted() -> list[Requirement]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [line for lines in project["optional-dependencies"].values() for line in lines]
+    return [Requirement(line) for line in project["dependencies"] + extras]
+
+
+def closure() -> tuple[set[str], set[str]]:
+    """Everything that the project needs, extras included, as far as it is installed; and what is not installed."""
+    needed, missing, queue = set(), set(), [(one, frozenset(one.extras)) for one in wanted()]
+    seen = set()
+    while queue:
+        requirement, extras = queue.pop()
+        name = canonicalize_name(requirement.name)
+        if (name, extras) in seen:
+            continue
+        seen.add((name, extras))
+        needed.add(name)
+        try:
+            lines = requires(name) or []
+        except PackageNotFoundError:
+            missing.add(name)
+            continue
+        for inner in map(Requirement, lines):
+            chosen = [{"extra": extra} for extra in extras or {""}]
+            if inner.marker is None or any(inner.marker.evaluate(environment) for environment in chosen):
+                queue.append((inner, frozenset(inner.extras)))
+    return needed, missing
+
+
+def test_everything_that_is_needed_is_pinned() -> None:
+    needed, missing = closure()
+    assert needed - missing <= PINS.keys(), "pin it in constraints.txt"
+
+
+def test_nothing_is_pinned_that_nobody_needs() -> None:
+    needed, missing = closure()
+    if missing:
+        pytest.skip(f"what these need is not known here: {', '.join(sorted(missing))}")
+    assert PINS.keys() <= needed, "remove it from constraints.txt"
+
+
+@pytest.mark.parametrize("requirement", wanted(), ids=str)
+def test_the_pin_is_within_the_range(requirement: Requirement) -> None:
+    assert requirement.specifier.contains(PINS[canonicalize_name(requirement.name)])
+
+
+SOUND = {"name": "a", "version": "1", "vulns": []}
+BAD = {"name": "b", "version": "2", "vulns": [{"id": "CVE-1", "fix_versions": ["2.1"]}]}
+UNKNOWN = {"name": "c", "skip_reason": "not found"}
+
+
+@pytest.mark.parametrize(
+    ("found", "code", "says"),
+    [
+        ([SOUND], 0, "1 of 1 pinned packages looked up, 0 known"),
+        ([SOUND, BAD], 1, "b 2: CVE-1, mended in 2.1"),
+        ([BAD, UNKNOWN], 1, "1 of 2 pinned packages looked up, 1 known"),
+        ([SOUND, UNKNOWN], 3, "does not know c"),
+        ([], 3, "could not be asked"),
+        (None, 3, "no route to host"),
+    ],
+)
+def test_the_audit_tells_a_finding_from_silence(
+    found: list | None, code: int, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    """With a stand-in for pip-audit that reports `found`, or nothing but an error."""
+    loader = SourceFileLoader("audit", str(ROOT / ".ci" / "audit"))
+    spec = spec_from_loader("audit", loader)
+    assert spec is not None
+    audit = module_from_spec(spec)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    loader.exec_module(audit)
+    monkeypatch.setattr(audit, "ROOT", tmp_path)
+    stand_in = tmp_path / "var" / "audit-venv" / "bin" / "pip-audit"
+    stand_in.parent.mkdir(parents=True)
+    write = f"open(path, 'w').write({json.dumps(json.dumps({'dependencies': found}))})" if found is not None else ""
+    stand_in.write_text(
+        f"#!{sys.executable}\nimport sys\npath = sys.argv[-1].split('=')[1]\n{write}\n"
+        "print('no route to host', file=sys.stderr)\nsys.exit(1)\n"
+    )
+    stand_in.chmod(0o755)
+    assert audit.main(str(ROOT / "constraints.txt")) == code
+    said = capsys.readouterr()
+    assert says in said.out + said.err
