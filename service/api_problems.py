@@ -39,7 +39,7 @@ class Problem(BaseModel):
     title: str
     status: int
     detail: str = Field(description="what is wrong, and what to do about it")
-    errors: list[str] | None = Field(default=None, description="422 only: one sentence per mistake")
+    errors: list[str] | None = Field(default=None, description="422 and 409: one sentence per mistake")
     zones: list[Any] | None = Field(default=None, description="404: the known zones; 503 of /readyz: those not ready")
 
 
@@ -67,13 +67,13 @@ def invalid(sentences: Sequence[str]) -> RequestRefused:
 
 def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """The `responses` of a route that may answer with problems of these `statuses`."""
-    return {
-        status: {
-            "description": HTTPStatus(status).phrase,
-            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
-        }
-        for status in statuses
-    }
+    return {status: problem_response(HTTPStatus(status).phrase) for status in statuses}
+
+
+def problem_response(description: str) -> dict[str, Any]:
+    """A problem in the OpenAPI document."""
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {"description": description, "content": {MEDIA_TYPE: {"schema": schema}}}
 
 
 def install(app: FastAPI) -> None:

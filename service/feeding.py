@@ -71,9 +71,11 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
 async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) -> None:
     """Hand every zone its share, some zones at a time, whose samples then share a commit of the journal."""
     for first in range(0, len(deliveries), TOGETHER):
+        # A zone that a reload has taken away meanwhile wants nothing more.
         delivering = [
             zones[share.zone].deliver(share.source, share.readings, share.now)
             for share in deliveries[first : first + TOGETHER]
+            if share.zone in zones
         ]
         # One zone's failure must not keep the others from their samples.
         for result in await asyncio.gather(*delivering, return_exceptions=True):

@@ -43,6 +43,7 @@ class ZoneIntake:
         self._waited_out = max(period, WAITED_OUT)
         self._zone = zone
         self._store = store
+        self._closed = False
         self.accepting = asyncio.Lock()
         """Held while samples are on their way into journal and mailbox."""
 
@@ -102,10 +103,18 @@ class ZoneIntake:
         """Make samples durable and hand them to the worker."""
         # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
         async with self.accepting:
+            if self._closed:
+                return
             for sample in samples:
                 accepted = Accepted(sample, time.monotonic())
                 await self._append(sample)
                 await self.mailbox.put(accepted, patient=not self.live)
+
+    async def close(self) -> None:
+        """No sample follows: what is being accepted still is, what comes later is passed over."""
+        async with self.accepting:
+            self._closed = True
+        self.mailbox.close()
 
     async def _append(self, sample: Sample) -> None:
         """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""

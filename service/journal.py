@@ -55,13 +55,21 @@ class Journal:
         self._pending: list[tuple[object, ...]] = []
         self._ends: dict[str, tuple[int, int]] = {}
         """Time and link of the newest sample of each zone that was written to since the journal was opened."""
+        self._unchecked: dict[str, int] = {}
+        """Until when the rows of each zone are of version 1, which had no checksums."""
         self._damaged: set[tuple[str, int]] = set()
         """History rows whose damage was said."""
 
     @classmethod
     def open(cls, path: Path) -> Journal:
         """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
-        return cls(open_database(path, _BUSY_SECONDS), path)
+        journal = cls(open_database(path, _BUSY_SECONDS), path)
+        try:
+            journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
+        except JournalError:
+            journal._connection.close()
+            raise
+        return journal
 
     def claim(self, zone: str, fingerprint: str) -> bool:
         """Whether the samples of `zone` belong to `fingerprint`; a zone without samples takes it over."""
@@ -167,10 +175,11 @@ class Journal:
         """
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self.transaction() as cursor:
-            for table in ("samples", "history", "zones", "pruned"):
+            for table in ("samples", "history", "zones", "pruned", "unchecked"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
             cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
         self._ends.pop(zone, None)
+        self._unchecked.pop(zone, None)
 
     def is_forgotten(self, zone: str) -> bool:
         """Whether `zone` is being forgotten."""
@@ -241,9 +250,11 @@ class Journal:
         return rows[0][0] if rows else None
 
     def _checked(self, row: tuple[Any, ...], link: int | None, previous: int | None) -> Sample:
-        """The sample of a row after one with the link `previous`. Rows of version 1 have no links."""
+        """The sample of a row after one with the link `previous`."""
         try:
-            if (link is None and previous is None) or link == link_of(previous or 0, row):
+            if (link is None and row[1] <= self._unchecked.get(row[0], _EARLIEST)) or link == link_of(
+                previous or 0, row
+            ):
                 return to_sample(row)
             reason = "it does not match its checksum, or the one before it is missing"
         except (ValueError, TypeError, AttributeError) as error:
@@ -254,10 +265,11 @@ class Journal:
         )
 
     def _sound(self, zone: str, row: list[Any], checksum: int | None) -> HistoryRow | None:
-        """The history row of its columns; None if it is damaged. Rows of version 1 have no checksums."""
+        """The history row of its columns; None if it is damaged."""
         try:
             history = to_history(tuple(row))
-            if checksum is None or checksum == history_checksum(zone, history):
+            unchecked = checksum is None and history.time <= self._unchecked.get(zone, _EARLIEST)
+            if unchecked or checksum == history_checksum(zone, history):
                 return history
         except (ValueError, TypeError, struct.error):
             pass

@@ -16,6 +16,7 @@ SCHEMA_VERSION = 2
 _LOG_LIMIT = 4 * 2**20
 """Bytes that the write-ahead log keeps when it begins anew."""
 _LOG_HEADER = 32
+_LOG_MAGIC = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
 _PAGE_SIZE = 4096
 
 _SCHEMA = """
@@ -36,13 +37,17 @@ CREATE TABLE history (
 _SINCE_VERSION_2 = """
 CREATE TABLE pruned (zone TEXT PRIMARY KEY, time INTEGER NOT NULL, link INTEGER) WITHOUT ROWID;
 CREATE TABLE forgotten (zone TEXT PRIMARY KEY) WITHOUT ROWID;
+CREATE TABLE unchecked (zone TEXT PRIMARY KEY, time INTEGER NOT NULL) WITHOUT ROWID;
 """
 
 _FROM_VERSION_1 = f"""
 ALTER TABLE samples ADD COLUMN link INTEGER;
 ALTER TABLE history ADD COLUMN checksum INTEGER;
 {_SINCE_VERSION_2}
+INSERT INTO unchecked SELECT zone, max(time)
+    FROM (SELECT zone, time FROM samples UNION ALL SELECT zone, time FROM history) GROUP BY zone;
 """
+"""Rows up to these times have no checksums; every later one must have its own."""
 
 _log = logging.getLogger(__name__)
 
@@ -121,13 +126,17 @@ def _commits_in_log(path: Path) -> list[int]:
     commits = [
         number
         for number, at in enumerate(frames, start=1)
-        if content[at + 8 : at + 16] == salts and any(content[at + 4 : at + 8])
+        # Frames of earlier rounds have neither of the two salts; one is enough where a bit of the other has flipped.
+        if any(content[at + 4 : at + 8])
+        and (content[at + 8 : at + 12] == salts[:4] or content[at + 12 : at + 16] == salts[4:])
     ]
     return commits or ([] if _header_is_sound(content[:_LOG_HEADER]) else [1])
 
 
 def _header_is_sound(header: bytes) -> bool:
     """Whether the checksum in the header of a write-ahead log is right."""
+    if header[:4] not in _LOG_MAGIC:
+        return False
     order: Literal["big", "little"] = "big" if header[3] & 1 else "little"
     first = second = 0
     for at in range(0, 24, 8):

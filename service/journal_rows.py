@@ -109,8 +109,10 @@ def history_checksum(zone: str, row: HistoryRow) -> int:
 
 def to_history(row: tuple[float | None, ...]) -> HistoryRow:
     """The history row of its columns; ValueError or TypeError if it is none."""
+    if not isinstance(row[0], int):
+        raise ValueError("its time is no whole number")
     values = {name: math.nan if value is None else value for name, value in zip(HistoryRow._fields, row, strict=True)}
-    return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))  # type: ignore[arg-type]
+    return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))
 
 
 def _to_blob(values: Array) -> bytes:

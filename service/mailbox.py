@@ -56,6 +56,11 @@ class Mailbox:
         return len(self._items)
 
     @property
+    def waiting(self) -> int:
+        """How much waits; what is left to the journal counts as one sample."""
+        return len(self._items) + (self._left is not None)
+
+    @property
     def waiting_since(self) -> float | None:
         """When the sample that comes next was accepted, monotonic s; None where none waits."""
         if self._items:

@@ -15,6 +15,7 @@ Place = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_SECRET = re.compile(r"passw|passphrase|secret|token|credential|api_?key", re.IGNORECASE)
 
 
 class Problems:
@@ -26,6 +27,9 @@ class Problems:
 
     def add(self, place: Place, sentence: str) -> None:
         """Note that something is wrong at `place`."""
+        if any(_SECRET.search(str(part)) for part in place):
+            # Whoever wrote a secret where none belongs must not find it in a log as well.
+            sentence = sentence.replace(shown(_value(self._raw, place)), "what is there")
         line = f"{written(self._raw, place)}: {sentence}"
         if line not in self.sentences:
             self.sentences.append(line)
@@ -61,6 +65,16 @@ def written(raw: object, place: Place) -> str:
             text += f".{key}" if text else key
             raw = raw.get(part) if isinstance(raw, dict) else None
     return text
+
+
+def _value(raw: Any, place: Place) -> object:
+    """What the file has at `place`; None if there is no such place."""
+    for part in place:
+        try:
+            raw = raw[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return raw
 
 
 def unknown_key(key: object, known: Sequence[str]) -> str:

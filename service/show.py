@@ -110,7 +110,7 @@ def _zone_summary(zone: ZoneConfig) -> list[str]:
 def demo_requests(config: Config) -> list[str]:
     """Where the demo is to be seen, and what to ask it."""
     host = f"[{config.http.host}]" if ":" in config.http.host else config.http.host
-    url = f"http://{host}:{config.http.port}"
+    url = f"{'http' if config.http.certificate is None else 'https'}://{host}:{config.http.port}"
     zone = config.zones[0].id
     lines = [f"Thermogate demo: a simulated building with the zones {', '.join(zone.id for zone in config.zones)}"]
     if config.http.port == 0:

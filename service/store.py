@@ -96,6 +96,10 @@ class Store:
         """Add an update to the history; durable with the next `append` or `flush`."""
         self._recorded.append((zone, update))
 
+    async def ping(self) -> None:
+        """Return once the thread of the journal has come to this."""
+        await self._run(int)
+
     async def flush(self) -> None:
         """Make the recorded history durable."""
         await self._run(self._journal.flush)

@@ -31,6 +31,7 @@ from service.records import Sample, Update
 from service.setting_back import set_back
 from service.timeliness import Timeliness
 from service.view import Fan, ZoneStatus
+from service.vitals import Busy
 from service.worker import ZoneWorker
 
 ATTEMPTS = 3
@@ -46,7 +47,8 @@ class Zone:
     ) -> None:
         self.id = name
         self.estimator = estimator
-        self._fingerprint = fingerprint
+        self.fingerprint = fingerprint
+        """What its state belongs to."""
         self._make_worker = make_worker
         self._plumbing = plumbing
         self._worker = make_worker()
@@ -60,6 +62,8 @@ class Zone:
         self._unsaved = False
         """Whether the worker has gone on since the last checkpoint."""
         self._save_at = self._next_checkpoint()
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
         self._hurried = False
@@ -95,6 +99,16 @@ class Zone:
             delay=self._timeliness.delay,
         )
 
+    @property
+    def live(self) -> bool:
+        """Whether the zone goes by the wall clock."""
+        return self._intake.live
+
+    @property
+    def busy(self) -> Busy:
+        """What waits, and what was finished."""
+        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
+
     def latest(self) -> Update | None:
         """The newest update."""
         return self._worker.latest
@@ -120,9 +134,9 @@ class Zone:
         Raises StateMismatch where the stored state belongs to another network.
         """
         store, loop = self._plumbing.store, asyncio.get_running_loop()
-        await store.claim(self.id, self._fingerprint)
+        await store.claim(self.id, self.fingerprint)
         worker = self._make_worker()
-        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
+        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self.fingerprint)
         if checkpoint is not None:
             snapshot.restore(worker, checkpoint)
         self._replayed = replayed = await self._catch_up(worker)
@@ -190,7 +204,7 @@ class Zone:
 
     async def close_mailbox(self) -> None:
         """No sample follows: `run` ends when the mailbox is empty."""
-        self._intake.mailbox.close()
+        await self._intake.close()
 
     def hurry(self) -> None:
         """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
@@ -265,6 +279,7 @@ class Zone:
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
         self._unsaved = True
+        self._finished += 1
         if update is not None:
             store.record(self.id, update)
 
@@ -294,7 +309,7 @@ class Zone:
                 _log.warning("zone '%s': %s", self.id, error)
 
     def _checkpoint(self) -> Checkpoint | None:
-        return snapshot.take(self._worker, self._fingerprint, self.estimator)
+        return snapshot.take(self._worker, self.fingerprint, self.estimator)
 
     async def _save(self) -> None:
         checkpoint = self._checkpoint()
@@ -313,6 +328,7 @@ class Zone:
             _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
+        self._finished += 1
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
         self._intake.mailbox.discard()
         self._timeliness.rest()

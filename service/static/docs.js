@@ -1,5 +1,7 @@
 // The API's documentation, drawn from the daemon's own openapi.json: nothing is loaded from elsewhere.
 
+import { KeyNeeded, askForKey, request } from "./access.js";
+
 const description = await (await fetch("openapi.json")).json();
 const schemas = description.components.schemas;
 
@@ -94,14 +96,15 @@ function tryIt(path, method, operation) {
     if (query.size) url += `?${query}`;
     const options = body ? { method, body: body.value, headers: { "Content-Type": "application/json" } } : { method };
     try {
-      const response = await fetch(url, options);
+      const response = await request(url, options);
       const text = await response.text();
       const isJson = response.headers.get("content-type")?.includes("json");
       output.textContent = `${method} ${url}\n${response.status} ${response.statusText}\n\n${
         isJson ? JSON.stringify(JSON.parse(text), null, 2) : text
       }`;
     } catch (error) {
-      output.textContent = String(error);
+      output.textContent = error instanceof KeyNeeded ? "This needs an API key." : String(error);
+      if (error instanceof KeyNeeded) askForKey(error.message, () => form.requestSubmit());
     }
     output.hidden = false;
   });

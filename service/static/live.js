@@ -1,5 +1,6 @@
 // The live page: one card per zone, refreshed from the REST interface of the same daemon.
 
+import { KeyNeeded, askForKey, request } from "./access.js";
 import { draw } from "./chart.js";
 
 const POLL_MS = 4000;
@@ -7,9 +8,10 @@ const WINDOW_S = 48 * 3600;
 const MAX_ROWS = 2000;
 
 const cards = new Map();
+let waitsForKey = false;
 
 async function get(path) {
-  const response = await fetch(path, { headers: { Accept: "application/json" }, cache: "no-store" });
+  const response = await request(path, { headers: { Accept: "application/json" }, cache: "no-store" });
   if (response.status === 503) return null;
   if (!response.ok) throw new Error(`${path}: ${response.status} ${response.statusText}`);
   return response.json();
@@ -146,13 +148,23 @@ async function refresh() {
     connection.textContent = `updated ${new Date().toISOString().slice(11, 19)}`;
     connection.className = "muted";
   } catch (error) {
+    if (error instanceof KeyNeeded) {
+      connection.textContent = "an API key is needed";
+      connection.className = "muted";
+      waitsForKey = true;
+      askForKey(error.message, () => {
+        waitsForKey = false;
+        refresh();
+      });
+      return;
+    }
     connection.textContent = `no answer from the daemon (${error.message}); trying again`;
     connection.className = "error";
   }
 }
 
 async function poll() {
-  if (!document.hidden) await refresh();
+  if (!document.hidden && !waitsForKey) await refresh();
   setTimeout(poll, POLL_MS);
 }
 

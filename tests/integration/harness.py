@@ -65,7 +65,7 @@ class Daemon:
         """The address it serves on, once it does."""
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline:
-            found = re.search(r"serving on (http://\S+)", self.log())
+            found = re.search(r"serving on (https?://\S+)", self.log())
             if found:
                 return found.group(1)
             assert self.process.poll() is None, self.log()
@@ -80,6 +80,11 @@ class Daemon:
         except urllib.error.HTTPError as error:
             with error:
                 return error.code, json.load(error)
+
+    def text(self, path: str) -> str:
+        """Body of a GET that is no JSON."""
+        with urllib.request.urlopen(self.url() + path, timeout=30) as answer:
+            return answer.read().decode()
 
     def post(self, path: str, body: dict) -> tuple[int, dict]:
         """Status and JSON body of a POST."""

@@ -1,0 +1,175 @@
+"""The daemon for other machines: refused until safe, keys and certificates change while it runs, no secret gets out."""
+
+from __future__ import annotations
+
+import json
+import os
+import ssl
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import tomli_w
+from certificates import Pair, make_pair
+from integration.harness import EXAMPLES, Daemon, free_port, overrides, thermogate
+
+MARK = "MARKER-of-a-secret"
+ENVIRONMENT = "THERMOGATE_TEST_PASSWORD"
+
+
+class Site(NamedTuple):
+    """A daemon on every address of this machine, and what it was started with."""
+
+    daemon: Daemon
+    config: Path
+    settings: dict[str, object]
+    pair: Pair
+    admin: str
+
+    def ask(self, path: str, secret: str | None = None, method: str = "GET") -> tuple[int, str]:
+        """Status and text of an answer; `secret` is sent as a key."""
+        url = self.daemon.url().replace("0.0.0.0", "127.0.0.1") + path
+        headers = {} if secret is None else {"Authorization": f"Bearer {secret}"}
+        request = urllib.request.Request(url, headers=headers, method=method)
+        trust = ssl.create_default_context(cafile=self.pair.certificate)
+        try:
+            with urllib.request.urlopen(request, timeout=30, context=trust) as answer:
+                return answer.status, answer.read().decode()
+        except urllib.error.HTTPError as error:
+            with error:
+                return error.code, str(error.headers) + error.read().decode()
+
+
+def keys(config: Path, settings: dict[str, object], *words: str) -> str:
+    """stdout of `thermogate keys`."""
+    action, *rest = words
+    done = thermogate("keys", action, config, *rest, *overrides(settings))
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    folder = tmp_path_factory.mktemp("site")
+    pair = make_pair(folder)
+    (folder / "password").write_text(f"{MARK}-password-file")
+    (folder / "users").write_text(f"bms:{MARK}-users-file\n")
+    os.environ[ENVIRONMENT] = f"{MARK}-environment"
+    # Two Zenoh sources that nobody answers, each with its own kind of password: their complaints are in the log.
+    channels = ("T_i", "T_out", "u_heat")
+    units = {"T_i": "degC", "T_out": "degC", "u_heat": "W"}
+    tables = {
+        "site": {"id": "house", "state_dir": str(folder / "state")},
+        "zenoh": {"enabled": False},
+        "sources": {
+            "file": {
+                "kind": "zenoh",
+                "connect": [f"tcp/127.0.0.1:{free_port()}"],
+                "timeout": 0.2,
+                "user": "thermogate",
+                "password_file": "password",
+            },
+            "env": {
+                "kind": "zenoh",
+                "mode": "peer",
+                "listen": [f"tcp/127.0.0.1:{free_port()}"],
+                "user": "thermogate",
+                "password_env": ENVIRONMENT,
+                "users_file": "users",
+            },
+        },
+        "zones": [
+            {
+                "id": zone,
+                "period": "5min",
+                "network": "titeth",
+                "estimator_options": {"particles": 100},
+                "channels": {
+                    name: {"source": source, "key": f"bms/{zone}/{name}", "unit": units[name]} for name in channels
+                },
+            }
+            for zone, source in (("living", "file"), ("bedroom", "env"))
+        ],
+    }
+    config = folder / "site.toml"
+    config.write_text(tomli_w.dumps(tables))
+    settings: dict[str, object] = {
+        "http.host": "0.0.0.0",
+        "http.certificate": str(pair.certificate),
+        "http.private_key": str(pair.private_key),
+    }
+    refused = thermogate("run", config, *overrides(settings))
+    assert refused.returncode == 2, "there is no key yet"
+    assert "no valid API key" in refused.stderr
+    admin = keys(config, settings, "create", "boss", "--scope", "admin")
+    with Daemon(config, folder / "log", settings) as daemon:
+        yield Site(daemon, config, settings, pair, admin)
+    del os.environ[ENVIRONMENT]
+
+
+def test_nothing_without_a_key_and_keys_come_and_go_while_it_runs(site: Site) -> None:
+    assert site.ask("/healthz")[0] == 200
+    assert site.ask("/zones")[0] == 401
+    assert site.ask("/zones", site.admin)[0] == 200
+    tenant = keys(site.config, site.settings, "create", "tenant", "--scope", "read", "--zone", "living")
+    assert [zone["id"] for zone in json.loads(site.ask("/zones", tenant)[1])["zones"]] == ["living"]
+    assert site.ask("/zones/bedroom", tenant)[0] == 404
+    assert site.ask("/admin/reload", tenant, "POST")[0] == 403
+    keys(site.config, site.settings, "revoke", "tenant")
+    assert site.ask("/zones", tenant)[0] == 401
+    assert site.ask("/metrics", site.admin)[0] == 200
+
+
+def test_a_renewed_certificate_is_served_without_a_restart(site: Site) -> None:
+    before = site.pair.issued.serial_number
+    renewed = make_pair(site.pair.certificate.parent)
+    assert renewed.issued.serial_number != before
+    port = int(site.daemon.url().rpartition(":")[2])
+    deadline = time.monotonic() + 30
+    while True:
+        served = ssl.get_server_certificate(("127.0.0.1", port), timeout=10)
+        if served.split() == renewed.certificate.read_text().split():
+            break
+        assert time.monotonic() < deadline, "the old certificate is still served"
+        time.sleep(0.5)
+    assert site.ask("/healthz")[0] == 200
+    assert "was read again" in site.daemon.log()
+
+
+def test_no_secret_gets_out(site: Site) -> None:
+    secrets = [MARK, site.admin, site.admin.removeprefix("tg_")]
+    secrets += [line for line in site.pair.private_key.read_text().splitlines() if "PRIVATE" not in line]
+    paths = ["/", "/docs", "/openapi.json", "/healthz", "/readyz", "/metrics", "/zones", "/nowhere", "/admin/reload"]
+    paths += [f"/zones/living{rest}" for rest in ("", "/forecast", "/parameters", "/history", "/history?limit=x")]
+    answers = {path: site.ask(path, site.admin)[1] for path in paths}
+    answers |= {f"wrong key {path}": site.ask(path, "tg_" + MARK)[1] for path in paths}
+    answers |= {f"POST {path}": site.ask(path, site.admin, "POST")[1] for path in paths}
+    for words in (["check"], ["show-config"], ["probe", "--seconds", "0.3", "--debug"], ["keys", "list"]):
+        done = thermogate(*words, site.config, *overrides(site.settings))
+        answers[words[0]] = done.stdout + done.stderr
+    assert "living" in answers["check"]
+    assert "password_file" in answers["show-config"]
+    deadline = time.monotonic() + 30
+    while "trying again" not in site.daemon.log() and time.monotonic() < deadline:
+        time.sleep(0.2)
+    answers["log"] = site.daemon.log()
+    assert "sources.file: no Zenoh session" in answers["log"], "a source has complained"
+    assert "wrong API key" in answers["log"]
+    for place, text in answers.items():
+        for secret in secrets:
+            assert secret not in text, f"{place} tells a secret"
+
+
+def test_the_state_folder_tells_no_key(site: Site) -> None:
+    for path in (site.config.parent / "state").rglob("*"):
+        if path.is_file():
+            assert site.admin.encode() not in path.read_bytes(), path.name
+
+
+def test_examples_listen_on_loopback_only() -> None:
+    for path in EXAMPLES.glob("*.toml"):
+        assert "0.0.0.0" not in path.read_text(), path.name
