@@ -45,16 +45,29 @@ class ModbusChannel:
         return f"unit {self.unit} {self.table} {self.register}{bit}"
 
 
+_Watched = tuple[ModbusChannel, Converter, StuckWatch]
+
+
 class Channels:
     """The channels of a source, and what has to be remembered of their last values."""
 
     def __init__(self, channels: Sequence[ModbusChannel], longest_stretch: float) -> None:
         """`longest_stretch`: no power is made of counts that lie further apart, in s."""
-        self._at: dict[Point, list[tuple[ModbusChannel, Converter, StuckWatch]]] = {}
+        self._longest_stretch = longest_stretch
+        self._at: dict[Point, list[_Watched]] = {}
+        self.replace(channels)
+
+    def replace(self, channels: Sequence[ModbusChannel]) -> None:
+        """These are the channels from now on; what is remembered of those that stay is kept."""
+        known = {watched[0]: watched for at_point in self._at.values() for watched in at_point}
+        self._at = {}
         for channel in channels:
-            converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
-            watched = (channel, converter, StuckWatch(channel.stuck_after))
-            self._at.setdefault(channel.point, []).append(watched)
+            self._at.setdefault(channel.point, []).append(known.get(channel) or self._watched(channel))
+
+    def _watched(self, channel: ModbusChannel) -> _Watched:
+        stretch = self._longest_stretch
+        converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=stretch)
+        return channel, converter, StuckWatch(channel.stuck_after)
 
     @property
     def points(self) -> list[Point]:

@@ -55,6 +55,8 @@ class ModbusSource:
         self._line, self._poll, self._limits = line, poll, limits
         self._listed = tuple(channels)
         self._channels = Channels(channels, _POLLS_IN_A_STRETCH * poll)
+        self._rebound = False
+        """Whether `_listed` has changed since the last round."""
         self._requests: list[Request] = []
         self._whole_until = -1.0
         """Monotonic s until which the requests stay as they are; then those that were split are tried whole again."""
@@ -69,6 +71,10 @@ class ModbusSource:
                 f"sources.{self.name}: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
             ]
         return []
+
+    def rebind(self, channels: Sequence[ModbusChannel]) -> None:
+        """Read `channels` from the next round on, over the same connection."""
+        self._listed, self._rebound = tuple(channels), True
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
@@ -127,6 +133,14 @@ class ModbusSource:
     async def _round(self, link: ModbusLink) -> AsyncIterator[Batch]:
         """Everything once, but for units that are left alone."""
         now = time.monotonic()
+        if self._rebound:
+            # Between two rounds: the requests of a round that is under way are for the channels there were.
+            self._channels.replace(self._listed)
+            self._rebound, self._whole_until = False, now
+            points = set(self._channels.points)
+            self._refusals = {point: reason for point, reason in self._refusals.items() if point in points}
+            units = {point.unit for point in points}
+            self._silent = {unit: silence for unit, silence in self._silent.items() if unit in units}
         if now >= self._whole_until:
             self._requests, self._whole_until = plan(self._channels.points, self._limits), float("inf")
         left_alone = {unit for unit, silence in self._silent.items() if silence.until > now}

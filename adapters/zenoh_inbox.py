@@ -43,15 +43,26 @@ class Inbox:
         self._loop = asyncio.get_running_loop()
         self._news = asyncio.Event()
         self._lock = threading.Lock()
-        self._queues: dict[str, deque[Incoming]] = {key: deque(maxlen=room) for key in keys}
-        self._dropped = dict.fromkeys(keys, 0)
+        self._room = room
+        self._queues: dict[str, deque[Incoming]] = {}
+        self._dropped: dict[str, int] = {}
+        self.listen_to(keys)
         self._told = False
         """Whether the loop knows already that there is something."""
+
+    def listen_to(self, keys: list[str]) -> None:
+        """These are the keys from now on; what waits on those that stay is kept."""
+        with self._lock:
+            self._queues = {key: self._queues.get(key) or deque(maxlen=self._room) for key in keys}
+            self._dropped = {key: self._dropped.get(key, 0) for key in keys}
 
     def put(self, key: str, incoming: Incoming) -> None:
         """Take in a sample of the subscription to `key`; never waits. Any thread."""
         with self._lock:
-            queue = self._queues[key]
+            queue = self._queues.get(key)
+            if queue is None:
+                # The subscription has just been given up.
+                return
             self._dropped[key] += len(queue) == queue.maxlen
             queue.append(incoming)
             if self._told:

@@ -32,7 +32,7 @@ class ZenohLink:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
-        self._subscriptions: list[_Subscription] = []
+        self._subscriptions: dict[str, _Subscription] = {}
 
     @classmethod
     async def open(cls, connection: Connection) -> ZenohLink:
@@ -47,7 +47,7 @@ class ZenohLink:
         return cls(session)
 
     def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
-        """Call `on_sample`, in Zenoh's threads, for every sample on `key`.
+        """Call `on_sample`, in Zenoh's threads, for every sample on `key`; one subscription for each key.
 
         `recover`: samples missed, up to this age in s, are asked of publishers that keep a cache; `last`: so is their
         last one, whatever its age. Raises SourceConfigError for a wrong key expression.
@@ -60,23 +60,26 @@ class ZenohLink:
         handler = zenoh.handlers.Callback(arrived, indirect=False)
         try:
             if recover or last:
-                self._subscriptions.append(
-                    zenoh.ext.declare_advanced_subscriber(
-                        self._session,
-                        key,
-                        handler,
-                        history=zenoh.ext.HistoryConfig(
-                            detect_late_publishers=True,
-                            max_age=None if last else recover,
-                            max_samples=1 if last else None,
-                        ),
-                        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-                    )
+                self._subscriptions[key] = zenoh.ext.declare_advanced_subscriber(
+                    self._session,
+                    key,
+                    handler,
+                    history=zenoh.ext.HistoryConfig(
+                        detect_late_publishers=True,
+                        max_age=None if last else recover,
+                        max_samples=1 if last else None,
+                    ),
+                    recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
                 )
             else:
-                self._subscriptions.append(self._session.declare_subscriber(key, handler))
+                self._subscriptions[key] = self._session.declare_subscriber(key, handler)
         except zenoh.ZError as error:
             raise SourceUnavailable(f'key "{key}" cannot be subscribed to ({first_line(error)})') from error
+
+    async def unsubscribe(self, key: str) -> None:
+        """Give the subscription to `key` up."""
+        with suppress(zenoh.ZError):
+            await _in_thread(self._subscriptions.pop(key).undeclare)
 
     def ask(self, key: str, on_sample: OnSample, seconds: float) -> None:
         """Call `on_sample` for every answer to a query of `key` that comes within `seconds`."""
@@ -103,7 +106,7 @@ class ZenohLink:
                 await _in_thread(self._undeclare)
 
     def _undeclare(self) -> None:
-        for step in (*(subscription.undeclare for subscription in self._subscriptions), self._session.close):
+        for step in (*(subscription.undeclare for subscription in self._subscriptions.values()), self._session.close):
             with suppress(zenoh.ZError):
                 step()
 

@@ -92,10 +92,17 @@ class Channels:
 
     def __init__(self, channels: Sequence[ZenohChannel], dating: Dating, longest_stretch: float) -> None:
         """`longest_stretch`: no power is made of counts that lie further apart, in s."""
-        self._dating = dating
+        self._dating, self._longest_stretch = dating, longest_stretch
         self._at: dict[str, list[_Watched]] = {}
+        self.replace(channels)
+
+    def replace(self, channels: Sequence[ZenohChannel]) -> None:
+        """These are the channels from now on; what is remembered of those that stay is kept."""
+        known = {watched.channel: watched for watched in self._all()}
+        self._at = {}
         for channel in channels:
-            self._at.setdefault(channel.key, []).append(_Watched(channel, longest_stretch))
+            watched = known.get(channel) or _Watched(channel, self._longest_stretch)
+            self._at.setdefault(channel.key, []).append(watched)
 
     @property
     def keys(self) -> list[str]:

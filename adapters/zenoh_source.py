@@ -62,6 +62,8 @@ class ZenohSource:
         self._connection, self._intake = connection, intake
         self._listed = tuple(channels)
         self._channels = Channels(channels, intake.dating, intake.longest_stretch)
+        self._rebound = False
+        """Whether `_listed` has changed since the last look."""
         self._link: ZenohLink | None = None
         self._drop_said = float("-inf")
 
@@ -75,8 +77,14 @@ class ZenohSource:
         ]
         return [f"sources.{self.name}: {problem}" for problem in (*wrong, *self._connection.problems())]
 
+    def rebind(self, channels: Sequence[ZenohChannel]) -> None:
+        """Deliver `channels` from the next look on, over the same session."""
+        self._listed, self._rebound = tuple(channels), True
+
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is published, for ever. `start` is of no concern. Raises SourceUnavailable and SourceConfigError."""
+        self._channels.replace(self._listed)
+        self._rebound = False
         inbox = Inbox(self._channels.keys, self._intake.queue)
         self._channels.start_again()
         link = await self._open()
@@ -94,6 +102,8 @@ class ZenohSource:
                 if time.monotonic() < look_at:
                     continue
                 look_at = time.monotonic() + _LOOK
+                if self._rebound:
+                    await self._listen_anew(link, inbox)
                 if watch.joined(link.connected):
                     yield Batch([], time.time() - TRANSIT)
                 if watch.quiet():
@@ -148,6 +158,19 @@ class ZenohSource:
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error
         return self._link
+
+    async def _listen_anew(self, link: ZenohLink, inbox: Inbox) -> None:
+        """Take the subscriptions from those of the channels there were to those of the channels there are."""
+        self._rebound = False
+        before = self._channels.keys
+        self._channels.replace(self._listed)
+        inbox.listen_to(self._channels.keys)
+        for key in before:
+            if key not in self._channels.keys:
+                await link.unsubscribe(key)
+        for key in self._channels.keys:
+            if key not in before:
+                link.subscribe(key, partial(inbox.put, key), self._intake.recover)
 
     def _readings(self, shares: dict[str, Share]) -> list[Reading]:
         readings: list[Reading] = []

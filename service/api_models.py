@@ -237,8 +237,31 @@ class HealthPayload(Payload):
     uptime_s: float
 
 
+class ZoneReadiness(Payload):
+    """Whether a zone is fed and fresh."""
+
+    id: str
+    state: str = Field(description="waiting, running, stalled or failed; only running is ready")
+    reason: str
+    period_s: float
+    age_s: float | None = Field(
+        description="how long ago the interval of the last sample began; null before the first. At most about two "
+        "periods where all is well"
+    )
+    channels: dict[str, float | None] = Field(
+        description="age in s of each channel's last good reading; null if it never had one"
+    )
+
+
 class ReadyPayload(Payload):
     """Every zone is fed and fresh."""
 
     status: Literal["ready"] = "ready"
-    zones: dict[str, str] = Field(description="state of every zone")
+    zones: list[ZoneReadiness]
+
+
+class ReloadPayload(Payload):
+    """The configuration was read again and is in force."""
+
+    status: Literal["reloaded"] = "reloaded"
+    done: str = Field(description="what was added, changed and removed, as in the log")

@@ -39,7 +39,7 @@ class Problem(BaseModel):
     title: str
     status: int
     detail: str = Field(description="what is wrong, and what to do about it")
-    errors: list[str] | None = Field(default=None, description="422 only: one sentence per mistake")
+    errors: list[str] | None = Field(default=None, description="422 and 409: one sentence per mistake")
     zones: list[Any] | None = Field(default=None, description="404: the known zones; 503 of /readyz: those not ready")
 
 

@@ -39,7 +39,7 @@ _HOUR = 3600.0
 
 
 def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
-    """Routes over `zones`, which may not change afterwards."""
+    """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
 
     @router.get("", response_model=ZonesPayload, responses=documented(500), summary="Every zone and how it is doing")

@@ -12,6 +12,7 @@ import tempfile
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -186,7 +187,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     config = _load(arguments.config, arguments)
     _require_zones(config, arguments.reset, "--reset")
-    return run_daemon(config, reset=arguments.reset)
+    return run_daemon(config, reset=arguments.reset, reread=partial(_load, arguments.config, arguments))
 
 
 def _check(arguments: argparse.Namespace) -> int:

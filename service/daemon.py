@@ -1,50 +1,49 @@
-"""`thermogate run`: everything started in order, stopped in order.
+"""`thermogate run`: everything started in order, reloaded, stopped in order.
 
 One asyncio loop does all I/O; estimator steps run in a thread pool (the compiled kernels release the GIL). On
-SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed.
+SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed. On
+SIGHUP the configuration is read again. What zones and sources there are is `service.runtime`'s.
 """
 
 from __future__ import annotations
 
 import asyncio
+import faulthandler
 import gc
 import logging
 import os
 import signal
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
-from service.errors import ServiceError
+from service.errors import CertificateError, ConfigError, ServiceError
 from service.exposure import check_exposure
-from service.feeding import end, feed, keep_time, watch_clock
-from service.fitting import channels_of, fingerprint, make_alignment, make_worker, zones_of
+from service.feeding import end
 from service.http_measures import http_measures
 from service.http_server import HttpServer
+from service.instruments import instrument
 from service.keys import KeyRing
 from service.logs import configure_logging
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
+from service.notify import Notifier
 from service.plumbing import Announcer, Plumbing
 from service.publisher import Publisher
+from service.reload import ReloadRefused, summary
 from service.retention import Limits
-from service.routing import Router
-from service.sources import build_source, is_live, pace_of
-from service.store import Store, store_measures
+from service.runtime import Runtime
+from service.store import Store
 from service.streams import Streams
-from service.zone import Zone
-
-DRAIN_SECONDS = 2.0
-"""How long a stop waits for the mailboxes; what is left is in the journal and assimilated at the next start."""
-
-SAVE_SECONDS = 1.0
-"""How long it then waits for the checkpoints."""
+from service.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
+from service.zone_table import ZoneTable
 
 _COLLECT_AFTER = (5000, 10, 1000)
 """Thresholds of the garbage collector. A full collection holds every thread, for 60 ms with a thousand zones, and finds
@@ -60,12 +59,22 @@ _NICENESS = 5
 _log = logging.getLogger(__name__)
 
 
-def run_daemon(config: Config, *, reset: Sequence[str] = (), duration: float | None = None) -> int:
+def run_daemon(
+    config: Config,
+    *,
+    reset: Sequence[str] = (),
+    duration: float | None = None,
+    reread: Callable[[], Config] | None = None,
+) -> int:
     """Run until SIGTERM or SIGINT, or for `duration` s; 0 after an orderly stop.
 
-    `reset` names zones whose stored state is set aside first. Raises ServiceError where the start fails.
+    `reset` names zones whose stored state is set aside first. `reread` reads the configuration again for a reload.
+    Raises ServiceError where the start fails.
     """
     configure_logging()
+    # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
+    if sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)
     sys.setswitchinterval(_SWITCH_SECONDS)
     gc.set_threshold(*_COLLECT_AFTER)
     unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]
@@ -73,23 +82,32 @@ def run_daemon(config: Config, *, reset: Sequence[str] = (), duration: float | N
         known = ", ".join(zone.id for zone in config.zones)
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
     check_exposure(config)
-    asyncio.run(Daemon(config).run(reset, duration))
+    asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
 
 
 class Daemon:
     """A running daemon; `run` is its whole life."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, reread: Callable[[], Config] | None = None) -> None:
         self._config = config
+        self._reread = reread
         self._stopping = asyncio.Event()
         self._stopped = threading.Event()
+        self._notifier = Notifier()
+        self._streams = Streams(config.site.id)
+        self._runtime: Runtime | None = None
+        self._http: HttpServer | None = None
+        self._ready: str | None = None
+        """What the service manager is told once everything runs."""
+        self._reloads: set[asyncio.Task[None]] = set()
 
     async def run(self, reset: Sequence[str], duration: float | None) -> None:
         """Start, serve until asked to stop, stop."""
         loop = asyncio.get_running_loop()
         for signum in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(signum, self._stop)
+        loop.add_signal_handler(signal.SIGHUP, self._hang_up)
         if duration is not None:
             loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
@@ -112,41 +130,90 @@ class Daemon:
             store.close()
         _log.info("stopped")
 
+    async def reload(self) -> str:
+        """Read the configuration again and go over to it; what was done. Raises ReloadRefused, and then nothing was."""
+        runtime = self._runtime
+        if self._reread is None or runtime is None or self._ready is None:
+            why = "is still starting" if self._reread else "was not started from a configuration file"
+            raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
+        self._notifier.reloading()
+        try:
+            new = await asyncio.to_thread(self._reread)
+            if self._http is not None:
+                self._http.reload()
+            changes = await runtime.reload(new)
+            for zone in changes.removed:
+                self._streams.end(zone)
+            done = summary(changes)
+            _log.info("configuration reloaded: %s", done)
+            return done
+        except ConfigError as error:
+            raise ReloadRefused(error.problems) from error
+        except CertificateError as error:
+            raise ReloadRefused([str(error)]) from error
+        finally:
+            self._notifier.ready(self._ready)
+
     def _stop(self) -> None:
         self._stopped.set()
         self._stopping.set()
 
+    def _hang_up(self) -> None:
+        task = asyncio.create_task(self._reload_said())
+        self._reloads.add(task)
+        task.add_done_callback(self._reloads.discard)
+
+    async def _reload_said(self) -> None:
+        try:
+            await self.reload()
+        except ReloadRefused as error:
+            for problem in error.problems:
+                _log.error("the configuration was not reloaded: %s", problem)
+        except Exception as error:
+            _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
+
     async def _serve(
         self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
     ) -> None:
-        zones: dict[str, Zone] = {}
+        zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
-        streams = Streams(self._config.site.id)
+        streams = self._streams
         announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
-        for table in self._config.zones:
-            zones[table.id] = Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), plumbing)
-        http, release = self._config.http, version("thermogate")
+        self._runtime = runtime = Runtime(self._config, zones, plumbing, publisher)
+        instrument(metrics, runtime, store, publisher)
+        loop = asyncio.get_running_loop()
+        organs = (
+            Organ("the journal", store.ping, JOURNAL_SECONDS),
+            Organ("the estimator's threads", lambda: loop.run_in_executor(pool, int), HUNG_SECONDS),
+        )
+        vitals = Vitals(zones, organs)
+        http, site = self._config.http, self._config.site
         keys = KeyRing(self._config.keys_file, required=http.exposed)
         app = create_app(
-            self._config.site.id, zones, metrics.registry, version=release, keys=keys, http=http, streams=streams
+            site.id,
+            zones,
+            metrics.registry,
+            version=version("thermogate"),
+            keys=keys,
+            problems=vitals.problems,
+            reload=self.reload,
+            http=http,
+            streams=streams,
         )
-        server = HttpServer(app, http)
-        metrics.register([*http_measures(server, app), *store_measures(store.path)])
+        self._http = server = HttpServer(app, http)
+        metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
-        watching = asyncio.create_task(watch_loop(metrics.observe_loop_delay))
-        tasks: list[asyncio.Task[None]] = []
+        watching = [
+            asyncio.create_task(watch_loop(metrics.observe_loop_delay)),
+            asyncio.create_task(vitals.run(partial(self._feed_watchdog, vitals))),
+        ]
         try:
-            preparing = asyncio.gather(*(zone.prepare() for zone in zones.values()))
-            if not await _before(stop, preparing):
+            if not await _before(stop, asyncio.ensure_future(runtime.restore())):
                 return
-            last = dict(zip(zones, preparing.result(), strict=True))
-            for table in self._config.zones:
-                live = is_live(table, self._config)
-                zones[table.id].align(make_alignment(table, last[table.id], live), live, pace_of(table, self._config))
             serving = asyncio.create_task(server.run())
-            workers = [asyncio.create_task(zone.run()) for zone in zones.values()]
+            runtime.start_zones()
             try:
                 await server.started(serving)
                 if publisher is not None and self._config.zenoh.await_subscriber > 0:
@@ -155,39 +222,43 @@ class Daemon:
                         return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
-                tasks = [asyncio.create_task(self._feed(name, zones, last)) for name in self._config.sources]
-                site = self._config.site
+                runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
-                tasks.append(asyncio.create_task(store.keep_within(limits)))
-                clocks = [keep_time(zones[table.id]) for table in self._config.zones if is_live(table, self._config)]
-                clocks += [watch_clock()] if clocks else []
-                tasks += [asyncio.create_task(clock) for clock in clocks]
-                await asyncio.wait([stop, serving, *workers], return_when=asyncio.FIRST_COMPLETED)
+                watching.append(asyncio.create_task(store.keep_within(limits)))
+                self._ready = f"serving on {server.url}"
+                self._notifier.ready(self._ready)
+                ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]
+                await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+                self._notifier.stopping()
+                if runtime.broken.done():
+                    runtime.broken.result()
             finally:
-                await end(tasks)
+                await end(self._reloads)
+                await runtime.stop_feeds()
                 # An open stream would keep the server from stopping; the clients come back after a pause.
                 streams.end()
-                await asyncio.gather(_drain(zones, workers), server.stop(serving))
+                await asyncio.gather(runtime.drain(), server.stop(serving))
         finally:
-            stop.cancel()
-            watching.cancel()
+            for task in (stop, *watching):
+                task.cancel()
             server.close()
 
-    async def _feed(self, name: str, zones: Mapping[str, Zone], last: Mapping[str, int | None]) -> None:
-        """Run one source from where the zones it feeds stopped."""
-        source = build_source(name, self._config)
-        tables = zones_of(name, self._config)
-        nexts = [None if (time := last[zone.id]) is None else time + zone.period for zone in tables]
-        start = None if None in nexts else min(time for time in nexts if time is not None)
-        try:
-            await feed(source, Router(name, channels_of(name, self._config)), zones, start)
-        finally:
-            await source.close()
+    def _feed_watchdog(self, vitals: Vitals) -> None:
+        problems = vitals.problems()
+        if problems:
+            zones = ", ".join(vitals.hung())
+            _log.error("the daemon hangs: %s", "; ".join([*problems, *([f"zones {zones}"] if zones else [])]))
+        elif self._ready is None:
+            self._notifier.starting("restoring the zones", HUNG_SECONDS)
+        else:
+            self._notifier.alive()
 
 
 def _stand_back() -> None:
     """In a thread that computes: let the event loop go first where processors are short, so that REST stays prompt."""
-    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+    # A sandbox may forbid it; then REST is a little less prompt.
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
 
 
 async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
@@ -198,19 +269,3 @@ async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
         return False
     work.result()
     return True
-
-
-async def _drain(zones: Mapping[str, Zone], workers: Sequence[asyncio.Task[None]]) -> None:
-    """Let the zones empty their mailboxes, within DRAIN_SECONDS, and write their checkpoints."""
-    closing = [asyncio.create_task(zone.close_mailbox()) for zone in zones.values()]
-    _, late = await asyncio.wait([*workers, *closing], timeout=DRAIN_SECONDS)
-    if late:
-        _log.warning("stopping before every mailbox was empty; the journal holds the rest for the next start")
-        for zone in zones.values():
-            zone.hurry()
-        _, late = await asyncio.wait(late, timeout=SAVE_SECONDS)
-    for task in late:
-        task.cancel()
-    for result in await asyncio.gather(*workers, *closing, return_exceptions=True):
-        if isinstance(result, Exception):
-            raise result

@@ -7,11 +7,14 @@ from pathlib import Path
 
 
 def make_folder(folder: Path) -> None:
-    """Make `folder` and what is missing above it, durably; OSError where that fails."""
+    """Make `folder` and what is missing above it, durably; OSError where that fails.
+
+    Only the owner can look in: what a daemon knows of a home tells when people are there.
+    """
     if folder.is_dir():
         return
     make_folder(folder.parent)
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
     sync_folder(folder.parent)
 
 

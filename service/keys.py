@@ -22,6 +22,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from service.config_types import Identifier
+from service.durable_files import make_folder
 from service.errors import KeyFileError
 
 PREFIX = "tg_"
@@ -77,8 +78,8 @@ def read_keys(path: Path) -> tuple[Key, ...]:
         return ()
     except OSError as error:
         raise KeyFileError(
-            f"the keys in {path} cannot be read ({error.strerror}); make the file readable for the account that the "
-            "daemon runs under"
+            f"the keys in {path} cannot be read ({error.strerror}); give it to the account of the daemon, and "
+            "run commands about it as that account or root"
         ) from None
     except ValidationError:
         raise KeyFileError(
@@ -149,19 +150,34 @@ class KeyRing:
         found = [key for key in self._keys if hmac.compare_digest(key.digest, digest)]
         return next((key for key in found if key.state(now) == "active"), None)
 
+    def accepts(self, key: Key) -> bool:
+        """Whether `key`, found before, is still there and active."""
+        self._follow()
+        return key in self._keys and key.state(datetime.now(UTC)) == "active"
+
     def _follow(self) -> None:
         """Read the file again if it is another one than last time. One that cannot be trusted changes nothing."""
         signature = _signature(self._path)
         if signature == self._seen:
             return
         self._seen = signature
+        before = _accepted(self._keys)
         try:
             self._keys = read_keys(self._path)
         except KeyFileError as error:
             _log.error("%s; until then the keys as they were before are in force", error)
             return
         self._in_force = self._in_force or bool(self._keys)
-        _log.info("keys read again: %s", ", ".join(key.name for key in self._keys if key.revoked is None) or "none")
+        now = _accepted(self._keys)
+        for digest in now.keys() - before.keys():
+            _log.info("API key '%s' with the scope %s is in force", now[digest].name, now[digest].scope)
+        for digest in before.keys() - now.keys():
+            _log.info("API key '%s' is not in force any more", before[digest].name)
+
+
+def _accepted(keys: Sequence[Key]) -> dict[str, Key]:
+    """The keys that have not been revoked, by their digests."""
+    return {key.digest: key for key in keys if key.revoked is None}
 
 
 def _digest(secret: str) -> str:
@@ -181,7 +197,7 @@ def _signature(path: Path) -> tuple[int, ...] | None:
 def _changing(path: Path) -> Iterator[list[Key]]:
     """The keys of the file, to be changed; written on leaving, one writer at a time."""
     try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_folder(path.parent)
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX)

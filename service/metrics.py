@@ -88,6 +88,21 @@ class Metrics:
         if written:
             self._checkpointed.labels(zone).set_to_current_time()
 
+    def forget(self, zone: str) -> None:
+        """Show nothing of `zone` any more."""
+        for metric in (
+            self._samples,
+            self._seconds,
+            self._alpha,
+            self._gate,
+            self._n_eff,
+            self._width,
+            self._checkpoints,
+            self._checkpointed,
+            self._failures,
+        ):
+            metric.remove_by_labels({"zone": zone})
+
     def failed(self, zone: str) -> None:
         """A step of `zone`, or the restoring of its state, failed."""
         self._failures.labels(zone).inc()

@@ -11,7 +11,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Protocol
 
 import zenoh
 
@@ -31,6 +32,10 @@ _CLOSE_SECONDS = 1.0
 _log = logging.getLogger(__name__)
 
 
+class _Declared(Protocol):
+    def undeclare(self) -> None: ...
+
+
 class Publisher:
     """An open session with its publishers, queryables and tokens. Methods may be called from any thread."""
 
@@ -39,23 +44,11 @@ class Publisher:
         self._site = site
         self._closed = False
         self._last: dict[str, bytes] = {}
-        keys = [f"thermogate/{site}/{zone}" for zone in zones]
-        self._publishers = {
-            f"{key}/{topic}": session.declare_publisher(
-                f"{key}/{topic}",
-                encoding=zenoh.Encoding.APPLICATION_JSON,
-                congestion_control=zenoh.CongestionControl.DROP,
-            )
-            for key in keys
-            for topic in TOPICS
-        }
-        # A direct callback needs no thread of its own, so none can keep the process alive.
-        self._queryables = [
-            session.declare_queryable(f"{key}/{topic}", zenoh.handlers.Callback(self._answer, indirect=False))
-            for key in keys
-            for topic in TOPICS
-        ]
-        self._tokens = [session.liveliness().declare_token(f"{key}/alive") for key in keys]
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._declared: dict[str, list[_Declared]] = {}
+        """Everything that was declared for a zone, to be undeclared in this order."""
+        for zone in zones:
+            self.add(zone)
 
     @classmethod
     def open(cls, connection: Connection, site: str, zones: Sequence[str]) -> Publisher:
@@ -68,11 +61,37 @@ class Publisher:
             raise ServiceError(_opening_failed(connection, first_line(error))) from error
         try:
             return cls(session, site, zones)
-        except zenoh.ZError as error:
+        except ServiceError:
             session.close()
-            raise ServiceError(
-                f"[zenoh]: the keys of site '{site}' cannot be declared ({first_line(error)})"
-            ) from error
+            raise
+
+    def add(self, zone: str) -> None:
+        """Publish `zone` from now on; ServiceError if its keys cannot be declared."""
+        base = self._base(zone)
+        declared = self._declared[zone] = []
+        try:
+            for topic in TOPICS:
+                key = f"{base}/{topic}"
+                self._publishers[key] = self._session.declare_publisher(
+                    key,
+                    encoding=zenoh.Encoding.APPLICATION_JSON,
+                    congestion_control=zenoh.CongestionControl.DROP,
+                )
+                # A direct callback needs no thread of its own, so none can keep the process alive.
+                answer = zenoh.handlers.Callback(self._answer, indirect=False)
+                declared += [self._session.declare_queryable(key, answer), self._publishers[key]]
+            declared.insert(0, self._session.liveliness().declare_token(f"{base}/alive"))
+        except zenoh.ZError as error:
+            self.remove(zone)
+            raise ServiceError(f"[zenoh]: {base}/... cannot be declared ({first_line(error)})") from error
+
+    def remove(self, zone: str) -> None:
+        """Publish `zone` no longer; without effect if it is not published."""
+        for topic in TOPICS:
+            key = f"{self._base(zone)}/{topic}"
+            self._publishers.pop(key, None)
+            self._last.pop(key, None)
+        self._give_up(self._declared.pop(zone, []))
 
     def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
         """Put everything that `update` brought; ServiceError if the session has failed. Nothing after `close`."""
@@ -82,13 +101,21 @@ class Publisher:
         self.publish_status(zone, status, update)
 
     def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """Put the status alone, with what became of the last sample if `update` is given."""
+        """Put the status, with what became of the last sample if `update` is given. A forecast that the zone can no
+        longer vouch for is put again, once, marked bad: whoever asks for the last value must not take it for good."""
         self._put(zone, "status", to_json(status_payload(self._site, zone, status, update)))
+        if update is None:
+            return
+        issued = forecast_payload(self._site, zone, update)
+        forecast = vouched(issued, status)
+        payload = to_json(forecast)
+        if forecast.quality is not issued.quality and self._last.get(f"{self._base(zone)}/forecast") != payload:
+            self._put(zone, "forecast", payload)
 
     def await_subscriber(self, timeout: float) -> bool:
         """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
         deadline = time.monotonic() + timeout
-        forecasts = [publisher for key, publisher in self._publishers.items() if key.endswith("/forecast")]
+        forecasts = [publisher for key, publisher in tuple(self._publishers.items()) if key.endswith("/forecast")]
         while not self._closed:
             try:
                 if all(_matches(publisher) for publisher in forecasts):
@@ -102,6 +129,14 @@ class Publisher:
             time.sleep(_POLL_SECONDS)
         return False
 
+    @property
+    def connected(self) -> int:
+        """How many sessions ours is connected to."""
+        try:
+            return 0 if self._closed else len(self._session.info.transports())
+        except zenoh.ZError:
+            return 0
+
     def close(self) -> None:
         """Undeclare everything and close the session, within a second; safe to call twice."""
         if self._closed:
@@ -113,13 +148,20 @@ class Publisher:
         if closing.is_alive():
             _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
 
+    def _base(self, zone: str) -> str:
+        return f"thermogate/{self._site}/{zone}"
+
     def _put(self, zone: str, topic: str, payload: bytes) -> None:
-        key = f"thermogate/{self._site}/{zone}/{topic}"
+        key = f"{self._base(zone)}/{topic}"
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            # A reload has removed the zone under its last step.
+            return
         self._last[key] = payload
         if self._closed:
             return
         try:
-            self._publishers[key].put(payload)
+            publisher.put(payload)
         except zenoh.ZError as error:
             # A close in another thread may undeclare the publisher under this put.
             if not self._closed:
@@ -133,15 +175,17 @@ class Publisher:
                     query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def _undeclare(self) -> None:
-        undeclare: list[Callable[[], object]] = [
-            *(token.undeclare for token in self._tokens),
-            *(queryable.undeclare for queryable in self._queryables),
-            *(publisher.undeclare for publisher in self._publishers.values()),
-            self._session.close,
-        ]
-        for step in undeclare:
+        for declared in self._declared.values():
+            self._give_up(declared)
+        try:
+            self._session.close()
+        except zenoh.ZError as error:
+            _log.debug("while closing Zenoh: %s", error)
+
+    def _give_up(self, declared: Sequence[_Declared]) -> None:
+        for one in declared:
             try:
-                step()
+                one.undeclare()
             except zenoh.ZError as error:
                 _log.debug("while closing Zenoh: %s", error)
 

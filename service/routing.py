@@ -23,17 +23,31 @@ class Router:
     def __init__(self, source: str, channels: Iterable[str]) -> None:
         """`channels`: every channel id that the source delivers."""
         self.source = source
-        self._zone_of = {channel: channel.split("/", 1)[0] for channel in channels}
-        self.zones = tuple(dict.fromkeys(self._zone_of.values()))
+        self.zones: tuple[str, ...] = ()
+        """The zones that get a share."""
+        self._zone_of: dict[str, str] = {}
+        self.adopt(channels)
+
+    def adopt(self, channels: Iterable[str]) -> None:
+        """From now on the source delivers `channels`; what it still brings of others is nobody's."""
+        told = {channel: channel.split("/", 1)[0] for channel in channels}
+        self._zone_of |= told
+        self.keep(told.values())
+
+    def keep(self, zones: Iterable[str]) -> None:
+        """Only these zones get a share from now on."""
+        self.zones = tuple(dict.fromkeys(zones))
+        self._alone = set(self._zone_of.values()) == set(self.zones) and len(self.zones) == 1
 
     def split(self, batch: Batch) -> list[Delivery]:
         """One delivery for every zone of the source, also without readings: the clock concerns them all.
 
-        Raises KeyError for a channel id that was not announced.
+        Raises KeyError for a channel id that was never announced.
         """
-        if len(self.zones) == 1:
+        if self._alone:
             return [Delivery(self.zones[0], self.source, batch.readings, batch.now)]
         shares: dict[str, list[Reading]] = {zone: [] for zone in self.zones}
+        nobody: list[Reading] = []
         for reading in batch.readings:
-            shares[self._zone_of[reading.channel]].append(reading)
+            shares.get(self._zone_of[reading.channel], nobody).append(reading)
         return [Delivery(zone, self.source, readings, batch.now) for zone, readings in shares.items()]

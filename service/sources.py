@@ -35,19 +35,28 @@ class Binding(NamedTuple):
 class SourceKind(NamedTuple):
     """The table that describes a source of this kind, the one that describes a channel of it, and how to build one from
     its name, table and bindings. A `live` source tells what is now, a recorded one what was. `example` is how a channel
-    says where its value is found."""
+    says where its value is found. `rebind` gives a live source that is at work other bindings."""
 
     table: type[Any]
     channel: type[ChannelConfig]
     live: bool
     example: str
     build: Callable[[str, Any, Sequence[Binding]], Source]
+    rebind: Callable[[Any, Any, Sequence[Binding]], None] | None = None
 
 
 def build_source(name: str, config: Config) -> Source:
     """The source of the table [sources.`name`], delivering to every channel of every zone that names it."""
     table = config.sources[name]
     return SOURCE_KINDS[table.kind].build(name, table, list(bindings(name, config)))
+
+
+def rebind_source(source: Source, name: str, config: Config) -> None:
+    """Let a live `source`, built from the same table, deliver to the channels in `config` from now on."""
+    table = config.sources[name]
+    rebind = SOURCE_KINDS[table.kind].rebind
+    assert rebind is not None, f"a source of kind {table.kind} is built anew"
+    rebind(source, table, list(bindings(name, config)))
 
 
 def bindings(name: str, config: Config) -> Iterable[Binding]:
@@ -131,6 +140,10 @@ def _build_modbus(name: str, table: ModbusConfig, bindings: Sequence[Binding]) -
     )
 
 
+def _rebind_modbus(source: ModbusSource, table: ModbusConfig, bindings: Sequence[Binding]) -> None:
+    source.rebind([_modbus_channel(binding.id, binding.channel, binding.unit, table) for binding in bindings])
+
+
 def _modbus_channel(id: str, channel: ModbusChannelConfig, unit: str, table: ModbusConfig) -> ModbusChannel:
     assert channel.unit_id is not None
     assert channel.table is not None
@@ -155,12 +168,18 @@ def _build_zenoh(name: str, table: ZenohSourceConfig, bindings: Sequence[Binding
     )
 
 
+def _rebind_zenoh(source: ZenohSource, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> None:
+    source.rebind([_zenoh_channel(binding.id, binding.channel, binding.unit) for binding in bindings])
+
+
 def _zenoh_channel(id: str, channel: ZenohChannelConfig, unit: str) -> ZenohChannel:
     return ZenohChannel(id, channel.key, channel.payload_format, edge_of(channel, unit), channel.stuck_after)
 
 
 SOURCE_KINDS: dict[str, SourceKind] = {
     "csv": SourceKind(CsvConfig, CsvChannelConfig, False, 'column = "..."', _build_csv),
-    "modbus": SourceKind(ModbusConfig, ModbusChannelConfig, True, 'register = 0, type = "float32"', _build_modbus),
-    "zenoh": SourceKind(ZenohSourceConfig, ZenohChannelConfig, True, 'key = "..."', _build_zenoh),
+    "modbus": SourceKind(
+        ModbusConfig, ModbusChannelConfig, True, 'register = 0, type = "float32"', _build_modbus, _rebind_modbus
+    ),
+    "zenoh": SourceKind(ZenohSourceConfig, ZenohChannelConfig, True, 'key = "..."', _build_zenoh, _rebind_zenoh),
 }

@@ -20,6 +20,7 @@ from adapters.reading import Reading
 from estimator.types import ParameterSummary
 from service import snapshot
 from service.alignment import Alignment
+from service.checkpoint import Checkpoint
 from service.errors import ServiceError, StateMismatch
 from service.health import state_and_reason
 from service.intake import FIRST_PAUSE, LONGEST_PAUSE, ZoneIntake
@@ -27,8 +28,10 @@ from service.journal import HistoryRow
 from service.mailbox import Left, Mark
 from service.plumbing import Plumbing
 from service.records import Sample, Update
+from service.setting_back import set_back
 from service.timeliness import Timeliness
 from service.view import Fan, ZoneStatus
+from service.vitals import Busy
 from service.worker import ZoneWorker
 
 ATTEMPTS = 3
@@ -44,13 +47,14 @@ class Zone:
     ) -> None:
         self.id = name
         self.estimator = estimator
-        self._fingerprint = fingerprint
+        self.fingerprint = fingerprint
+        """What its state belongs to."""
         self._make_worker = make_worker
         self._plumbing = plumbing
         self._worker = make_worker()
         self.network = self._worker.network
         self.period = float(self._worker.period)
-        self._intake = ZoneIntake(name, plumbing.store)
+        self._intake = ZoneIntake(name, self.period, plumbing.store, plumbing.clock)
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
@@ -58,6 +62,8 @@ class Zone:
         self._unsaved = False
         """Whether the worker has gone on since the last checkpoint."""
         self._save_at = self._next_checkpoint()
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
         self._hurried = False
@@ -76,6 +82,7 @@ class Zone:
             trouble=trouble,
             live=intake.live,
             ended=self._ended,
+            now=self._plumbing.clock.wall(),
             lag=self._timeliness.lag(intake.mailbox.waiting_since),
         )
         return ZoneStatus(
@@ -91,6 +98,16 @@ class Zone:
             overruns=self._timeliness.overruns,
             delay=self._timeliness.delay,
         )
+
+    @property
+    def live(self) -> bool:
+        """Whether the zone goes by the wall clock."""
+        return self._intake.live
+
+    @property
+    def busy(self) -> Busy:
+        """What waits, and what was finished."""
+        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
 
     def latest(self) -> Update | None:
         """The newest update."""
@@ -117,9 +134,9 @@ class Zone:
         Raises StateMismatch where the stored state belongs to another network.
         """
         store, loop = self._plumbing.store, asyncio.get_running_loop()
-        await store.claim(self.id, self._fingerprint)
+        await store.claim(self.id, self.fingerprint)
         worker = self._make_worker()
-        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self._fingerprint)
+        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self.fingerprint)
         if checkpoint is not None:
             snapshot.restore(worker, checkpoint)
         self._replayed = replayed = await self._catch_up(worker)
@@ -147,6 +164,14 @@ class Zone:
     async def elapse(self, now: float) -> None:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
         await self._intake.elapse(now)
+
+    def is_due(self) -> bool:
+        """Whether there is anything to do for `keep_time`."""
+        return self._intake.live and self._intake.is_due()
+
+    async def keep_time(self) -> None:
+        """The wall clock goes on, in a live zone."""
+        await self._intake.keep_time()
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
@@ -179,7 +204,7 @@ class Zone:
 
     async def close_mailbox(self) -> None:
         """No sample follows: `run` ends when the mailbox is empty."""
-        self._intake.mailbox.close()
+        await self._intake.close()
 
     def hurry(self) -> None:
         """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
@@ -222,6 +247,9 @@ class Zone:
                 break
             if item is Mark.ENDED:
                 await self._end()
+            elif item is Mark.SET_BACK:
+                if await set_back(self.id, self._checkpoint, self._worker, self._intake, self._plumbing.store):
+                    await self._announce_status()
             elif isinstance(item, Left):
                 await self._catch_up(self._worker, item)
             else:
@@ -251,6 +279,7 @@ class Zone:
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
         self._unsaved = True
+        self._finished += 1
         if update is not None:
             store.record(self.id, update)
 
@@ -279,8 +308,11 @@ class Zone:
             except ServiceError as error:
                 _log.warning("zone '%s': %s", self.id, error)
 
+    def _checkpoint(self) -> Checkpoint | None:
+        return snapshot.take(self._worker, self.fingerprint, self.estimator)
+
     async def _save(self) -> None:
-        checkpoint = snapshot.take(self._worker, self._fingerprint, self.estimator)
+        checkpoint = self._checkpoint()
         self._save_at = self._next_checkpoint()
         if checkpoint is None:
             return
@@ -296,6 +328,7 @@ class Zone:
             _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
+        self._finished += 1
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
         self._intake.mailbox.discard()
         self._timeliness.rest()

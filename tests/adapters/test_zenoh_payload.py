@@ -216,3 +216,21 @@ def test_payloads_are_shown_short_and_on_one_line():
     assert shown(b"21.5") == "21.5"
     assert shown(b"a\nb\x00\xff") == r"a b \xff"
     assert len(shown(b"x" * 1000)) == 60
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        document(quality="ok\nWARNING all is well\x1b[2J"),
+        document(quality="\ud800" + "x" * 60_000),
+        document(time="yesterday\u2028\r"),
+        document(value="\ud800"),
+        document(value="\x00warm"),
+    ],
+)
+def test_what_a_publisher_writes_can_neither_break_nor_fill_the_log(payload):
+    refused = one(payload, JSON)
+    assert isinstance(refused, Rejected)
+    assert refused.sentence.isprintable()
+    assert len(refused.sentence) <= 300
+    refused.sentence.encode()

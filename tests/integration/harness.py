@@ -81,6 +81,11 @@ class Daemon:
             with error:
                 return error.code, json.load(error)
 
+    def text(self, path: str) -> str:
+        """Body of a GET that is no JSON."""
+        with urllib.request.urlopen(self.url() + path, timeout=30) as answer:
+            return answer.read().decode()
+
     def post(self, path: str, body: dict) -> tuple[int, dict]:
         """Status and JSON body of a POST."""
         request = urllib.request.Request(

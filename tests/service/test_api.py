@@ -34,9 +34,29 @@ def test_health_is_of_the_process(app: FastAPI, zones: dict[str, FakeZone]) -> N
     assert 0 <= document["uptime_s"] < 60
 
 
+def test_health_says_what_does_not_answer(zones: dict[str, FakeZone]) -> None:
+    app = create_app("htwg", zones, Metrics(zones).registry, problems=lambda: ["the journal has not answered for 61 s"])
+    answer = get(app, "/healthz")
+    assert problem(answer, 503)["detail"] == "the journal has not answered for 61 s"
+    assert "retry-after" in answer.headers
+
+
+def test_a_reload_needs_an_administrator(app: FastAPI) -> None:
+    assert request(app, "POST", "/admin/reload").status_code == 401
+
+
 def test_ready_when_every_zone_runs(app: FastAPI) -> None:
     answer = get(app, "/readyz")
-    assert (answer.status_code, answer.json()["zones"]) == (200, {"living": "running", "bedroom": "running"})
+    zones = {zone["id"]: zone for zone in answer.json()["zones"]}
+    assert (answer.status_code, list(zones)) == (200, ["living", "bedroom"])
+    assert zones["living"] == {
+        "id": "living",
+        "state": "running",
+        "reason": "",
+        "period_s": 300.0,
+        "age_s": 360.0,
+        "channels": {"T_air": 240.0, "T_out": 240.0, "T_adj": 240.0, "u_heat": 240.0},
+    }
 
 
 @pytest.mark.parametrize("state", ["waiting", "stalled", "failed"])
@@ -44,7 +64,9 @@ def test_not_ready_names_the_zones_and_reasons(app: FastAPI, zones: dict[str, Fa
     zones["bedroom"].state, zones["bedroom"].reason = state, "T_out is 1500 s old"
     answer = get(app, "/readyz")
     document = problem(answer, 503)
-    assert document["zones"] == [{"id": "bedroom", "state": state, "reason": "T_out is 1500 s old"}]
+    (behind,) = document["zones"]
+    assert (behind["id"], behind["state"], behind["reason"]) == ("bedroom", state, "T_out is 1500 s old")
+    assert (behind["age_s"], behind["channels"]["T_out"]) == (360.0, 240.0)
     assert document["detail"] == f"zone 'bedroom' is {state}: T_out is 1500 s old"
     assert "retry-after" in answer.headers
 
@@ -102,6 +124,7 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/zones",
         "/zones/{zone}",
         "/zones/{zone}/forecast",
+        "/admin/reload",
         "/zones/{zone}/parameters",
         "/zones/{zone}/history",
         "/zones/{zone}/stream",
@@ -115,7 +138,8 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
     for path, operations in document["paths"].items():
         for operation in operations.values():
             assert operation["summary"], path
-            assert operation["security"] == ([{}] if path == "/healthz" else [{"key": []}, {}])
+            open_to_all, closed = path == "/healthz", path.startswith("/admin/")
+            assert operation["security"] == ([{}] if open_to_all else [{"key": []}] if closed else [{"key": []}, {}])
             for status, answer in operation["responses"].items():
                 if not status.startswith("2"):
                     assert set(answer["content"]) == {"application/problem+json"}

@@ -9,7 +9,9 @@ import pytest
 from certificates import make_pair
 from config_samples import sound, write
 
+from service import exposure
 from service.cli import main
+from service.errors import KeyFileError
 from service.keys import create_key, revoke_key
 
 Capture = pytest.CaptureFixture[str]
@@ -66,3 +68,16 @@ def test_on_loopback_neither_is_needed_but_what_is_given_must_be_right(tmp_path:
     assert lines[0].startswith(f"http.certificate: {tmp_path}/a.pem cannot be read")
     assert lines[1].startswith(f"http.keys_file: {tmp_path}/keys.json is not a file of keys")
     assert lines[2:] == ["2 mistakes in the configuration; nothing was started"]
+
+
+def test_who_cannot_see_the_keys_can_check_what_is_on_loopback(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def closed(path: Path) -> tuple[()]:
+        raise KeyFileError(f"the keys in {path} cannot be read (Permission denied)")
+
+    monkeypatch.setattr(exposure, "read_keys", closed)
+    monkeypatch.setattr(exposure.os, "access", lambda *_: False)
+    assert complaints(tmp_path, capsys) == []
+    (line,) = complaints(tmp_path, capsys, behind_tls_proxy=True)
+    assert "cannot be read (Permission denied)" in line

@@ -65,6 +65,19 @@ def test_a_key_is_found_until_it_is_revoked(file: Path) -> None:
     assert ring.find("") is None
 
 
+def test_the_log_says_what_came_and_went(file: Path, caplog: pytest.LogCaptureFixture) -> None:
+    ring = KeyRing(file, required=False)
+    with caplog.at_level(logging.INFO):
+        secret = create_key(file, "one", "admin")
+        ring.find(secret)
+        revoke_key(file, "one")
+        ring.find(secret)
+    assert [record.getMessage() for record in caplog.records] == [
+        "API key 'one' with the scope admin is in force",
+        "API key 'one' is not in force any more",
+    ]
+
+
 def test_an_expired_key_is_not_found(file: Path) -> None:
     old, good = create_key(file, "old", "read", expires=PAST), create_key(file, "good", "read", expires=LATER)
     ring = KeyRing(file, required=False)

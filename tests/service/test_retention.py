@@ -17,7 +17,7 @@ from zone_samples import comparable, sample, worker
 import service.store
 from service.journal import Journal
 from service.retention import Limits, prune
-from service.store import JOURNAL, Store, store_measures
+from service.store import JOURNAL, Store
 from service.zone import Zone
 
 STEP = 300
@@ -170,7 +170,7 @@ def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
 
 def test_the_size_of_the_journal_is_measured(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    (measure,) = store_measures(tmp_path)
+    (measure,) = store.measures()
     ((labels, size),) = measure.read()
     assert (measure.name, labels) == ("thermogate_journal_bytes", ())
     assert size == sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) > 10_000
