@@ -1,4 +1,4 @@
-"""What SQLite does not notice: changed values, missing rows, a damaged log, and a journal that is not the checkpoint's."""
+"""What SQLite does not notice: changed values, missing rows, a damaged log, a journal that ends too early."""
 
 from __future__ import annotations
 
