@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
+FUZZ_INPUTS ?= 1000000
 
 .PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus audit fuzz clean help
 
@@ -57,6 +58,9 @@ load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the re
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
 
+fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it
+	$(BIN)/python tests/fuzz/run.py --inputs $(FUZZ_INPUTS) --out var/fuzz
+
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
@@ -72,3 +76,7 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \
 	  echo "the extra 'bench' cannot be installed; what needs it is left out"
+
+$(VENV)/.fuzz: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]' && touch $@ || \
+	  echo "the extra 'fuzz' cannot be installed; inputs are chosen by chance"

@@ -202,6 +202,19 @@ class Journal:
             self._connection.executescript(f"PRAGMA incremental_vacuum({pages:d})")
         return self.read("PRAGMA freelist_count") < free
 
+    def samples_ahead(self, zone: str, after: int) -> int:
+        """How many samples of `zone` are later than `after`."""
+        count: int = self.read("SELECT count(*) FROM samples WHERE zone = ? AND time > ?", zone, after)[0][0]
+        return count
+
+    def set_aside(self, zone: str, after: int) -> None:
+        """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
+        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
+        with self.transaction() as cursor:
+            for table in ("samples", "history"):
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
+        self._ends.pop(zone, None)
+
     def close(self) -> None:
         """Flush and close; safe to call twice."""
         try:
