@@ -31,7 +31,7 @@ from service.http_measures import http_measures
 from service.http_server import HttpServer
 from service.instruments import instrument
 from service.keys import KeyRing
-from service.logs import configure_logging
+from service.logs import configure_logging, sweep_log
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
 from service.notify import Notifier
@@ -71,17 +71,17 @@ def run_daemon(
     `reset` names zones whose stored state is set aside first. `reread` reads the configuration again for a reload.
     Raises ServiceError where the start fails.
     """
-    configure_logging()
-    # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
-    if sys.__stderr__ is not None:
-        faulthandler.enable(sys.__stderr__)
-    sys.setswitchinterval(_SWITCH_SECONDS)
-    gc.set_threshold(*_COLLECT_AFTER)
     unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]
     if unknown:
         known = ", ".join(zone.id for zone in config.zones)
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
     check_exposure(config)
+    configure_logging(config.log)
+    # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
+    if sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)
+    sys.setswitchinterval(_SWITCH_SECONDS)
+    gc.set_threshold(*_COLLECT_AFTER)
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
 
@@ -144,6 +144,8 @@ class Daemon:
             changes = await runtime.reload(new)
             for zone in changes.removed:
                 self._streams.end(zone)
+            if changes.log:
+                configure_logging(new.log)
             done = summary(changes)
             _log.info("configuration reloaded: %s", done)
             return done
@@ -244,6 +246,7 @@ class Daemon:
             server.close()
 
     def _feed_watchdog(self, vitals: Vitals) -> None:
+        sweep_log()
         problems = vitals.problems()
         if problems:
             zones = ", ".join(vitals.hung())

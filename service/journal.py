@@ -199,7 +199,7 @@ class Journal:
         free = self.read("PRAGMA freelist_count")
         with translated(self._path):
             # Of what it returns a page is freed at each step, and only a script takes all of them.
-            self._connection.executescript(f"PRAGMA incremental_vacuum({pages})")
+            self._connection.executescript(f"PRAGMA incremental_vacuum({pages:d})")
         return self.read("PRAGMA freelist_count") < free
 
     def samples_ahead(self, zone: str, after: int) -> int:

@@ -165,12 +165,13 @@ def translated(path: Path) -> Iterator[None]:
     """Turn sqlite3's errors into one sentence with the place and the remedy."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         raise JournalError(f"the journal {path} failed ({error}); {_remedy(error)}") from error
 
 
-def _remedy(error: sqlite3.Error) -> str:
-    name = getattr(error, "sqlite_errorname", "")
+def _remedy(error: Exception) -> str:
+    # What SQLite says of a damaged schema quotes it, and is then no text either.
+    name = "SQLITE_CORRUPT" if isinstance(error, UnicodeDecodeError) else getattr(error, "sqlite_errorname", "")
     damaged = "restore a backup, or move it away; the zones go on from their checkpoints with an empty history"
     remedies = {
         "SQLITE_FULL": "free space on its disk",

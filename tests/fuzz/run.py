@@ -85,7 +85,7 @@ def _in_a_process(name: str, inputs: int, out: Path) -> dict[str, Any]:
     with (folder / "log").open("w", encoding="utf-8") as log:
         code = subprocess.run(command, stdout=log, stderr=log, cwd=ROOT, check=False).returncode
     text = (folder / "log").read_text(encoding="utf-8", errors="replace")
-    figures = json.loads(counted.read_text()) if counted.exists() else {"inputs": 0, "drawn": 0}
+    figures = json.loads(counted.read_text()) if counted.exists() else {"inputs": 0}
     covered = re.findall(r"\bcov: (\d+)", text)
     hung = "libFuzzer: timeout" in text or "Timeout (0:00:" in text
     done = code == 0 and figures["inputs"] >= inputs
@@ -145,18 +145,17 @@ def run_one(name: str, inputs: int, folder: Path) -> int:
 
 
 class Count:
-    """Counts inputs, and those among them of which the strategies could draw something."""
+    """Counts inputs; bytes of which strategies could draw nothing are none."""
 
     def __init__(self, limit: int, folder: Path) -> None:
         self._limit, self._path = limit, folder / "inputs.json"
-        self._inputs = self._drawn = 0
+        self._inputs = 0
 
     def note(self, drawn: bool) -> None:
-        """One more input is through; ends the process with the last one."""
-        self._inputs += 1
-        self._drawn += drawn
-        if self._inputs % 1000 == 0 or self._inputs == self._limit:
-            self._path.write_text(json.dumps({"inputs": self._inputs, "drawn": self._drawn}))
+        """One more is through; ends the process with the last one."""
+        self._inputs += drawn
+        if drawn and (self._inputs % 1000 == 0 or self._inputs == self._limit):
+            self._path.write_text(json.dumps({"inputs": self._inputs}))
         if self._inputs == self._limit:
             # libFuzzer knows no other way to stop that it does not count as a failure.
             sys.stderr.flush()

@@ -48,14 +48,14 @@ def session() -> requests.Session:
 
 
 def cases() -> st.SearchStrategy[schemathesis.Case]:
-    """Of every operation, what its description allows and what it forbids."""
-    operations = [found.ok() for found in document().get_all_operations()]
+    """Of every operation but the stream, which does not end, what its description allows and what it forbids."""
+    operations = [found.ok() for found in document().get_all_operations() if not found.ok().path.endswith("/stream")]
     assert len(operations) >= 8
     modes = (schemathesis.GenerationMode.POSITIVE, schemathesis.GenerationMode.NEGATIVE)
     return st.one_of(*(one.as_strategy(generation_mode=mode) for one in operations for mode in modes))
 
 
-@structured(share=1, examples=150, led=False, case=st.deferred(cases), zone=st.sampled_from(["room-1", None]))
+@structured(share=1, examples=100, led=False, case=st.deferred(cases), zone=st.sampled_from(["room-1", None]))
 def test_request(case: schemathesis.Case, zone: str | None) -> None:
     if zone is not None and "zone" in case.path_parameters:
         case.path_parameters["zone"] = zone

@@ -49,9 +49,7 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "mode": "peer",
         "listen": ["tcp/127.0.0.1:7447"],
         "connect": [],
-        "timeout": "5s",
         "await_subscriber": "0s",
-        "timeout": "5s",
     }
     assert shown["sources"]["log"]["pace"] == "max"
     living = shown["zones"][0]

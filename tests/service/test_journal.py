@@ -238,6 +238,13 @@ def test_a_damaged_page_is_reported_when_it_is_read(path: Path, journal: Journal
         list(reopened.samples_after("living", None))
 
 
+def test_a_damaged_schema_of_which_sqlite_speaks_in_bytes(path: Path, journal: Journal) -> None:
+    journal.close()
+    path.write_bytes(path.read_bytes().replace(b"CREATE TABLE samples", b"CREATE \xe7\xff\xfeBLE samples"))
+    with pytest.raises(JournalError, match=r"failed .*; restore a backup"):
+        Journal.open(path)
+
+
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(JournalError, match="folder of the journal"):
