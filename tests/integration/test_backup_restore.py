@@ -27,7 +27,7 @@ def test_a_backup_of_a_running_daemon_goes_on_bit_for_bit(tmp_path: Path) -> Non
         daemon.wait(lambda zones: zones[ZONE]["samples"] >= 80)
         done = thermogate("backup", CONFIG, kept, *overrides(settings(live, 1)))
         assert (done.returncode, done.stderr) == (0, "")
-        assert re.fullmatch(rf"{kept}: site semi-synthetic, 1 zones with a checkpoint, \d+\.\d MB\n", done.stdout)
+        assert re.fullmatch(rf"{kept}: site semi-synthetic, \d+\.\d MB, zones with a checkpoint: 1\n", done.stdout)
         refused = thermogate("restore", CONFIG, kept, "--replace", *overrides(settings(live, 1)))
         assert refused.returncode == 1
         assert "another thermogate already runs on site.state_dir" in refused.stderr
