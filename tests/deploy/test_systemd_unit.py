@@ -57,8 +57,8 @@ def test_it_is_what_the_daemon_expects() -> None:
     settings = service(UNIT)
     assert settings["Type"] == ["notify"]
     assert settings["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
-    # Where the kernels are cached has to be a folder that the unit makes.
-    assert "NUMBA_CACHE_DIR=%C/thermogate" in settings["Environment"][0]
+    # The kernels are cached in $XDG_CACHE_HOME/thermogate, which has to be a folder that the unit makes.
+    assert "XDG_CACHE_HOME=%C" in settings["Environment"][0].split()
     assert settings["CacheDirectory"] == ["thermogate"]
     assert "%S/thermogate" in settings["ExecStart"][0]
     assert settings["StateDirectory"] == ["thermogate"]
