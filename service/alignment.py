@@ -57,6 +57,7 @@ class Alignment:
         resume_after: int | None = None,
         resume_idle: int = 0,
         live: bool = False,
+        earliest: float = EARLIEST,
     ) -> None:
         """Args:
         network: gives the channels and their order.
@@ -70,6 +71,7 @@ class Alignment:
             for they have been processed, and the grid goes on with the next interval.
         resume_idle: how many samples of NaN in a row ended with `resume_after`.
         live: the sources never deliver anything twice, so that nothing is passed over in silence.
+        earliest: no time before it is believed, neither a reading's nor the wall clock's, UTC s.
 
         Raises ConfigError for a period that is no whole number of seconds, an unknown rule or an unknown channel.
         """
@@ -97,6 +99,7 @@ class Alignment:
         self._period = int(period)
         self._lateness = lateness
         self._live = live
+        self._earliest = earliest
         self._idle_limit = idle_limit
         self._clocks = dict.fromkeys(sources, -inf)
         self._open: dict[int, _Interval] = {}
@@ -128,7 +131,7 @@ class Alignment:
                 self.faults[Fault.OVERRUN] += 1
             else:
                 row[time] = value
-        if isfinite(now):
+        if isfinite(now) and now >= self._earliest:
             self._clocks[source] = max(now, self._clocks.get(source, -inf))
         return self._advance()
 
@@ -137,8 +140,35 @@ class Alignment:
 
         This is how the intervals of live sources close when these are silent.
         """
+        if now < self._earliest:
+            return []
         self._clocks = {source: max(now, clock) for source, clock in self._clocks.items()}
         return self._advance()
+
+    @property
+    def closes_at(self) -> float:
+        """UTC s at which the next interval closes, if no source has gone past it before."""
+        return (self._closed + 2) * self._period + self._lateness
+
+    @property
+    def closed_until(self) -> int:
+        """UTC s up to which every interval is closed."""
+        return (self._closed + 1) * self._period
+
+    def last_before(self, now: float) -> int:
+        """Time of the last interval that is over at `now`, UTC s."""
+        return (int((now - self._lateness) // self._period) - 1) * self._period
+
+    def set_back(self, now: float) -> None:
+        """The wall clock was set back to `now`, and what lies ahead of it was set aside: the grid goes on from there.
+
+        Open intervals are given up; their readings were dated by the clock that was wrong.
+        """
+        self._open.clear()
+        self._clocks = dict.fromkeys(self._clocks, -inf)
+        self._closed = self.last_before(now) // self._period
+        self._next, self._idle = self._closed + 1, 0
+        self.last_good = {channel: when for channel, when in self.last_good.items() if when <= now}
 
     def end(self, source: str) -> list[Sample]:
         """`source` has come to its end. With the last one every open interval closes, the incomplete one too."""
@@ -156,7 +186,7 @@ class Alignment:
 
     def _accept(self, time: float, value: float, quality: Quality, fault: Fault | None) -> int | None:
         """Index of the interval that the reading belongs to, or None if it is not used; then its fault is counted."""
-        if not EARLIEST <= time < LATEST:
+        if not self._earliest <= time < LATEST:
             self.faults[fault or Fault.BAD_TIMESTAMP] += 1
             return None
         index = int(time // self._period)

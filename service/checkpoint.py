@@ -74,8 +74,8 @@ class CheckpointStore:
         self._directory = directory
         self._keep = keep
 
-    def save(self, zone: str, checkpoint: Checkpoint) -> Path:
-        """Write `checkpoint`, durable on return, and remove the oldest ones; returns its file."""
+    def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> Path:
+        """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
         folder = self._directory / zone
         target = folder / f"{checkpoint.step:012d}.npz"
         content = _encode(checkpoint)
@@ -93,7 +93,7 @@ class CheckpointStore:
                 raise
             # Only when the new one cannot be lost any more may an old one go.
             sync_folder(folder)
-            for old in _newest_first(folder)[self._keep :]:
+            for old in [] if keep_all else _newest_first(folder)[self._keep :]:
                 old.unlink()
         except OSError as error:
             raise CheckpointError(
@@ -126,16 +126,27 @@ class CheckpointStore:
             ) from error
         return None
 
+    def files(self, zone: str) -> list[Path]:
+        """The kept checkpoints of `zone`, newest first."""
+        return _newest_first(self._directory / zone)
+
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
-        kept = _newest_first(self._directory / zone)
+        kept = self.files(zone)
         return int(kept[-1].stem) if kept else None
 
     def reset(self, zone: str) -> Path | None:
         """Set the checkpoints of `zone` aside in a folder of their own, which is returned; None if there are none."""
         folder = self._directory / zone
+        return self._set_aside(zone, [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else [])
+
+    def set_aside(self, zone: str, after: int) -> Path | None:
+        """The same with those alone that were taken later than `after`."""
+        return self._set_aside(zone, [p for p in _newest_first(self._directory / zone) if int(p.stem) > after])
+
+    def _set_aside(self, zone: str, files: list[Path]) -> Path | None:
+        folder = self._directory / zone
         try:
-            files = [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else []
             if not files:
                 return None
             aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -198,10 +197,9 @@ def _completed(zone: ZoneConfig, network: Network) -> ZoneConfig:
     channels = {}
     for name, channel in zone.channels.items():
         unit = network.channel_unit(name)
-        believable = default_valid_range(unit)
         defaults: dict[str, Any] = {}
-        if channel.valid is None and channel.aggregate != "energy" and all(map(isfinite, believable)):
-            defaults["valid"] = believable
+        if channel.valid is None and channel.aggregate != "energy":
+            defaults["valid"] = default_valid_range(unit)
         if "aggregate" not in channel.model_fields_set:
             defaults["aggregate"] = default_aggregate(unit, channel.unit)
         channels[name] = channel.model_copy(update=defaults)

@@ -24,7 +24,7 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
-from service.errors import ConfigError, ServiceError
+from service.errors import CertificateError, ConfigError, ServiceError
 from service.exposure import check_exposure
 from service.feeding import end
 from service.http_measures import http_measures
@@ -97,6 +97,7 @@ class Daemon:
         self._notifier = Notifier()
         self._streams = Streams(config.site.id)
         self._runtime: Runtime | None = None
+        self._http: HttpServer | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
         self._reloads: set[asyncio.Task[None]] = set()
@@ -138,6 +139,8 @@ class Daemon:
         self._notifier.reloading()
         try:
             new = await asyncio.to_thread(self._reread)
+            if self._http is not None:
+                self._http.reload()
             changes = await runtime.reload(new)
             for zone in changes.removed:
                 self._streams.end(zone)
@@ -148,6 +151,8 @@ class Daemon:
             return done
         except ConfigError as error:
             raise ReloadRefused(error.problems) from error
+        except CertificateError as error:
+            raise ReloadRefused([str(error)]) from error
         finally:
             self._notifier.ready(self._ready)
 
@@ -199,7 +204,7 @@ class Daemon:
             http=http,
             streams=streams,
         )
-        server = HttpServer(app, http)
+        self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
         watching = [

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-import time
 from collections.abc import Collection, Mapping, Sequence
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Source
+from service.clock import Clock
 from service.routing import Delivery, Router
 from service.zone import Zone
 
@@ -19,9 +19,6 @@ LONGEST_PAUSE = 30.0
 
 TICK = 0.5
 """How often the wall clock is looked at, in s."""
-
-GRACE = 1.0
-"""How long after its end and lateness an interval of a live zone waits for what is on its way, in s."""
 
 NOTABLE_JUMP = 2.0
 """What the wall clock may be set by without a word, in s."""
@@ -105,26 +102,25 @@ async def end(tasks: Collection[asyncio.Task[None]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def keep_time(zone: Zone) -> None:
-    """Let the wall clock close the intervals of a live zone, for ever: GRACE after their ends and lateness."""
+async def keep_time(zones: Mapping[str, Zone]) -> None:
+    """Let the wall clock close the intervals of live zones, for ever."""
     while True:
         await asyncio.sleep(TICK)
-        try:
-            await zone.elapse(time.time() - GRACE)
-        except Exception as error:
-            _log.error("zone '%s' cannot close its interval: %r", zone.id, error)
+        due = [zone for zone in tuple(zones.values()) if zone.is_due()]
+        for first in range(0, len(due), TOGETHER):
+            together = due[first : first + TOGETHER]
+            results = await asyncio.gather(*(zone.keep_time() for zone in together), return_exceptions=True)
+            for zone, result in zip(together, results, strict=True):
+                if isinstance(result, Exception):
+                    _log.error("zone '%s' cannot close its interval: %r", zone.id, result)
 
 
-async def watch_clock() -> None:
-    """Say when the wall clock of this machine is set, for ever.
-
-    After a jump forward the intervals that it passed over have no readings. After one backward readings are refused as
-    out of order until the clock has caught up with the samples there are.
-    """
-    beside = time.time() - time.monotonic()
+async def watch_clock(clock: Clock) -> None:
+    """Say when the wall clock of this machine is set, or has gone on while the machine slept, for ever."""
+    beside = clock.wall() - clock.steady()
     while True:
         await asyncio.sleep(TICK)
-        jump = time.time() - time.monotonic() - beside
+        jump = clock.wall() - clock.steady() - beside
         if abs(jump) > NOTABLE_JUMP:
-            _log.warning("the wall clock of this machine was set by %+.1f s; live zones follow it", jump)
+            _log.warning("the wall clock of this machine was set by %+.1f s, or the machine slept", jump)
             beside += jump

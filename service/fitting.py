@@ -7,12 +7,18 @@ from __future__ import annotations
 
 from math import ceil
 
+from adapters.timestamps import EARLIEST
 from estimator import registry
 from service import snapshot
 from service.alignment import Alignment
+from service.clock import PLAUSIBLE
 from service.config_models import Config, ZoneConfig
 from service.networks import build_network
 from service.worker import WorkerSettings, ZoneWorker
+
+_MOST_EMPTY = 1000
+"""Empty samples in a row at most, so that a clock set forward by years brings a moment's work. A worker that bridges
+more makes up for them when telemetry comes again."""
 
 
 def make_worker(zone: ZoneConfig) -> ZoneWorker:
@@ -27,7 +33,7 @@ def make_alignment(zone: ZoneConfig, resume_after: int | None = None, live: bool
     """The alignment of `zone`, `live` or recorded, going on after the sample at `resume_after` if there is one."""
     # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
     longest = max(zone.hold_inputs, *_max_ages(zone).values(), 0.0)
-    bridged = max(zone.max_gap, ceil(longest / zone.period)) + 1
+    bridged = min(max(zone.max_gap, ceil(longest / zone.period)) + 1, _MOST_EMPTY)
     return Alignment(
         build_network(zone),
         zone.period,
@@ -38,6 +44,8 @@ def make_alignment(zone: ZoneConfig, resume_after: int | None = None, live: bool
         idle_limit=bridged,
         resume_after=resume_after,
         live=live,
+        # Nothing that is dated by a clock that was never set is believed.
+        earliest=PLAUSIBLE if live else EARLIEST,
     )
 
 

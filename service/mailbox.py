@@ -30,6 +30,7 @@ class Left(NamedTuple):
 class Mark(Enum):
     """What a mailbox tells besides samples."""
 
+    SET_BACK = "the wall clock was set back"
     ENDED = "no telemetry will follow"
     CLOSED = "nothing at all will follow"
 
@@ -44,6 +45,7 @@ class Mailbox:
     def __init__(self) -> None:
         self._items: deque[Accepted] = deque()
         self._left: Left | None = None
+        self._set_back = False
         self._ended = False
         self._closed = asyncio.Event()
         self._news = asyncio.Event()
@@ -89,6 +91,9 @@ class Mailbox:
                 left, self._left = self._left, None
                 self._room.set()
                 return left
+            if self._set_back:
+                self._set_back = False
+                return Mark.SET_BACK
             if self._ended:
                 self._ended = False
                 return Mark.ENDED
@@ -103,6 +108,11 @@ class Mailbox:
         self._left = Left(None, asyncio.get_running_loop().time() if since is None else since)
         self._items.clear()
         self._room.set()
+        self._news.set()
+
+    def set_back(self) -> None:
+        """The zone has to go back with the wall clock, once everything that waits is assimilated."""
+        self._set_back = True
         self._news.set()
 
     def end(self) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import NamedTuple, Protocol
 
+from service.clock import Clock
 from service.metrics import Metrics
 from service.records import Update
 from service.store import Store
@@ -37,3 +38,4 @@ class Plumbing(NamedTuple):
     announcers: Sequence[Announcer]
     checkpoint_every: float
     """Wall-clock s between two checkpoints of a zone."""
+    clock: Clock = Clock()

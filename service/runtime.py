@@ -33,11 +33,10 @@ _log = logging.getLogger(__name__)
 
 
 class _Running(NamedTuple):
-    """A zone at work: its worker, and the wall clock that a live zone goes by."""
+    """A zone at work, and its worker."""
 
     zone: Zone
     worker: asyncio.Task[None]
-    clock: asyncio.Task[None] | None
 
 
 class Runtime:
@@ -54,7 +53,8 @@ class Runtime:
         self._publisher = publisher
         self._running: dict[str, _Running] = {}
         self._feeds: list[Feed] = []
-        self._wall_clock: asyncio.Task[None] | None = None
+        self._clocks: list[asyncio.Task[None]] = []
+        """What lets time pass for live zones."""
         self._reloading = asyncio.Lock()
         self._last: dict[str, int | None] = {}
         """Time of the last sample of each zone when it was restored."""
@@ -78,14 +78,14 @@ class Runtime:
         """Let the sources deliver, and time pass."""
         for name in self.config.sources:
             self._feed(name, self.config.zones)
-        for name in self.zones:
-            self._let_time_pass(name)
+        self._clocks += [
+            asyncio.create_task(keep_time(self.zones)),
+            asyncio.create_task(watch_clock(self._plumbing.clock)),
+        ]
 
     async def stop_feeds(self) -> None:
         """No reading comes any more."""
-        clocks = [running.clock for running in self._running.values() if running.clock is not None]
-        clocks += [self._wall_clock] if self._wall_clock is not None else []
-        await asyncio.gather(end(clocks), *(feed.stop() for feed in self._feeds))
+        await asyncio.gather(end(self._clocks), *(feed.stop() for feed in self._feeds))
 
     async def drain(self) -> None:
         """Let the zones empty their mailboxes, within DRAIN_SECONDS, and write their checkpoints."""
@@ -117,7 +117,6 @@ class Runtime:
             self.zones.replace({table.id: fresh.get(table.id) or self.zones[table.id] for table in new.zones})
             for name in fresh:
                 self._start(name)
-                self._let_time_pass(name)
             await self._follow(self.config, new, changes)
             self.config = new
             return changes
@@ -138,19 +137,11 @@ class Runtime:
         self._plumbing.metrics.introduce(name)
         worker = asyncio.create_task(zone.run(), name=f"zone {name}")
         worker.add_done_callback(self._ended)
-        self._running[name] = _Running(zone, worker, None)
+        self._running[name] = _Running(zone, worker)
 
     def _ended(self, worker: asyncio.Task[None]) -> None:
         if not worker.cancelled() and (error := worker.exception()) is not None and not self.broken.done():
             self.broken.set_exception(error)
-
-    def _let_time_pass(self, name: str) -> None:
-        running = self._running[name]
-        if not running.zone.live:
-            return
-        self._running[name] = running._replace(clock=asyncio.create_task(keep_time(running.zone)))
-        if self._wall_clock is None:
-            self._wall_clock = asyncio.create_task(watch_clock())
 
     async def _retire(self, names: Collection[str]) -> None:
         """Stop these zones, with a checkpoint; nothing comes for them any more."""
@@ -160,7 +151,6 @@ class Runtime:
         retiring = [self._running.pop(name) for name in names]
         if await _drained(retiring, RETIRE_SECONDS):
             _log.warning("a zone that the reload stops is slow; the journal holds what it has not assimilated")
-        await end([running.clock for running in retiring if running.clock is not None])
 
     async def _follow(self, old: Config, new: Config, changes: Changes) -> None:
         """Let the sources be those of `new`, and deliver to its zones."""

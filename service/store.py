@@ -11,14 +11,15 @@ import fcntl
 import logging
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.checkpoint import CheckpointStore
+from service.checkpoint import Checkpoint, CheckpointStore
 from service.durable_files import make_folder
 from service.errors import ServiceError, StateMismatch
 from service.journal import HistoryRow, Journal
@@ -169,6 +170,23 @@ class Store:
 
         return [Measure("thermogate_journal_bytes", "gauge", text, (), read)]
 
+    async def samples_ahead(self, zone: str, after: int) -> int:
+        """How many accepted samples of `zone` are later than `after`."""
+        return await self._run(self._journal.samples_ahead, zone, after)
+
+    async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
+        """Set aside what there is of `zone` later than `after`. `before` is its present state, `then` the one with
+        which it goes on.
+
+        A crash at any moment leaves `before`, which nothing follows in the journal, or the end: so the zone can be set
+        back once more with the same result.
+        """
+        for checkpoint in (before, then):
+            if checkpoint is not None:
+                await asyncio.to_thread(self.checkpoints.save, zone, checkpoint, keep_all=True)
+        await self._run(self._journal.set_aside, zone, after)
+        await asyncio.to_thread(self.checkpoints.set_aside, zone, after)
+
     async def last_sample_time(self, zone: str) -> int | None:
         """Time of the newest accepted sample of `zone`."""
         return await self._run(self._journal.last_sample_time, zone)
@@ -211,6 +229,16 @@ class Store:
 def shown_time(seconds: int) -> str:
     """UTC seconds for people."""
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+@contextmanager
+def locked(state_dir: Path) -> Iterator[None]:
+    """Keep every daemon off `state_dir`; ServiceError if one is there."""
+    descriptor = lock(state_dir)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def lock(state_dir: Path) -> int:

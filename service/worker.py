@@ -88,7 +88,7 @@ class ZoneWorker:
         self.estimator = estimator
         self.settings = settings
         width = len(estimator.network.inputs)
-        self.held = Held(np.full(width, np.nan), np.full(width, np.nan), (Quality.BAD,) * width)
+        self.held = _nothing_held(width)
         self.standing: Standing | None = None
         """One attribute, replaced whole, so that another thread never sees a state beside another sample's forecast."""
         self.progress = Progress()
@@ -111,6 +111,14 @@ class ZoneWorker:
     def resume(self, standing: Standing, held: Held, progress: Progress) -> None:
         """Go on from where another worker of this zone stood."""
         self.standing, self.held, self.progress = standing, held, progress
+
+    def set_back(self, last_time: int, why: str) -> None:
+        """The clock was set back, `why` says it: the sample at `last_time` (UTC s) counts as the last one.
+
+        What was learned is kept. Held inputs are not, whose age nobody knows; the next sample starts a segment.
+        """
+        self.held = _nothing_held(len(self.network.inputs))
+        self.progress = self.progress._replace(last_time=last_time, missing=0, vanished=0, stalled=why)
 
     def step(self, sample: Sample) -> Update | None:
         """Take one sample; None where it could not be used (`stalled` then says why).
@@ -267,6 +275,10 @@ class ZoneWorker:
             intervals = tuple(map(Interval, levels, lower, upper))
             forecasts.append(OutputForecast(name, float(mean[index]), median, float(sd[index]), intervals))
         return tuple(forecasts)
+
+
+def _nothing_held(width: int) -> Held:
+    return Held(np.full(width, np.nan), np.full(width, np.nan), (Quality.BAD,) * width)
 
 
 def _hold(held: Held, sample: Sample, end: int) -> Held:

@@ -20,6 +20,7 @@ from adapters.reading import Reading
 from estimator.types import ParameterSummary
 from service import snapshot
 from service.alignment import Alignment
+from service.checkpoint import Checkpoint
 from service.errors import ServiceError, StateMismatch
 from service.health import state_and_reason
 from service.intake import FIRST_PAUSE, LONGEST_PAUSE, ZoneIntake
@@ -27,6 +28,7 @@ from service.journal import HistoryRow
 from service.mailbox import Left, Mark
 from service.plumbing import Plumbing
 from service.records import Sample, Update
+from service.setting_back import set_back
 from service.timeliness import Timeliness
 from service.view import Fan, ZoneStatus
 from service.vitals import Busy
@@ -52,7 +54,7 @@ class Zone:
         self._worker = make_worker()
         self.network = self._worker.network
         self.period = float(self._worker.period)
-        self._intake = ZoneIntake(name, plumbing.store)
+        self._intake = ZoneIntake(name, self.period, plumbing.store, plumbing.clock)
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
@@ -80,6 +82,7 @@ class Zone:
             trouble=trouble,
             live=intake.live,
             ended=self._ended,
+            now=self._plumbing.clock.wall(),
             lag=self._timeliness.lag(intake.mailbox.waiting_since),
         )
         return ZoneStatus(
@@ -162,6 +165,14 @@ class Zone:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
         await self._intake.elapse(now)
 
+    def is_due(self) -> bool:
+        """Whether there is anything to do for `keep_time`."""
+        return self._intake.live and self._intake.is_due()
+
+    async def keep_time(self) -> None:
+        """The wall clock goes on, in a live zone."""
+        await self._intake.keep_time()
+
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
         last = self._worker.progress.last_time
@@ -236,6 +247,9 @@ class Zone:
                 break
             if item is Mark.ENDED:
                 await self._end()
+            elif item is Mark.SET_BACK:
+                if await set_back(self.id, self._checkpoint, self._worker, self._intake, self._plumbing.store):
+                    await self._announce_status()
             elif isinstance(item, Left):
                 await self._catch_up(self._worker, item)
             else:
@@ -294,8 +308,11 @@ class Zone:
             except ServiceError as error:
                 _log.warning("zone '%s': %s", self.id, error)
 
+    def _checkpoint(self) -> Checkpoint | None:
+        return snapshot.take(self._worker, self.fingerprint, self.estimator)
+
     async def _save(self) -> None:
-        checkpoint = snapshot.take(self._worker, self.fingerprint, self.estimator)
+        checkpoint = self._checkpoint()
         self._save_at = self._next_checkpoint()
         if checkpoint is None:
             return

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import time
 from math import isnan
 
 import pytest
@@ -12,7 +11,8 @@ import service.feeding
 from adapters.reading import Quality, Reading
 from estimator.presets import network
 from service.alignment import Alignment
-from service.feeding import GRACE, keep_time, watch_clock
+from service.clock import Clock
+from service.feeding import keep_time, watch_clock
 from service.health import state_and_reason
 from service.worker import Progress, WorkerSettings, ZoneWorker
 
@@ -154,45 +154,45 @@ TROUBLE = ("sources.bms: no connection to 10.0.0.5:502; check the cable",)
     ],
 )
 def test_the_state_of_a_zone_says_what_is_known(progress, known, state, reason):
-    facts = {"has_forecast": True, "failure": None, "trouble": (), "live": False, "ended": False} | known
+    facts = {"has_forecast": True, "failure": None, "trouble": (), "live": False, "ended": False, "now": 2e9} | known
     assert state_and_reason(progress, **facts) == (state, reason)
 
 
 def test_a_live_zone_whose_newest_sample_lies_in_the_future_is_stalled_and_says_why():
-    facts = {"has_forecast": True, "failure": None, "trouble": (), "ended": False}
-    tomorrow = Progress(last_time=int(time.time()) + 86400)
+    facts = {"has_forecast": True, "failure": None, "trouble": (), "ended": False, "now": 1.9e9}
+    tomorrow = Progress(last_time=int(1.9e9) + 86400)
     state, reason = state_and_reason(tomorrow, live=True, **facts)
     assert state == "stalled"
     assert "set the clock, or give the zone's state up with --reset" in reason
     assert state_and_reason(tomorrow, live=False, **facts) == ("running", "")
 
 
-class Clock:
+class SetClock:
     """A wall clock and a steady one that tests set; sleeping moves both."""
 
     def __init__(self, monkeypatch, *, steps):
-        self.wall, self.steady, self.steps, self.jumps = 1000.0, 50.0, steps, {}
-        monkeypatch.setattr(service.feeding.time, "time", lambda: self.wall)
-        monkeypatch.setattr(service.feeding.time, "monotonic", lambda: self.steady)
+        self.now, self.beside, self.steps, self.jumps = 1000.0, 50.0, steps, {}
+        self.clock = Clock(lambda: self.now, lambda: self.beside)
         monkeypatch.setattr(service.feeding.asyncio, "sleep", self.sleep)
 
     async def sleep(self, seconds):
         if self.steps == 0:
             raise asyncio.CancelledError
         self.steps -= 1
-        self.wall += seconds + self.jumps.pop(self.steps, 0.0)
-        self.steady += seconds
+        self.now += seconds + self.jumps.pop(self.steps, 0.0)
+        self.beside += seconds
 
 
 class Noting:
-    id = "z"
+    def __init__(self, id, due=True):
+        self.id, self.due, self.asked = id, due, 0
 
-    def __init__(self):
-        self.told = []
+    def is_due(self):
+        return self.due
 
-    async def elapse(self, now):
-        self.told.append(now)
-        if len(self.told) == 2:
+    async def keep_time(self):
+        self.asked += 1
+        if self.asked == 2:
             raise OSError("disk full")
 
 
@@ -201,19 +201,20 @@ def run(coroutine):
         asyncio.run(coroutine)
 
 
-def test_the_wall_clock_is_told_with_grace_and_a_failure_does_not_stop_it(monkeypatch, caplog):
-    Clock(monkeypatch, steps=4)
-    zone = Noting()
-    run(keep_time(zone))
-    assert zone.told == [1000.0 + 0.5 * k - GRACE for k in (1, 2, 3, 4)]
-    assert "zone 'z' cannot close its interval: OSError('disk full')" in caplog.text
+def test_every_live_zone_is_told_the_time_and_a_failure_does_not_stop_it(monkeypatch, caplog):
+    SetClock(monkeypatch, steps=4)
+    zones = {f"z{k}": Noting(f"z{k}") for k in range(2 * service.feeding.TOGETHER + 1)} | {"r": Noting("r", due=False)}
+    run(keep_time(zones))
+    assert {zone.asked for name, zone in zones.items() if name != "r"} == {4}
+    assert zones["r"].asked == 0
+    assert "zone 'z0' cannot close its interval: OSError('disk full')" in caplog.text
 
 
 @pytest.mark.parametrize(("jump", "said"), [(3600.0, "+3600.0 s"), (-90.0, "-90.0 s"), (1.0, None)])
 def test_a_wall_clock_that_is_set_is_said_once(monkeypatch, caplog, jump, said):
-    clock = Clock(monkeypatch, steps=10)
+    clock = SetClock(monkeypatch, steps=10)
     clock.jumps = {5: jump}
     with caplog.at_level(logging.WARNING):
-        run(watch_clock())
+        run(watch_clock(clock.clock))
     assert [record.args[0] for record in caplog.records] == ([] if said is None else [pytest.approx(jump)])
     assert said is None or said in caplog.text

@@ -14,8 +14,7 @@ from prometheus_client import CollectorRegistry
 import service.http_server
 import service.streams
 from service.api import create_app
-from service.api_limits import StreamLimits
-from service.config_models import HttpConfig
+from service.http_models import HttpConfig, LimitsConfig
 from service.http_server import HttpServer
 from service.rendering import forecast_payload, gate_payload, volatility_payload
 from service.streams import Event, Stream, Streams
@@ -77,7 +76,7 @@ class Serving:
         # A reader with a tiny limit stops reading from its socket until it is asked to.
         limit = 2**16 if receive_buffer is None else 16
         reader, writer = await asyncio.open_connection(sock=raw, limit=limit)
-        writer.write(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
+        writer.write(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\n{headers}\r\n".encode())
         self.clients.append(Client(reader, writer))
         return self.clients[-1]
 
@@ -97,13 +96,11 @@ class Serving:
 
 
 @asynccontextmanager
-async def serving(limits=None, zones=None, send_timeout=30.0):
+async def serving(limits=None, zones=None):
     streams = Streams(SITE)
+    http = HttpConfig(port=0, limits=LimitsConfig(**(limits or {})))
     zones = zones or {"living": running("living")}
-    http = HttpConfig(port=0, limits={"send_timeout": send_timeout})
-    app = create_app(SITE, zones, CollectorRegistry(), http=http, streams=streams)
-    if limits is not None:
-        app.state.streams = limits
+    app = create_app(SITE, zones, CollectorRegistry(), streams=streams, http=http)
     server = HttpServer(app, http)
     task = asyncio.create_task(server.run())
     await server.started(task)
@@ -180,7 +177,7 @@ def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
 
 def test_an_unknown_zone_is_404_and_too_many_streams_are_refused():
     async def scenario():
-        async with serving(StreamLimits(per_client=2, total=2)) as server:
+        async with serving({"streams_per_client": 2, "streams": 2}) as server:
             unknown = await server.connect("/zones/attic/stream", "Connection: close\r\n")
             assert "404" in (await unknown.to_the_end()).split("\r\n")[0]
             clients = [await server.connect() for _ in range(2)]
@@ -231,7 +228,7 @@ def test_newer_events_take_the_place_of_those_that_were_not_read():
 
 def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
     async def scenario():
-        async with serving(StreamLimits(per_client=200, total=200)) as server:
+        async with serving({"streams_per_client": 200, "streams": 200}) as server:
             clients = await asyncio.gather(*(server.connect() for _ in range(200)))
             await asyncio.gather(*(client.events(4) for client in clients))
             assert server.streams.count == 200
@@ -254,7 +251,7 @@ def held(server):
 
 def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
     async def scenario():
-        async with serving(send_timeout=1.0) as server:
+        async with serving({"send_timeout": 1.0}) as server:
             stuck, well = await server.connect(receive_buffer=2048), await server.connect()
             await well.heard(stamp(2))
             step = 3
