@@ -44,6 +44,8 @@ def run(soak: Soak, folder: Path) -> tuple[dict[str, Any], list[Observation], li
     config, zenoh_port, control_port = folder / "soak.toml", _free_port(), _free_port()
     settings: Mapping[str, object] = {
         "http.port": 0,
+        # As many checkpoints per sample as at the usual settings in real time, or more.
+        "site.checkpoint_every": "20s",
         "zenoh.listen": [f"tcp/127.0.0.1:{zenoh_port}"],
         **{f"zones.{index}.estimator_options.particles": soak.particles for index in range(soak.zones)},
     }
