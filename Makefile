@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus overload soak audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -51,6 +51,12 @@ load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the re
 
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
+
+overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
+	$(BIN)/python -m replay.overload
+
+soak: $(VENV)/.bench  ## 48 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
+	$(BIN)/python -m replay.soak --picture var/soak/soak.svg $(SOAK)
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
