@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= auto
+FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments load-fleet load-modbus overload soak audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus overload soak audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -46,6 +47,11 @@ load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each se
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
 
+KILLS ?= 500
+
+kill-loop: $(VENV)/.ready  ## the daemon killed KILLS=500 times at random moments under load, and held to what it had told; half an hour
+	$(BIN)/python tests/integration/kill_loop.py --kills $(KILLS) --out var/kill-loop.json
+
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
 	$(BIN)/python -m replay.fleet $(FLEET)
 
@@ -57,6 +63,9 @@ overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 mi
 
 soak: $(VENV)/.bench  ## 48 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
 	$(BIN)/python -m replay.soak --picture var/soak/soak.svg $(SOAK)
+
+fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it
+	$(BIN)/python tests/fuzz/run.py --inputs $(FUZZ_INPUTS) --out var/fuzz
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
@@ -73,3 +82,7 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \
 	  echo "the extra 'bench' cannot be installed; what needs it is left out"
+
+$(VENV)/.fuzz: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]' && touch $@ || \
+	  echo "the extra 'fuzz' cannot be installed; inputs are chosen by chance"

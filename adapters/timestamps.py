@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
@@ -47,7 +48,8 @@ def timestamp_parser(pattern: str) -> Parser:
     probe = datetime(2001, 2, 3, 4, 5, 6, tzinfo=UTC)
     try:
         parsed = datetime.strptime(probe.strftime(pattern), pattern)  # noqa: DTZ007 - the zone is applied later
-    except ValueError:
+    except (ValueError, re.error):
+        # A pattern that names the same part of a date twice becomes a regular expression that does so.
         parsed = None
     if parsed is None or parsed.date() != probe.date():
         raise SourceConfigError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from typing import NamedTuple
 
 from adapters.errors import SourceConfigError
@@ -35,6 +34,10 @@ ENERGIES = {"J": 1.0, "Wh": 3600.0, "kWh": 3.6e6, "MWh": 3.6e9, "MJ": 1e6, "GJ":
 
 # Wider than any building: what lies outside is a broken sensor or a wrong unit, not weather.
 _VALID_RANGES = {"degC": (-60.0, 80.0), "W": (-1e6, 1e6), "W/m2": (-20.0, 2000.0)}
+
+# What is larger cannot be measured anywhere, and the arithmetic of an estimator would not survive it.
+_POSSIBLE_RANGES = {"degC": (-273.15, 1e4)}
+_ANY = (-1e9, 1e9)
 
 
 def conversion(from_unit: str, to_unit: str, nominal: float | None = None) -> Affine:
@@ -75,4 +78,9 @@ def conversion(from_unit: str, to_unit: str, nominal: float | None = None) -> Af
 
 def default_valid_range(unit: str) -> tuple[float, float]:
     """Lowest and highest believable value of a channel in `unit`, when the configuration does not say."""
-    return _VALID_RANGES.get(unit, (-inf, inf))
+    return _VALID_RANGES.get(unit, _ANY)
+
+
+def possible_range(unit: str) -> tuple[float, float]:
+    """What no range of believable values of a channel in `unit` may go beyond."""
+    return _POSSIBLE_RANGES.get(unit, _ANY)

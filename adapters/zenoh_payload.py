@@ -16,6 +16,7 @@ from adapters.reading import Fault, Quality
 FORMATS = ("plain", "json", "senml")
 
 _SHOWN = 60
+_SENTENCE = 300
 _NOTHING = {"", "null", "none"}
 _WORDS = {"true": 1.0, "false": 0.0}
 
@@ -61,7 +62,8 @@ class Rejected(NamedTuple):
 class _Refusal(Exception):
     def __init__(self, fault: Fault, sentence: str) -> None:
         super().__init__(sentence)
-        self.rejected = Rejected(fault, sentence)
+        # What a publisher writes must neither fill the log nor look like lines of it.
+        self.rejected = Rejected(fault, _printable(sentence, _SENTENCE))
 
 
 def decode(payload: bytes, form: PayloadFormat, near: float) -> list[Decoded | Rejected]:
@@ -79,9 +81,12 @@ def decode(payload: bytes, form: PayloadFormat, near: float) -> list[Decoded | R
 
 def shown(payload: bytes) -> str:
     """`payload` for people, shortened."""
-    text = payload.decode("utf-8", "backslashreplace")
-    printable = "".join(character if character.isprintable() else " " for character in text[: _SHOWN + 1])
-    return printable if len(printable) <= _SHOWN else f"{printable[: _SHOWN - 3]}..."
+    return _printable(payload.decode("utf-8", "backslashreplace"), _SHOWN)
+
+
+def _printable(text: str, longest: int) -> str:
+    printable = "".join(character if character.isprintable() else " " for character in text[: longest + 1])
+    return printable if len(printable) <= longest else f"{printable[: longest - 3]}..."
 
 
 def quality_word(value: object) -> str:
@@ -122,7 +127,7 @@ def _number(value: object) -> float:
             # Python would take digit separators; nobody else does.
             return float("" if "_" in word else word)
         except ValueError:
-            raise _Refusal(Fault.NON_NUMERIC, f"{shown(value.encode())!r} is not a number") from None
+            raise _Refusal(Fault.NON_NUMERIC, f"{_printable(value, _SHOWN)!r} is not a number") from None
     if value is None:
         raise _Refusal(Fault.NOT_AVAILABLE, "says that there is no value")
     if not isinstance(value, int | float):

@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from adapters.edge import PLAIN, Converter, Edge
 from adapters.reading import Fault, Probe, Quality, Reading
 from adapters.stuck import StuckWatch
+from adapters.timestamps import EARLIEST
 from adapters.zenoh_inbox import LONGEST_PAYLOAD, Incoming
 from adapters.zenoh_payload import Decoded, PayloadFormat, Rejected, decode, shown
 
@@ -61,6 +62,8 @@ class Dating:
                     f"is dated {when - incoming.arrived:.0f} s ahead of this machine's clock; look at both clocks"
                 )
                 return Rejected(Fault.AHEAD_OF_TIME, sentence)
+            if when < EARLIEST:
+                return Rejected(Fault.BAD_TIMESTAMP, "is dated before 1970; look at time_format")
             return when, name
         return Rejected(Fault.BAD_TIMESTAMP, f"has no time of any kind in times ({', '.join(self.times)})")
 

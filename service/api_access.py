@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, Self
 
 from fastapi import Depends, Request
 from starlette.datastructures import Headers
-from starlette.types import ASGIApp, Receive, Send
+from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
 from service import api_problems
@@ -43,6 +43,12 @@ class Caller:
     name: str
     scope: Scope = "read"
     zones: frozenset[str] | None = None
+    key: Key | None = field(default=None, repr=False)
+
+    @classmethod
+    def with_key(cls, key: Key) -> Self:
+        """Whoever has sent `key`."""
+        return cls(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
 
     def sees(self, zone: str) -> bool:
         """Whether this zone exists for the caller."""
@@ -63,6 +69,9 @@ class Keys(Protocol):
     def find(self, secret: str) -> Key | None:
         """The active key that `secret` is."""
 
+    def accepts(self, key: Key) -> bool:
+        """Whether `key`, found before, is still active."""
+
 
 class NoKeys:
     """There are no keys: reading is open, administration closed."""
@@ -71,6 +80,9 @@ class NoKeys:
 
     def find(self, secret: str) -> Key | None:
         return None
+
+    def accepts(self, key: Key) -> bool:
+        return False
 
 
 def caller_of(request: Request) -> Caller:
@@ -113,7 +125,25 @@ class RequireKey:
                 return
             client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
             connection.setdefault("state", {}).update(caller=caller, client=client)
+            if caller.key is not None:
+                send = self._while_accepted(caller.key, send)
         await self._app(connection, receive, send)
+
+    def _while_accepted(self, key: Key, send: Send) -> Send:
+        """`send`, which ends a stream once its key is not accepted any more."""
+        ended = False
+
+        async def guarded(message: Message) -> None:
+            nonlocal ended
+            if ended:
+                return
+            if message.get("more_body", False) and not self._keys.accepts(key):
+                # The server tells the application that its client has gone.
+                ended = True
+                message = {"type": "http.response.body", "body": b"", "more_body": False}
+            await send(message)
+
+        return guarded
 
     async def _caller(self, connection: Connection) -> Caller:
         """Who asks; RequestRefused if they may not."""
@@ -144,7 +174,7 @@ class RequireKey:
             )
         key = self._keys.find(secret.strip())
         if key is not None:
-            return Caller(key.name, key.scope, None if key.zones is None else frozenset(key.zones))
+            return Caller.with_key(key)
         # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not
         # found by trying, at whatever rate. What is bounded is the noise.
         wait = self._attempts.count(peer_of(connection))

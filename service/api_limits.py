@@ -33,13 +33,22 @@ def peer_of(connection: Connection) -> str:
     client = connection.get("client")
     if client is None:
         return "local"
+    plain = plain_address(client[0])
     try:
-        address = ipaddress.ip_address(client[0])
+        address = ipaddress.ip_address(plain)
     except ValueError:
-        return str(client[0])
-    if address.version == 6:
-        return str(ipaddress.ip_network((int(address), 64), strict=False))
-    return str(address)
+        return plain
+    return plain if address.version == 4 else str(ipaddress.ip_network((int(address), 64), strict=False))
+
+
+def plain_address(address: str) -> str:
+    """`address`, as IPv4 where a socket for both has wrapped it into IPv6."""
+    try:
+        found = ipaddress.ip_address(address)
+    except ValueError:
+        return address
+    mapped = found.ipv4_mapped if isinstance(found, ipaddress.IPv6Address) else None
+    return address if mapped is None else str(mapped)
 
 
 class StreamLimits:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import logging
 import time
 from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
@@ -18,6 +19,8 @@ from service.payloads import to_json
 from service.reload import ReloadRefused
 from service.rendering import status_payload
 from service.view import ZoneView
+
+_log = logging.getLogger(__name__)
 
 Problems = Callable[[], list[str]]
 """What in the daemon does not answer, one sentence each."""
@@ -90,6 +93,7 @@ def operation_routes(
         summary="Read the configuration again; zones that are the same in it go on untouched",
     )
     async def reload_configuration(caller: Administrator) -> Response:
+        _log.info("asked to reload the configuration with the API key '%s'", caller.name)
         try:
             if reload is None:
                 raise ReloadRefused(["this daemon has no configuration file to read again"])

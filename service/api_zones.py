@@ -76,7 +76,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     @router.post(
         "/{zone}/forecast",
         response_model=FanPayload,
-        responses=documented(404, 422, 500, 503),
+        responses=documented(400, 404, 422, 500, 503),
         summary="The forecast under planned inputs: what a controller asks",
     )
     async def forecast_under_plan(zone: str, caller: Asking, body: ForecastRequest) -> Response:

@@ -126,9 +126,13 @@ class CheckpointStore:
             ) from error
         return None
 
+    def files(self, zone: str) -> list[Path]:
+        """The kept checkpoints of `zone`, newest first."""
+        return _newest_first(self._directory / zone)
+
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
-        kept = _newest_first(self._directory / zone)
+        kept = self.files(zone)
         return int(kept[-1].stem) if kept else None
 
     def reset(self, zone: str) -> Path | None:

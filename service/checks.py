@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from adapters.errors import SourceError
-from adapters.units import ENERGIES, conversion
+from adapters.units import ENERGIES, conversion, possible_range
 from estimator.errors import NetworkError, OptionsError
 from estimator.network import Network
 from estimator.registry import ESTIMATORS, resolve_options
@@ -64,7 +64,14 @@ def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Prob
         if wrong_unit:
             problems.add((*place, "unit"), wrong_unit)
         elif draft.network is not None and name in draft.network.channels:
-            _check_use_of_energy(place, channel, draft.network.channel_unit(name), problems)
+            unit = draft.network.channel_unit(name)
+            _check_use_of_energy(place, channel, unit, problems)
+            lower, upper = possible_range(unit)
+            if channel.valid is not None and not (lower <= channel.valid[0] and channel.valid[1] <= upper):
+                sentence = (
+                    f"{shown(channel.valid)} goes beyond what can be in {unit}; stay within {lower:g} to {upper:g}"
+                )
+                problems.add((*place, "valid"), sentence)
         if draft.network is not None and name in draft.network.measured and channel.max_age is not None:
             problems.add(
                 (*place, "max_age"), "is for inputs, which may be held; a measured temperature never is, remove it"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from service.checks import ZoneDraft, check_ids, check_sources, check_use, check
 from service.config_models import ChannelConfig, Config, HttpConfig, SiteConfig, SourceConfig, ZenohConfig, ZoneConfig
 from service.config_types import identifier, shown, suggestion
 from service.errors import ConfigError
+from service.log_models import LogConfig
 from service.network_models import PresetConfig
 from service.networks import read_network
 from service.overrides import apply_overrides
@@ -75,6 +75,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         problems.add(("site",), 'is missing; begin the file with [site] and a line such as id = "htwg"')
     else:
         site = problems.read(SiteConfig, site_table, ("site",), context)
+    log = problems.read(LogConfig, raw.get("log", {}), ("log",), context)
     http = problems.read(HttpConfig, raw.get("http", {}), ("http",), context)
     zenoh = problems.read(ZenohConfig, raw.get("zenoh", {}), ("zenoh",), context)
     for problem in zenoh.session({}).problems() if zenoh is not None and zenoh.enabled else ():
@@ -91,10 +92,10 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         check_use(list(raw_sources), raw_zones, problems)
     readable = {name: table for name, table in sources.items() if table is not None}
     check_sources(readable, drafts, problems)
-    if problems.sentences or site is None or http is None or zenoh is None:
+    if problems.sentences or site is None or log is None or http is None or zenoh is None:
         return None
     zones = tuple(_completed(draft.table, draft.network) for draft in drafts if draft.table and draft.network)
-    return Config(site=site, http=http, zenoh=zenoh, sources=readable, zones=zones)
+    return Config(site=site, log=log, http=http, zenoh=zenoh, sources=readable, zones=zones)
 
 
 def _raw_sources(raw: Mapping[str, Any], problems: Problems) -> Mapping[str, Any]:
@@ -196,10 +197,9 @@ def _completed(zone: ZoneConfig, network: Network) -> ZoneConfig:
     channels = {}
     for name, channel in zone.channels.items():
         unit = network.channel_unit(name)
-        believable = default_valid_range(unit)
         defaults: dict[str, Any] = {}
-        if channel.valid is None and channel.aggregate != "energy" and all(map(isfinite, believable)):
-            defaults["valid"] = believable
+        if channel.valid is None and channel.aggregate != "energy":
+            defaults["valid"] = default_valid_range(unit)
         if "aggregate" not in channel.model_fields_set:
             defaults["aggregate"] = default_aggregate(unit, channel.unit)
         channels[name] = channel.model_copy(update=defaults)

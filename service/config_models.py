@@ -30,6 +30,7 @@ from service.config_types import (
 )
 from service.durations import DAY
 from service.http_models import HttpConfig
+from service.log_models import LogConfig
 from service.modbus_models import ModbusConfig
 from service.network_models import TABLE, NetworkConfig
 from service.source_models import ChannelConfig, CsvConfig
@@ -112,6 +113,7 @@ class Config(BaseModel):
     model_config = TABLE
 
     site: SiteConfig
+    log: LogConfig
     http: HttpConfig
     zenoh: ZenohConfig
     sources: dict[str, SourceConfig]

@@ -24,14 +24,14 @@ from typing import Any
 
 from service.api import create_app
 from service.config_models import Config
-from service.errors import ConfigError, ServiceError
+from service.errors import CertificateError, ConfigError, ServiceError
 from service.exposure import check_exposure
 from service.feeding import end
 from service.http_measures import http_measures
 from service.http_server import HttpServer
 from service.instruments import instrument
 from service.keys import KeyRing
-from service.logs import configure_logging
+from service.logs import configure_logging, sweep_log
 from service.loop_delay import watch_loop
 from service.metrics import Metrics
 from service.notify import Notifier
@@ -71,17 +71,17 @@ def run_daemon(
     `reset` names zones whose stored state is set aside first. `reread` reads the configuration again for a reload.
     Raises ServiceError where the start fails.
     """
-    configure_logging()
-    # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
-    if sys.__stderr__ is not None:
-        faulthandler.enable(sys.__stderr__)
-    sys.setswitchinterval(_SWITCH_SECONDS)
-    gc.set_threshold(*_COLLECT_AFTER)
     unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]
     if unknown:
         known = ", ".join(zone.id for zone in config.zones)
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
     check_exposure(config)
+    configure_logging(config.log)
+    # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
+    if sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)
+    sys.setswitchinterval(_SWITCH_SECONDS)
+    gc.set_threshold(*_COLLECT_AFTER)
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
 
@@ -95,7 +95,9 @@ class Daemon:
         self._stopping = asyncio.Event()
         self._stopped = threading.Event()
         self._notifier = Notifier()
+        self._streams = Streams(config.site.id)
         self._runtime: Runtime | None = None
+        self._http: HttpServer | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
         self._reloads: set[asyncio.Task[None]] = set()
@@ -137,11 +139,20 @@ class Daemon:
         self._notifier.reloading()
         try:
             new = await asyncio.to_thread(self._reread)
-            done = summary(await runtime.reload(new))
+            if self._http is not None:
+                self._http.reload()
+            changes = await runtime.reload(new)
+            for zone in changes.removed:
+                self._streams.end(zone)
+            if changes.log:
+                configure_logging(new.log)
+            done = summary(changes)
             _log.info("configuration reloaded: %s", done)
             return done
         except ConfigError as error:
             raise ReloadRefused(error.problems) from error
+        except CertificateError as error:
+            raise ReloadRefused([str(error)]) from error
         finally:
             self._notifier.ready(self._ready)
 
@@ -169,7 +180,7 @@ class Daemon:
         zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
-        streams = Streams(self._config.site.id)
+        streams = self._streams
         announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
         plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
         self._runtime = runtime = Runtime(self._config, zones, plumbing, publisher)
@@ -193,7 +204,7 @@ class Daemon:
             http=http,
             streams=streams,
         )
-        server = HttpServer(app, http)
+        self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
         watching = [
@@ -235,6 +246,7 @@ class Daemon:
             server.close()
 
     def _feed_watchdog(self, vitals: Vitals) -> None:
+        sweep_log()
         problems = vitals.problems()
         if problems:
             zones = ", ".join(vitals.hung())

@@ -9,8 +9,8 @@ class ConfigError(ServiceError):
     """A mistake in the configuration. `problems` holds one sentence per mistake, each beginning with its place."""
 
     def __init__(self, problems: list[str]) -> None:
-        super().__init__("\n".join(problems))
-        self.problems = problems
+        self.problems = [_one_line(problem) for problem in problems]
+        super().__init__("\n".join(self.problems))
 
 
 class KeyFileError(ServiceError):
@@ -29,6 +29,10 @@ class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
 
 
+class BackupError(ServiceError):
+    """A backup that cannot be made, read or put back."""
+
+
 class StateMismatch(ServiceError):
     """The stored state of `zone`, in `place`, was made with another network or other structural options."""
 
@@ -38,3 +42,10 @@ class StateMismatch(ServiceError):
             f"restore the configuration it was made with, or give that state up with "
             f"`thermogate run CONFIG --reset {zone}`"
         )
+
+
+def _one_line(sentence: str) -> str:
+    """`sentence` with what a file may hold and a terminal should not get written as Python writes it."""
+    return "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode() for character in sentence
+    )

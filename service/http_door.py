@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.config import Config
 from uvicorn.server import ServerState
 
-from service.api_limits import peer_of
+from service.api_limits import peer_of, plain_address
 from service.api_problems import RequestRefused, refusal
 from service.config_types import is_loopback
 from service.http_models import HttpConfig
@@ -86,12 +86,13 @@ class Door:
                 greeting.cancel()
             await asyncio.gather(sweeping, *self._greetings, return_exceptions=True)
 
-    def _admit(self, connection: socket.socket, address: object) -> None:
+    def _admit(self, connection: socket.socket, address: tuple[str, int]) -> None:
         connection.setblocking(False)
-        client = address[:2] if isinstance(address, tuple) else None
-        peer = peer_of({"type": "http", "client": client})
+        host, port, *_ = address
+        host = plain_address(host)
+        peer = peer_of({"type": "http", "client": (host, port)})
         # On loopback, and behind a proxy, many clients share an address.
-        shared = client is None or is_loopback(client[0]) or client[0] in self._proxies
+        shared = is_loopback(host) or host in self._proxies
         beyond = self.connections - self._limits.connections
         if not shared:
             beyond = max(beyond, self._peers[peer] - self._limits.connections_per_client)

@@ -7,7 +7,7 @@ import contextlib
 import logging
 import socket
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import uvicorn
 from fastapi import FastAPI
@@ -69,7 +69,11 @@ class HttpServer:
                 h11_max_incomplete_event_size=config.limits.headers,
                 server_header=False,
                 proxy_headers=config.behind_tls_proxy,
-                forwarded_allow_ips=list(config.trusted_proxies),
+                # A socket for IPv4 and IPv6 wraps the former into the latter.
+                forwarded_allow_ips=[
+                    *config.trusted_proxies,
+                    *(f"::ffff:{one}" for one in config.trusted_proxies if "." in one),
+                ],
             )
         )
         self._server.config.load()
@@ -159,3 +163,8 @@ def _bound(config: HttpConfig, setting: str) -> socket.socket:
             f"choose another {setting}, or 0 for any free one"
         ) from error
     return listener
+
+
+def _both_ways(addresses: Iterable[str]) -> list[str]:
+    """`addresses`, those of IPv4 also as a socket for both wraps them into IPv6."""
+    return [form for one in addresses for form in ((one, f"::ffff:{one}") if "." in one else (one,))]

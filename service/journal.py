@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from service.errors import JournalError
-from service.journal_file import open_database, translated
+from service.journal_file import LOG_LIMIT, open_database, translated
 from service.journal_rows import (
     HistoryRow,
     SampleRow,
@@ -191,10 +191,16 @@ class Journal:
             cursor.execute("DELETE FROM forgotten WHERE zone = ?", (zone,))
 
     def size(self) -> int:
-        """Bytes that the journal takes on the disk, its write-ahead log included."""
-        pages, size = self.read("PRAGMA page_count")[0][0], self.read("PRAGMA page_size")[0][0]
-        log = self._path.with_name(f"{self._path.name}-wal")
-        return int(pages * size) + (log.stat().st_size if log.exists() else 0)
+        """Bytes that the journal takes on the disk, with those that its write-ahead log is allowed."""
+        return int(self.read("PRAGMA page_count")[0][0] * self.read("PRAGMA page_size")[0][0]) + LOG_LIMIT
+
+    def shrink(self, pages: int) -> bool:
+        """Give up to so many free pages back to the disk; whether that made them fewer."""
+        free = self.read("PRAGMA freelist_count")
+        with translated(self._path):
+            # Of what it returns a page is freed at each step, and only a script takes all of them.
+            self._connection.executescript(f"PRAGMA incremental_vacuum({pages:d})")
+        return self.read("PRAGMA freelist_count") < free
 
     def samples_ahead(self, zone: str, after: int) -> int:
         """How many samples of `zone` are later than `after`."""

@@ -13,7 +13,7 @@ from service.durable_files import make_folder
 from service.errors import JournalError
 
 SCHEMA_VERSION = 2
-_LOG_LIMIT = 4 * 2**20
+LOG_LIMIT = 4 * 2**20
 """Bytes that the write-ahead log keeps when it begins anew."""
 _LOG_HEADER = 32
 _LOG_MAGIC = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
@@ -90,7 +90,7 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")
-    connection.execute(f"PRAGMA journal_size_limit = {_LOG_LIMIT}")
+    connection.execute(f"PRAGMA journal_size_limit = {LOG_LIMIT}")
     if empty:
         _script(connection, _SCHEMA + _SINCE_VERSION_2)
     elif version == 1:
@@ -165,12 +165,13 @@ def translated(path: Path) -> Iterator[None]:
     """Turn sqlite3's errors into one sentence with the place and the remedy."""
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         raise JournalError(f"the journal {path} failed ({error}); {_remedy(error)}") from error
 
 
-def _remedy(error: sqlite3.Error) -> str:
-    name = getattr(error, "sqlite_errorname", "")
+def _remedy(error: Exception) -> str:
+    # What SQLite says of a damaged schema quotes it, and is then no text either.
+    name = "SQLITE_CORRUPT" if isinstance(error, UnicodeDecodeError) else getattr(error, "sqlite_errorname", "")
     damaged = "restore a backup, or move it away; the zones go on from their checkpoints with an empty history"
     remedies = {
         "SQLITE_FULL": "free space on its disk",

@@ -150,6 +150,11 @@ class KeyRing:
         found = [key for key in self._keys if hmac.compare_digest(key.digest, digest)]
         return next((key for key in found if key.state(now) == "active"), None)
 
+    def accepts(self, key: Key) -> bool:
+        """Whether `key`, found before, is still there and active."""
+        self._follow()
+        return key in self._keys and key.state(datetime.now(UTC)) == "active"
+
     def _follow(self) -> None:
         """Read the file again if it is another one than last time. One that cannot be trusted changes nothing."""
         signature = _signature(self._path)

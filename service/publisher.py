@@ -67,7 +67,7 @@ class Publisher:
 
     def add(self, zone: str) -> None:
         """Publish `zone` from now on; ServiceError if its keys cannot be declared."""
-        base = f"thermogate/{self._site}/{zone}"
+        base = self._base(zone)
         declared = self._declared[zone] = []
         try:
             for topic in TOPICS:
@@ -88,7 +88,7 @@ class Publisher:
     def remove(self, zone: str) -> None:
         """Publish `zone` no longer; without effect if it is not published."""
         for topic in TOPICS:
-            key = f"thermogate/{self._site}/{zone}/{topic}"
+            key = f"{self._base(zone)}/{topic}"
             self._publishers.pop(key, None)
             self._last.pop(key, None)
         self._give_up(self._declared.pop(zone, []))
@@ -101,8 +101,16 @@ class Publisher:
         self.publish_status(zone, status, update)
 
     def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """Put the status alone, with what became of the last sample if `update` is given."""
+        """Put the status, with what became of the last sample if `update` is given. A forecast that the zone can no
+        longer vouch for is put again, once, marked bad: whoever asks for the last value must not take it for good."""
         self._put(zone, "status", to_json(status_payload(self._site, zone, status, update)))
+        if update is None:
+            return
+        issued = forecast_payload(self._site, zone, update)
+        forecast = vouched(issued, status)
+        payload = to_json(forecast)
+        if forecast.quality is not issued.quality and self._last.get(f"{self._base(zone)}/forecast") != payload:
+            self._put(zone, "forecast", payload)
 
     def await_subscriber(self, timeout: float) -> bool:
         """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
@@ -140,8 +148,11 @@ class Publisher:
         if closing.is_alive():
             _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
 
+    def _base(self, zone: str) -> str:
+        return f"thermogate/{self._site}/{zone}"
+
     def _put(self, zone: str, topic: str, payload: bytes) -> None:
-        key = f"thermogate/{self._site}/{zone}/{topic}"
+        key = f"{self._base(zone)}/{topic}"
         publisher = self._publishers.get(key)
         if publisher is None:
             # A reload has removed the zone under its last step.

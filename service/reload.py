@@ -10,7 +10,7 @@ from service.errors import ServiceError
 from service.fitting import fingerprint
 from service.sources import SOURCE_KINDS
 
-RELOADABLE = ("zones", "sources")
+RELOADABLE = ("log", "zones", "sources")
 """Tables of the configuration that take effect while the daemon runs; the others do with its next start."""
 
 
@@ -30,6 +30,7 @@ class Changes(NamedTuple):
     removed: tuple[str, ...]
     sources: tuple[str, ...]
     """Sources that both have, with another table."""
+    log: bool
 
     @property
     def fresh(self) -> tuple[ZoneConfig, ...]:
@@ -56,7 +57,8 @@ def compare(old: Config, new: Config) -> Changes:
         elif zone != before[zone.id] or retold & {channel.source for channel in zone.channels.values()}:
             changed.append(zone)
     now = {zone.id for zone in new.zones}
-    return Changes(tuple(added), tuple(changed), tuple(zone for zone in before if zone not in now), sources)
+    removed = tuple(zone for zone in before if zone not in now)
+    return Changes(tuple(added), tuple(changed), removed, sources, old.log != new.log)
 
 
 def obstacles(old: Config, new: Config, fingerprints: Mapping[str, str]) -> list[str]:
@@ -91,4 +93,6 @@ def summary(changes: Changes) -> str:
     said = [f"{what} {', '.join(zones)}" for what, zones in parts.items() if zones]
     if changes.sources:
         said.append(f"sources changed: {', '.join(changes.sources)}")
+    if changes.log:
+        said.append("log changed")
     return "; ".join(said) or "nothing has changed"

@@ -43,9 +43,9 @@ def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterat
         victim = _oldest_zone(journal, oldest_checkpoint)
         if victim is None or not _delete(journal, *victim):
             break
-        _give_back(journal)
+        journal.shrink(_PAGES_AT_ONCE)
         yield
-    while _give_back(journal):
+    while journal.shrink(_PAGES_AT_ONCE):
         yield
     # Only with this does the file end where its pages do.
     journal.read("PRAGMA wal_checkpoint(PASSIVE)")
@@ -112,11 +112,3 @@ def _delete(journal: Journal, zone: str, samples_before: int, history_before: in
             # The next sample is checked against the link of the one before it.
             cursor.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?, ?)", (zone, *samples[-1]))
     return True
-
-
-def _give_back(journal: Journal) -> bool:
-    """Give some free pages back to the disk; whether that made them fewer."""
-    free = journal.read("PRAGMA freelist_count")
-    if free[0][0]:
-        journal.read(f"PRAGMA incremental_vacuum({_PAGES_AT_ONCE})")
-    return journal.read("PRAGMA freelist_count") < free

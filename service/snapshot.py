@@ -90,6 +90,11 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     return Checkpoint(mark, int(progress.last_time or 0), arrays, meta, about)
 
 
+def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
+    """The posterior means of the parameters in a checkpoint, in the network's order and each in its own unit."""
+    return _META.validate_json(json.dumps(checkpoint.meta)).latest.parameters
+
+
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Put a fresh `worker` where the checkpoint was taken."""
     meta = _META.validate_json(json.dumps(checkpoint.meta))

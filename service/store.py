@@ -11,8 +11,9 @@ import fcntl
 import logging
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
@@ -228,6 +229,16 @@ class Store:
 def shown_time(seconds: int) -> str:
     """UTC seconds for people."""
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+@contextmanager
+def locked(state_dir: Path) -> Iterator[None]:
+    """Keep every daemon off `state_dir`; ServiceError if one is there."""
+    descriptor = lock(state_dir)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def lock(state_dir: Path) -> int:

@@ -27,6 +27,7 @@ from service import (
     api_problems,
     config_models,
     http_models,
+    log_models,
     modbus_models,
     network_models,
     payloads,
@@ -50,6 +51,7 @@ TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
 # Heading in configuration.md to the model that its first table describes.
 TABLES: dict[str, type[BaseModel]] = {
     "`[site]`": config_models.SiteConfig,
+    "`[log]`": log_models.LogConfig,
     "`[http]`": http_models.HttpConfig,
     "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": config_models.ZenohConfig,
@@ -222,6 +224,7 @@ def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
     zone = effective["zones"][0]
     in_force: dict[str, Mapping[str, Any]] = {
         "`[site]`": effective["site"],
+        "`[log]`": effective["log"],
         "`[http]`": effective["http"],
         "`[http.limits]`": effective["http"]["limits"],
         "`[zenoh]`": effective["zenoh"],

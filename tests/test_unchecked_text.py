@@ -52,7 +52,8 @@ def test_statements_are_made_of_what_the_source_says() -> None:
         for part in node.values:
             if isinstance(part, ast.FormattedValue):
                 text = ast.unparse(part.value)
-                known = CONSTANT.fullmatch(text) or text in PARTS_OF_STATEMENTS or text in FROM_LOOPS
+                number = part.format_spec is not None and ast.unparse(part.format_spec) == "f'd'"
+                known = CONSTANT.fullmatch(text) or text in PARTS_OF_STATEMENTS or text in FROM_LOOPS or number
                 assert known, f"{file}:{node.lineno}: {text} in a statement; give it as a parameter (?)"
 
 

@@ -79,7 +79,7 @@ def test_no_text_can_crash_the_parser(texts, pattern):
     assert np.array_equal(np.isfinite(times), status == Status.GOOD)
 
 
-@pytest.mark.parametrize("pattern", ["iso", "%H:%M:%S", "%d.%m.", "%Q", "%", ""])
+@pytest.mark.parametrize("pattern", ["iso", "%H:%M:%S", "%d.%m.", "%Q", "%", "", "%Y-%m-%d %m"])
 def test_a_pattern_without_a_full_date_is_refused(pattern):
     with pytest.raises(SourceConfigError, match="use 'iso8601', 'epoch' or a strptime pattern"):
         timestamp_parser(pattern)

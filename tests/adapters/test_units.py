@@ -1,9 +1,7 @@
-import math
-
 import pytest
 
 from adapters.errors import SourceConfigError
-from adapters.units import Affine, conversion, default_valid_range
+from adapters.units import Affine, conversion, default_valid_range, possible_range
 
 
 @pytest.mark.parametrize(
@@ -56,8 +54,9 @@ def test_a_users_own_unit_converts_to_nothing_else():
         conversion("kW", "persons")
 
 
-def test_valid_ranges_are_those_of_the_unit_and_open_otherwise():
+def test_valid_ranges_are_those_of_the_unit_and_wide_otherwise():
     assert default_valid_range("degC") == (-60.0, 80.0)
     assert default_valid_range("W") == (-1e6, 1e6)
     assert default_valid_range("W/m2") == (-20.0, 2000.0)
-    assert default_valid_range("persons") == (-math.inf, math.inf)
+    assert default_valid_range("persons") == possible_range("persons") == (-1e9, 1e9)
+    assert possible_range("degC") == (-273.15, 1e4)

@@ -9,7 +9,9 @@ import pytest
 from adapters.json_pointer import parse
 from adapters.payload_time import NaiveTime, parse_time
 from adapters.reading import Fault, Quality
+from adapters.zenoh_inbox import Incoming
 from adapters.zenoh_payload import Decoded, PayloadFormat, Rejected, decode, shown
+from adapters.zenoh_points import Channels, Dating, ZenohChannel, probed
 
 NOON = 1_768_478_400.0  # 2026-01-15T12:00:00Z
 PLAIN = PayloadFormat()
@@ -216,3 +218,32 @@ def test_payloads_are_shown_short_and_on_one_line():
     assert shown(b"21.5") == "21.5"
     assert shown(b"a\nb\x00\xff") == r"a b \xff"
     assert len(shown(b"x" * 1000)) == 60
+
+
+@pytest.mark.parametrize("time", [-1.0, -62135596801.0, -1e17])
+def test_a_time_before_1970_is_refused_and_can_be_probed(time):
+    form = PayloadFormat("json", parse("/present/value"), parse("/time"), time_format="epoch")
+    payload = json.dumps(document(time=time)).encode()
+    incoming = Incoming("bms/T", payload, len(payload), None, NOON)
+    channel = ZenohChannel("z/T", "bms/T", form)
+    (reading,) = Channels([channel], Dating(), 900.0).readings("bms/T", [incoming])
+    assert (reading.fault, reading.time) == (Fault.BAD_TIMESTAMP, NOON)
+    assert probed(channel, Dating(), [incoming], 1.0).verdict.endswith("is dated before 1970; look at time_format")
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        document(quality="ok\nWARNING all is well\x1b[2J"),
+        document(quality="\ud800" + "x" * 60_000),
+        document(time="yesterday\u2028\r"),
+        document(value="\ud800"),
+        document(value="\x00warm"),
+    ],
+)
+def test_what_a_publisher_writes_can_neither_break_nor_fill_the_log(payload):
+    refused = one(payload, JSON)
+    assert isinstance(refused, Rejected)
+    assert refused.sentence.isprintable()
+    assert len(refused.sentence) <= 300
+    refused.sentence.encode()

@@ -58,6 +58,8 @@ class Disk:
         self._names: dict[str, _File | None] = {}
         """What there is now; None is a folder."""
         self._safe_names: dict[str, _File | None] = {}
+        self._moved: list[tuple[str, str]] = []
+        """Folders that were renamed: what is safe in them goes with them once their new name is safe."""
         self._changes: list[tuple[_File, Operation]] = []
         """Changes of bytes that are not safe, in the order in which they were made."""
 
@@ -69,6 +71,8 @@ class Disk:
         if kind in "CD":
             self._names[path] = _File() if kind == "C" else None
         elif kind == "R":
+            if self._names[path] is None:
+                self._moved.append((path, other))
             for name in [name for name in self._names if name == path or name.startswith(f"{path}/")]:
                 self._names[other + name[len(path) :]] = self._names.pop(name)
         elif kind == "U":
@@ -90,6 +94,10 @@ class Disk:
             del self._safe_names[name]
         for name in inside(self._names):
             self._safe_names[name] = self._names[name]
+        for old, new in [move for move in self._moved if move[1] in self._safe_names]:
+            for name in [name for name in self._safe_names if name.startswith(f"{old}/")]:
+                self._safe_names[new + name[len(old) :]] = self._safe_names.pop(name)
+            self._moved.remove((old, new))
 
     def _sync_bytes(self, file: _File | None) -> None:
         assert file is not None

@@ -9,22 +9,27 @@ from __future__ import annotations
 import asyncio
 import math
 import tarfile
+import tempfile
 from collections.abc import Callable, Coroutine
+from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+import pytest
 from fake_zones import make_update
 
 import service.retention
 from adapters.reading import Quality
+from service.backup import restore_backup, write_backup
 from service.checkpoint import Checkpoint, CheckpointStore
 from service.durable_files import sync_folder, write_file
 from service.errors import ServiceError, StateMismatch
 from service.journal import HistoryRow, Journal
 from service.records import Sample
 from service.retention import Limits, prune
-from service.store import JOURNAL, Store
+from service.store import JOURNAL, RESTORING, Store
 
 Content = dict[str, tuple[dict[int, bytes], dict[int, HistoryRow]]]
 """Samples in bytes and history rows by time, of every zone."""
@@ -350,9 +355,63 @@ class UpgradeWorkload:
             journal.close()
 
 
+@cache
+def backup() -> bytes:
+    """A backup of samples 10 to 14 and the checkpoint after the 12th."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with closing(Journal.open(folder / JOURNAL)) as journal:
+            journal.append_all([("z", sample(k)) for k in range(10, 15)])
+        CheckpointStore(folder / "checkpoints").save("z", checkpoint(12))
+        return write_backup(folder, "site", folder / "backup.tar").path.read_bytes()
+
+
+class RestoreWorkload:
+    """A backup takes the place of state that is there."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._backup = folder.parent / "backup.tar"
+        self._backup.write_bytes(backup())
+        self.steps: list[Callable[[], object]] = [self._begin, self._restore, self._go_on]
+
+    def _begin(self) -> None:
+        with closing(Journal.open(self._folder / JOURNAL)) as journal:
+            journal.append_all([("z", sample(k)) for k in range(3)])
+        CheckpointStore(self._folder / "checkpoints").save("z", checkpoint(1))
+
+    def _restore(self) -> None:
+        restore_backup(self._folder, "site", self._backup, replace=True)
+
+    def _go_on(self) -> None:
+        with closing(Journal.open(self._folder / JOURNAL)) as journal:
+            journal.append("z", sample(15))
+
+    def verify(self, folder: Path, done: int, exactly: bool) -> None:
+        if done == 0:
+            return  # the state that is replaced is another workload's affair
+        if (folder / RESTORING).exists():
+            assert done == 1, "a finished restore leaves nothing of this kind"
+            with pytest.raises(ServiceError, match="run `thermogate restore` again"):
+                Store(folder)
+            restore_backup(folder, "site", self._backup, replace=False)
+            done = 2
+        store = Store(folder)
+        try:
+            times = [item.time // 300 for item in asyncio.run(store.samples_after("z", None))]
+            found = store.checkpoints.load("z", "mark")
+        finally:
+            store.close()
+        new = [*range(10, 15)]
+        old = (list(range(3)), 1)
+        allowed = {1: [old, (new, 12)], 2: [(new, 12), ([*new, 15], 12)], 3: [([*new, 15], 12)]}
+        assert (times, found.step if found else None) in allowed[done], (done, times, found and found.step)
+
+
 WORKLOADS: dict[str, Callable[[Path], Workload]] = {
     "journal": JournalWorkload,
     "checkpoints": CheckpointWorkload,
     "reset": ResetWorkload,
     "upgrade": UpgradeWorkload,
+    "restore": RestoreWorkload,
 }

@@ -157,7 +157,7 @@ class Loop:
                 killed = state_of(daemon)
         finally:
             ledger.kill()
-            ledger.wait()
+            ledger.communicate()
         alone = {"sources.log.pace": "max", "site.state_dir": str(self._folder / "alone")}
         with self._daemon(alone | {"zenoh.enabled": False, "http.port": 0}) as daemon:
             daemon.wait_until_ended()

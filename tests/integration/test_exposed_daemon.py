@@ -64,7 +64,12 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     units = {"T_i": "degC", "T_out": "degC", "u_heat": "W"}
     tables = {
         "site": {"id": "house", "state_dir": str(folder / "state")},
-        "zenoh": {"enabled": False},
+        "zenoh": {
+            "listen": [f"tcp/127.0.0.1:{free_port()}"],
+            "users_file": "users",
+            "user": "thermogate",
+            "password_file": "password",
+        },
         "sources": {
             "file": {
                 "kind": "zenoh",
@@ -80,6 +85,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
                 "user": "thermogate",
                 "password_env": ENVIRONMENT,
                 "users_file": "users",
+                "writers": ["bms"],
             },
         },
         "zones": [
@@ -98,6 +104,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     config = folder / "site.toml"
     config.write_text(tomli_w.dumps(tables))
     settings: dict[str, object] = {
+        "zenoh.enabled": True,
         "http.host": "0.0.0.0",
         "http.certificate": str(pair.certificate),
         "http.private_key": str(pair.private_key),

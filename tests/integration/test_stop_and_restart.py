@@ -120,6 +120,23 @@ def test_a_second_daemon_on_the_same_state_is_refused(tmp_path):
         assert first.get("/healthz")[0] == 200
 
 
+def test_of_two_daemons_that_start_at_once_one_is_refused(tmp_path):
+    for number in range(3):
+        logs = [tmp_path / f"{number}-{which}.log" for which in "ab"]
+        with Daemon(CONFIG, logs[0], settings(tmp_path)) as one, Daemon(CONFIG, logs[1], settings(tmp_path)) as other:
+            deadline = time.monotonic() + 60
+            while not (ended := [daemon for daemon in (one, other) if daemon.process.poll() is not None]):
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
+            (refused,) = ended
+            (served,) = {one, other} - {refused}
+            assert refused.process.returncode == 1
+            assert "another thermogate already runs on site.state_dir" in refused.log()
+            assert "Traceback" not in refused.log()
+            assert served.get("/healthz")[0] == 200
+            served.kill()
+
+
 def test_a_taken_port_is_one_sentence(tmp_path):
     with Daemon(CONFIG, tmp_path / "first.log", settings(tmp_path)) as first:
         port = int(first.url().rsplit(":", 1)[1])

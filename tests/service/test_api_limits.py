@@ -14,7 +14,7 @@ from fastapi.responses import StreamingResponse
 from service.api import create_app
 from service.api_limits import StreamLimits, stream_slot
 from service.api_problems import RequestRefused
-from service.keys import KeyRing, create_key
+from service.keys import KeyRing, create_key, revoke_key
 from service.metrics import Metrics
 
 
@@ -78,6 +78,29 @@ def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path: Path
         assert await ask(app, "/stream", **third) == 503
         app.state.go.set()
         assert (await running, await other) == (200, 200)
+        assert app.state.streams.open == 0
+
+    asyncio.run(scenario())
+
+
+def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> None:
+    async def ticks() -> AsyncIterator[bytes]:
+        while True:
+            yield b"tick"
+            await asyncio.sleep(0.01)
+
+    @app.get("/ticks", dependencies=[Depends(stream_slot)])
+    async def tick() -> StreamingResponse:
+        return StreamingResponse(ticks())
+
+    secret = create_key(tmp_path / "keys.json", "one", "read")
+
+    async def scenario() -> None:
+        running = asyncio.create_task(ask(app, "/ticks", authorization=f"Bearer {secret}"))
+        await asyncio.sleep(0.1)
+        assert not running.done()
+        revoke_key(tmp_path / "keys.json", "one")
+        assert await asyncio.wait_for(running, 10) == 200
         assert app.state.streams.open == 0
 
     asyncio.run(scenario())

@@ -50,7 +50,6 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "listen": ["tcp/127.0.0.1:7447"],
         "connect": [],
         "await_subscriber": "0s",
-        "timeout": "5s",
     }
     assert shown["sources"]["log"]["pace"] == "max"
     living = shown["zones"][0]

@@ -97,7 +97,7 @@ def test_given_aggregate_stays(tmp_path: Path) -> None:
     assert load(write(tmp_path, tables)).zones[0].channels["u_heat"].aggregate == "mean"
 
 
-def test_valid_range_defaults_to_what_is_physical_and_stays_open_for_own_units(tmp_path: Path) -> None:
+def test_valid_range_defaults_to_what_is_physical_and_is_wide_for_own_units(tmp_path: Path) -> None:
     tables = sound(tmp_path)
     tables["zones"][0]["network"] = inline_network()
     tables["zones"][0]["channels"] = {
@@ -113,7 +113,7 @@ def test_valid_range_defaults_to_what_is_physical_and_stays_open_for_own_units(t
     assert channels["T_air"].valid == (-10, 45)
     assert channels["T_out"].valid == (-60, 80)
     assert channels["u_heat"].valid == (-1e6, 1e6)
-    assert channels["n_people"].valid is None
+    assert channels["n_people"].valid == (-1e9, 1e9)
 
 
 def test_relative_paths_are_taken_from_the_folder_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

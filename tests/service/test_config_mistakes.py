@@ -105,6 +105,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "delimiter is the decimal mark": (log(decimal=","), "sources.log", ("delimiter and decimal are both",)),
     "bad decimal": (log(decimal="'"), "sources.log.decimal", ('must be "." or ",", not',)),
     "unknown encoding": (log(encoding="utf-9"), "sources.log.encoding", ('"utf-9" is not a text encoding',)),
+    "a range beyond anything": (air(valid=[-1e300, 1e300]), f"{AIR}.valid", ("goes beyond", "-273.15 to 10000")),
     "non-loopback host": (
         at(http={"host": "0.0.0.0"}),
         "http",
@@ -391,3 +392,10 @@ def _replacing(keys: tuple[str | int, ...], junk: object) -> Change:
         table[keys[-1]] = junk
 
     return change
+
+
+def test_control_characters_of_a_file_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    (problem,) = problems_of(tmp_path, at("site", id="a\x1b[2J\n\u2028b"))
+
+    assert problem.startswith('site.id: "a\\x1b[2J\\n\\u2028b" cannot be an id')
+    assert problem.isprintable()

@@ -7,6 +7,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -233,10 +234,15 @@ def test_a_damaged_page_is_reported_when_it_is_read(path: Path, journal: Journal
     content = bytearray(path.read_bytes())
     content[4096:] = b"\xff" * (len(content) - 4096)
     path.write_bytes(content)
-    reopened = Journal.open(path)
-    with pytest.raises(JournalError, match="failed"):
+    with pytest.raises(JournalError, match="failed"), closing(Journal.open(path)) as reopened:
         list(reopened.samples_after("living", None))
-    reopened.close()
+
+
+def test_a_damaged_schema_of_which_sqlite_speaks_in_bytes(path: Path, journal: Journal) -> None:
+    journal.close()
+    path.write_bytes(path.read_bytes().replace(b"CREATE TABLE samples", b"CREATE \xe7\xff\xfeBLE samples"))
+    with pytest.raises(JournalError, match=r"failed .*; restore a backup"):
+        Journal.open(path)
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:

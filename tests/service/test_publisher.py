@@ -284,3 +284,46 @@ def test_the_interpreter_ends_even_if_close_is_forgotten(close: bool, address: s
     )
     root = Path(__file__).parents[2]
     assert subprocess.run([sys.executable, "-c", script], cwd=root, timeout=20, check=False).returncode == 0
+
+
+def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publisher, session: zenoh.Session) -> None:
+    subscriber = session.declare_subscriber("thermogate/htwg/living/forecast", zenoh.handlers.RingChannel(100))
+    waiting = session.declare_subscriber("thermogate/htwg/bedroom/forecast", zenoh.handlers.RingChannel(100))
+    assert publisher.await_subscriber(5.0)
+    zone, update = running("living"), make_update(2)
+    publisher.publish("living", update, zone.status())
+    zone.state, zone.reason = "stalled", "T_out is 1500 s old"
+    for _ in range(3):
+        publisher.publish_status("living", zone.status(), update)
+    found = [json.loads(sample.payload.to_bytes()) for sample in receive(subscriber, 3, timeout=1.0)]
+    assert [one["quality"] for one in found] == ["good", "bad"]
+    assert found[0] | {"quality": "bad"} == found[1]
+    (last,) = settled(session, "thermogate/htwg/living/forecast", 1).values()
+    assert json.loads(last)["quality"] == "bad"
+    # The next sample makes it good again.
+    zone.state = "running"
+    publisher.publish("living", make_update(3), zone.status())
+    (again,) = receive(subscriber, 1)
+    assert json.loads(again.payload.to_bytes())["quality"] == "good"
+    subscriber.undeclare()
+    waiting.undeclare()
+
+
+def test_zones_come_and_go(publisher: Publisher, session: zenoh.Session) -> None:
+    status, update = running("attic").status(), make_update(2)
+    publisher.publish("attic", update, status)
+    assert settled(session, "thermogate/htwg/attic/*", 1) == {}, "it is not published yet"
+    publisher.add("attic")
+    publisher.publish("attic", update, status)
+    assert set(settled(session, "thermogate/htwg/attic/*", 4)) == {
+        f"thermogate/htwg/attic/{topic}" for topic in ("forecast", "volatility", "gate", "status")
+    }
+    tokens = {str(reply.ok.key_expr) for reply in session.liveliness().get("thermogate/htwg/*/alive") if reply.ok}
+    assert "thermogate/htwg/attic/alive" in tokens
+    publisher.remove("attic")
+    publisher.remove("attic")
+    publisher.publish("attic", update, status)
+    deadline = time.monotonic() + 5
+    while (found := ask(session, "thermogate/htwg/attic/*")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert found == {}

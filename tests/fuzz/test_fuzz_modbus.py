@@ -1,0 +1,83 @@
+"""Register blocks: every pattern of every type is a number or a fault, through edge and probe."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from fuzz.fuzzing import raw, structured
+from hypothesis import strategies as st
+
+from adapters.edge import Edge
+from adapters.modbus_client import Answer
+from adapters.modbus_codec import ORDERS, TYPES, Format, decode, is_available, other_orders
+from adapters.modbus_plan import TABLES, Limits, Point, halves, plan
+from adapters.modbus_points import Channels, ModbusChannel, probed
+from adapters.reading import Quality
+from adapters.units import Affine
+
+EDGES = [
+    Edge(valid=(-60.0, 80.0)),
+    Edge(scale=0.1, offset=-40.0, conversion=Affine(5 / 9, -160 / 9)),
+    Edge(scale=1e308, conversion=Affine(1e6, 0.0)),
+    Edge(counter=True, rollover=65536.0, conversion=Affine(3.6e6, 0.0)),
+]
+SEEDS = [struct.pack(">d", value) for value in (21.5, math.nan, math.inf, -0.0, 5e-324)]
+
+
+def read(words: list[int], form: Format, edge: Edge) -> None:
+    """One answer, and a second one a moment later, as the source takes them."""
+    channel = ModbusChannel("z/T", 0, form, edge=edge, stuck_after=1.0, register=0)
+    channels = Channels([channel], 900.0)
+    for time in (1_772_000_000.0, 1_772_000_001.5):
+        for request in plan(channels.points, Limits()):
+            for reading in channels.readings(request, Answer(words, time)):
+                assert (reading.fault is None) == (reading.quality is not Quality.BAD)
+                assert reading.fault is not None or math.isfinite(reading.value)
+    shown = probed(channel, Answer(words, 1_772_000_000.0))
+    assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
+
+
+@raw(*SEEDS, b"\x7f\xc0\x00\x00\x80\x00\xff\xff\x01", share=10, examples=300)
+def test_register_block(data: bytes) -> None:
+    """Bytes as registers, of each type and order that they suffice for."""
+    block = data.ljust(9, b"\xff")
+    words = list(struct.unpack(">4H", block[:8]))
+    choice = block[8]
+    for kind in TYPES:
+        bit = choice % 16 if kind == "bool" and choice % 3 else None
+        form = Format(kind, ORDERS[choice % 4], bit, (math.nan, 0x8000, -32768.0) if choice % 2 else ())
+        used = words[: form.registers]
+        assert isinstance(decode(used, form), float)
+        is_available(used, form)
+        assert all(math.isfinite(number) for number in other_orders(used, form).values())
+        read(used, form, EDGES[choice % len(EDGES)])
+
+
+@structured(
+    share=2,
+    examples=150,
+    points=st.lists(
+        st.builds(
+            Point, st.integers(0, 255), st.sampled_from(TABLES), st.integers(0, 65535), st.sampled_from([1, 2, 4])
+        ),
+        unique=True,
+        max_size=40,
+    ),
+    batch=st.booleans(),
+    registers=st.integers(4, 125),
+    gap=st.integers(0, 100),
+)
+def test_plan_of_requests(points: list[Point], batch: bool, registers: int, gap: int) -> None:
+    """Every point is asked for, once, whole, and within what a request may hold."""
+    requests = plan(points, Limits(batch, registers, gap))
+    asked = [point for request in requests for point in request.points]
+    assert sorted(asked) == sorted(points)
+    for request in requests:
+        for point in request.points:
+            assert (point.unit, point.table) == (request.unit, request.table)
+            assert request.address <= point.address
+            assert point.address + point.size <= request.address + request.size
+        if len(request.points) > 1:
+            parts = halves(request)
+            assert sorted(point for part in parts for point in part.points) == sorted(request.points)

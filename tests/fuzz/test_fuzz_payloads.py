@@ -1,0 +1,164 @@
+"""Zenoh payloads, SenML packs, JSON pointers and times: whatever comes is a value or a fault, in a sentence."""
+
+from __future__ import annotations
+
+import json
+import math
+import string
+from contextlib import suppress
+from zoneinfo import ZoneInfo
+
+from fuzz.fuzzing import raw, structured
+from hypothesis import strategies as st
+
+from adapters import json_pointer
+from adapters.edge import Edge
+from adapters.payload_time import TIME_FORMATS, parse_time
+from adapters.reading import Quality, Reading
+from adapters.zenoh_inbox import Incoming
+from adapters.zenoh_payload import Decoded, PayloadFormat, Rejected, decode, quality_word
+from adapters.zenoh_points import TIMES, Channels, Dating, ZenohChannel, probed
+
+NOW = 1_772_000_000.0
+BERLIN = ZoneInfo("Europe/Berlin")
+DOCUMENT = b'{"present": {"value": 19.96, "unit": "degC"}, "time": "2026-01-15T12:00:00.000Z", "quality": "good"}'
+PACK = b'[{"bn": "room2/", "bt": 1772000000, "bu": "Cel", "n": "T", "v": 21.5}, {"n": "u", "u": "W", "v": 4, "t": -5}]'
+JSON = PayloadFormat("json", ("present", "value"), ("time",), ("quality",), zone=BERLIN)
+EPOCH = PayloadFormat("json", ("v", "0"), ("t",), ("q",), "epoch_ms", good=frozenset({"192", "true"}))
+FORMS = [
+    PayloadFormat(),
+    JSON,
+    EPOCH,
+    PayloadFormat("senml", quality=("q",), record="room2/T", unit="degC"),
+    PayloadFormat("senml"),
+]
+EDGES = [Edge(valid=(-60.0, 80.0)), Edge(scale=1e308, offset=-1e308), Edge(counter=True, rollover=65536.0)]
+
+
+def said(payload: bytes, form: PayloadFormat) -> list[Decoded | Rejected]:
+    """What the payload says, after a look at its form."""
+    entries = decode(payload, form, NOW)
+    for entry in entries:
+        if isinstance(entry, Rejected):
+            assert entry.sentence.isprintable(), "a log line is one line"
+            assert len(entry.sentence) < 1000
+            entry.sentence.encode()
+        else:
+            assert isinstance(entry.raw, float)
+            assert entry.time is None or math.isfinite(entry.time)
+            assert entry.quality is not Quality.BAD
+    return entries
+
+
+def become_readings(payload: bytes, form: PayloadFormat, stamp: float | None = None) -> None:
+    """Through dating, stuck watch and edge to readings, and to what a person is shown."""
+    incoming = Incoming("bms/T", payload, len(payload), stamp, NOW)
+    listed = [ZenohChannel(f"z/{k}", "bms/T", form, edge, 10.0) for k, edge in enumerate(EDGES)]
+    channels = Channels(listed, Dating(TIMES), 900.0)
+    for reading in [*channels.readings("bms/T", [incoming]), *channels.readings("bms/T", [incoming])]:
+        assert isinstance(reading, Reading)
+        assert (reading.fault is None) == (reading.quality is not Quality.BAD)
+        assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
+    for channel in listed:
+        shown = probed(channel, Dating(TIMES), [incoming], 1.0)
+        assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
+
+
+@raw(b"21.5", b" -1e-3\n", b"true", b"null", b"nan", b"\xef\xbb\xbf7", share=12, examples=300)
+def test_plain_payload(data: bytes) -> None:
+    said(data, FORMS[0])
+    become_readings(data, FORMS[0])
+
+
+@raw(DOCUMENT, b'{"v": [1, 2], "t": 1772000000000, "q": 192}', b"[1, [2, {}]]", share=16)
+def test_json_payload(data: bytes) -> None:
+    for form in (JSON, EPOCH):
+        said(data, form)
+        become_readings(data, form, NOW - 3)
+
+
+@raw(PACK, b'{"n": "T", "vb": true}', b'[{"bv": 1, "bver": 10, "s": 2, "vs": "x"}, {"v_": 1}]', share=16)
+def test_senml_payload(data: bytes) -> None:
+    for form in FORMS[3:]:
+        said(data, form)
+        become_readings(data, form)
+
+
+@raw(b"/present/value", b"/a~1b/0", b"/~0", b"", b"/007/-", share=6, examples=200)
+def test_json_pointer(data: bytes) -> None:
+    text = data.decode("utf-8", "replace")
+    try:
+        tokens = json_pointer.parse(text)
+    except ValueError:
+        return
+    assert "".join(f"/{token.replace('~', '~0').replace('/', '~1')}" for token in tokens) == text
+    for document in ({"a": [0, {"b": 1}], "": 2, "0": 3}, [[1], 2], 5, None):
+        json_pointer.resolve(document, tokens)
+
+
+@raw(b"2026-01-15T12:00:00Z", b"2026-03-29T02:30", b"1772000000", b"20260115", b"0001-01-01T00:00+23:59", share=10)
+def test_payload_time(data: bytes) -> None:
+    text = data.decode("utf-8", "replace")
+    for form in TIME_FORMATS:
+        for zone in (None, BERLIN, ZoneInfo("Pacific/Apia")):
+            with suppress(ValueError):
+                assert math.isfinite(parse_time(text, form, zone, NOW))
+
+
+LEAVES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.integers(-(10**400), 10**400),
+    st.floats(),
+    st.text(),
+    st.text(alphabet="\ud800\udfff\x00\n\u2028é", max_size=5),
+    st.sampled_from(["good", "nan", "1e400", "2026-01-15T12:00:00Z", "9999-12-31T23:59:59.999999-23:59", "_"]),
+)
+TREES = st.recursive(
+    LEAVES,
+    lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(st.text(max_size=4), inner, max_size=4)),
+    max_leaves=8,
+)
+LABELS = st.sampled_from(["bn", "bt", "bu", "bv", "bver", "n", "u", "v", "vb", "vs", "vd", "s", "t", "ut", "q", "x_"])
+
+
+@structured(
+    share=4,
+    examples=80,
+    document=st.fixed_dictionaries(
+        {},
+        optional={
+            "present": st.one_of(TREES, st.fixed_dictionaries({"value": TREES})),
+            "time": TREES,
+            "quality": TREES,
+            "v": st.lists(TREES, max_size=2),
+            "t": TREES,
+            "q": TREES,
+        },
+    ),
+)
+def test_json_document(document: object) -> None:
+    payload = json.dumps(document).encode()
+    for form in (JSON, EPOCH):
+        said(payload, form)
+        become_readings(payload, form)
+
+
+@structured(share=4, examples=80, pack=st.lists(st.dictionaries(LABELS, TREES, max_size=6), max_size=5))
+def test_senml_pack(pack: object) -> None:
+    payload = json.dumps(pack).encode()
+    for form in FORMS[3:]:
+        said(payload, form)
+        become_readings(payload, form)
+
+
+@structured(
+    share=2,
+    examples=100,
+    word=LEAVES,
+    tokens=st.lists(st.text(alphabet=string.digits + "a~/-", max_size=6000), max_size=3),
+)
+def test_pointer_tokens_and_quality_words(word: object, tokens: list[str]) -> None:
+    assert isinstance(quality_word(word), str)
+    json_pointer.resolve([[1, 2], {"a": 1}], tokens)

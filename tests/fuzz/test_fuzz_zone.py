@@ -1,0 +1,145 @@
+"""Readings of every kind through alignment and worker: forecasts stay finite, states too, and both recover."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from fuzz.fuzzing import structured
+from hypothesis import strategies as st
+
+from adapters.edge import Converter, Edge
+from adapters.reading import Fault, Quality, Reading
+from adapters.units import possible_range
+from estimator import presets, registry
+from service.alignment import Alignment
+from service.payloads import to_json
+from service.records import Update
+from service.rendering import forecast_payload, gate_payload, volatility_payload
+from service.worker import WorkerSettings, ZoneWorker
+
+PERIOD = 300
+START = 1_746_230_400
+RECOVERY = 40
+"""Sound samples after which a zone forecasts the room again whatever came before."""
+NETWORK = presets.network("titeth")
+SMALL: dict[str, dict[str, Any]] = {"rbpf": {"particles": 50}, "ekf": {}, "ukf": {}}
+ESTIMATORS = {name: registry.build(name, NETWORK, PERIOD, options) for name, options in SMALL.items()}
+
+EXTREMES = st.sampled_from(
+    [0.0, -0.0, 1e-300, 1e6, -1e6, 80.0, -60.0, 1e12, 1e30, 1e150, 1e300, math.nan, math.inf, -math.inf]
+)
+VALUES = st.one_of(st.floats(-60, 80), EXTREMES, st.floats())
+READINGS = st.tuples(
+    st.sampled_from(NETWORK.channels),
+    st.one_of(st.floats(-2 * PERIOD, 2 * PERIOD), st.sampled_from([math.nan, math.inf, -1e18, 1e18, 86400.0, 0.0])),
+    VALUES,
+    st.sampled_from(list(Quality)),
+    st.sampled_from([None, None, None, *Fault]),
+)
+STEPS = st.lists(st.tuples(st.integers(0, 12), st.lists(READINGS, max_size=5), st.booleans()), max_size=30)
+
+
+def finite(update: Update) -> None:
+    """Every number of a forecast and of its payloads is one; the intervals are in order."""
+    for output in update.forecast.outputs:
+        assert all(map(math.isfinite, (output.mean, output.median, output.sd)))
+        assert output.sd >= 0
+        for interval in output.intervals:
+            assert math.isfinite(interval.lower)
+            assert math.isfinite(interval.upper)
+            assert interval.lower <= output.median <= interval.upper
+    assert 0 <= update.gate.value <= 1
+    assert all(map(math.isfinite, update.parameters))
+    for payload in (forecast_payload, volatility_payload, gate_payload):
+        to_json(payload("site", "z", update))
+
+
+def sound(worker: ZoneWorker) -> None:
+    """Every array of the estimator's state is finite."""
+    if worker.standing is not None:
+        for name, array in worker.standing.state._asdict().items():
+            if np.asarray(array).dtype.kind == "f":
+                assert np.isfinite(array).all(), f"{name} is poisoned"
+
+
+EDGES = {name: Edge(valid=possible_range(NETWORK.channel_unit(name))) for name in NETWORK.channels}
+"""The widest ranges that a configuration can give."""
+
+
+def delivered(channel: str, time: float, value: float, quality: Quality, fault: Fault | None) -> Reading:
+    """A reading as an adapter delivers it, but for its time and quality, which may be any."""
+    if fault is not None:
+        return Reading(channel, time, value, quality, fault)
+    reading = Converter(channel, EDGES[channel]).reading(time, value, quality)
+    assert reading is not None
+    return reading
+
+
+def fresh(name: str) -> tuple[Alignment, ZoneWorker]:
+    alignment = Alignment(NETWORK, PERIOD, {}, sources=["bms"], lateness=60.0, live=True)
+    return alignment, ZoneWorker(ESTIMATORS[name], WorkerSettings(3, (0.5, 0.95), 3, 900.0))
+
+
+def take(alignment: Alignment, worker: ZoneWorker, readings: list[Reading], now: float) -> Update | None:
+    """The last update that the readings brought."""
+    last = None
+    for sample in alignment.add("bms", readings, now):
+        update = worker.step(sample)
+        if update is not None:
+            finite(update)
+            last = update
+    sound(worker)
+    return last
+
+
+def room(now: float) -> list[Reading]:
+    """A room as it is, once in every interval."""
+    return [Reading("T_i", now, 20.0 + 0.01 * math.sin(now)), Reading("T_out", now, 5.0), Reading("u_heat", now, 500.0)]
+
+
+def recovers(alignment: Alignment, worker: ZoneWorker, now: float) -> None:
+    """After some hours of sound readings the room is forecast as it is, or the forecast says how little it knows."""
+    last = None
+    for step in range(RECOVERY):
+        last = take(alignment, worker, room(now + step * PERIOD), now + step * PERIOD + 61) or last
+    assert last is not None
+    (output,) = last.forecast.outputs
+    assert output.sd < 100.0
+    assert abs(output.mean - 20.0) < 1.0 + 3.0 * output.sd
+    assert worker.progress.stalled is None
+
+
+@structured(share=1, examples=15, name=st.sampled_from(sorted(SMALL)), steps=STEPS)
+def test_stream_of_readings(name: str, steps: list[tuple[int, list[Any], bool]]) -> None:
+    """Readings as no adapter should deliver them, late, ahead, doubled, infinite, between sound ones."""
+    alignment, worker = fresh(name)
+    now = float(START)
+    for ahead, readings, well in steps:
+        now += ahead * PERIOD / 2
+        bad = [delivered(channel, now + off, *rest) for channel, off, *rest in readings]
+        take(alignment, worker, [*bad, *(room(now) if well else [])], now)
+    recovers(alignment, worker, math.ceil(now / PERIOD + 2) * PERIOD)
+
+
+@structured(
+    share=1,
+    examples=25,
+    name=st.sampled_from(sorted(SMALL)),
+    samples=st.lists(
+        st.tuples(
+            st.floats(-273, 1e4) | st.just(math.nan), st.floats(-273, 1e4), st.floats(-1e9, 1e9), st.integers(1, 3)
+        ),
+        max_size=40,
+    ),
+)
+def test_believable_nonsense(name: str, samples: list[tuple[float, float, float, int]]) -> None:
+    """Values within the ranges that no room has: jumps of thousands of kelvins, heaters of a gigawatt, holes."""
+    alignment, worker = fresh(name)
+    now = float(START)
+    for inside, outside, heat, ahead in samples:
+        now += ahead * PERIOD
+        readings = [Reading("T_i", now, inside), Reading("T_out", now, outside), Reading("u_heat", now, heat)]
+        take(alignment, worker, readings, now + 61)
+    recovers(alignment, worker, now + PERIOD)

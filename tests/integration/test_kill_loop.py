@@ -1,0 +1,47 @@
+"""The loop that `make kill-loop` runs for 500 kills, in small; and that it would notice a loss."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+from integration import kill_loop
+from integration.harness import Daemon
+from integration.kill_loop import Loop
+
+
+def test_killed_again_and_again_nothing_is_lost(tmp_path: Path) -> None:
+    report = Loop(tmp_path, kills=5, seed=7).run(progress=False)
+    assert report.good, report.line()
+    assert sum(report.moments.values()) == 5
+    assert report.acknowledged > 50
+    assert report.history_rows > 300
+
+
+def test_the_loop_notices_what_is_lost_and_what_differs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kills = 0
+    kill = Daemon.kill
+
+    def kill_and_forge(daemon: Daemon) -> None:
+        nonlocal kills
+        kill(daemon)
+        kills += 1
+        if kills == 2:
+            connection = sqlite3.connect(tmp_path / "state" / "journal.sqlite3")
+            with connection:
+                # Without its checksum, the row passes for one of an earlier version; only the ledger knows better.
+                connection.execute("INSERT OR REPLACE INTO unchecked SELECT 'north', max(time) FROM history")
+                oldest = "SELECT min(time) + {} FROM history WHERE zone = 'north'"
+                connection.execute(f"DELETE FROM history WHERE zone = 'north' AND time = ({oldest.format(60)})")
+                change = "UPDATE history SET gate = gate / 2, checksum = NULL WHERE zone = 'north' AND time = "
+                connection.execute(f"{change} ({oldest.format(120)})")
+            connection.close()
+
+    monkeypatch.setattr(Daemon, "kill", kill_and_forge)
+    monkeypatch.setattr(kill_loop.random.Random, "choices", lambda *_: ["load"])
+    report = Loop(tmp_path, kills=3, seed=7).run(progress=False)
+    assert not report.good
+    assert report.lost > 0
+    assert report.differing > 0
+    assert report.history_differing == 3, "one is missing, one is there with other numbers, and not with its own"
