@@ -48,6 +48,9 @@ class Life:
             mailbox = self.zone._intake.mailbox
             while mailbox.waiting_since is not None or self.zone._at is not None or mailbox._set_back:
                 await asyncio.sleep(0.002)
+            # While a zone goes back it holds this lock.
+            while self.zone._intake.accepting.locked():
+                await asyncio.sleep(0.002)
             await asyncio.sleep(0.01)
 
     async def live(self, seconds, *, readings=True, step=60.0):
