@@ -100,7 +100,7 @@ def room(now: float) -> list[Reading]:
 
 
 def recovers(alignment: Alignment, worker: ZoneWorker, now: float) -> None:
-    """After sound readings the room is forecast as it is; walls that a gigawatt has heated take a day or two."""
+    """After sound readings the room is forecast as it is; walls that a megawatt has heated take a day or two."""
     for step in range(RECOVERY):
         update = take(alignment, worker, room(now + step * PERIOD), now + step * PERIOD + 61)
         if update is not None and update.outcome == "assimilated":
@@ -127,14 +127,12 @@ def test_stream_of_readings(name: str, steps: list[tuple[int, list[Any], bool]])
     examples=25,
     name=st.sampled_from(sorted(SMALL)),
     samples=st.lists(
-        st.tuples(
-            st.floats(-273, 1e4) | st.just(math.nan), st.floats(-273, 1e4), st.floats(-1e9, 1e9), st.integers(1, 3)
-        ),
+        st.tuples(st.floats(-60, 80) | st.just(math.nan), st.floats(-60, 80), st.floats(-1e6, 1e6), st.integers(1, 3)),
         max_size=40,
     ),
 )
 def test_believable_nonsense(name: str, samples: list[tuple[float, float, float, int]]) -> None:
-    """Values within the ranges that no room has: jumps of thousands of kelvins, heaters of a gigawatt, holes."""
+    """Values within the default ranges that no room has: jumps over 140 K, heaters of a megawatt, holes."""
     alignment, worker = fresh(name)
     now = float(START)
     for inside, outside, heat, ahead in samples:
