@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus overload soak audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -57,6 +57,12 @@ load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the re
 
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
+
+overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
+	$(BIN)/python -m replay.overload
+
+soak: $(VENV)/.bench  ## 48 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
+	$(BIN)/python -m replay.soak --picture var/soak/soak.svg $(SOAK)
 
 fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it
 	$(BIN)/python tests/fuzz/run.py --inputs $(FUZZ_INPUTS) --out var/fuzz

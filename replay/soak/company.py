@@ -25,7 +25,7 @@ _DEAF = 0.3
 class Company:
     """Restless clients of one daemon; `keep` runs them until it is cancelled."""
 
-    def __init__(self, url: str, control: str, zenoh_port: int, zones: list[str], seed: int) -> None:
+    def __init__(self, url: str, control: str, zenoh_port: int, zones: list[str], seed: int, breaks: bool) -> None:
         self.streams = 0
         """Open now."""
         self.opened = 0
@@ -36,6 +36,7 @@ class Company:
         self.reloads = 0
         self._url, self._control, self._zones = url, control, zones
         self._zenoh_port = zenoh_port
+        self._breaks = breaks
         self._choose = random.Random(seed)
 
     async def keep(self, process: int, streams: int) -> None:
@@ -44,7 +45,8 @@ class Company:
             for _ in range(streams):
                 tasks.create_task(self._stream())
             tasks.create_task(self._listen())
-            tasks.create_task(self._break())
+            if self._breaks:
+                tasks.create_task(self._break())
             tasks.create_task(self._reload(process))
 
     async def _stream(self) -> None:

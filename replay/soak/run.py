@@ -6,7 +6,6 @@ import asyncio
 import json
 import socket
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +32,10 @@ class Soak(NamedTuple):
     streams: int = 6
     clients: int = 2
     seed: int = 1
+    polls: float | None = None
+    """s from one look at the building's devices to the next; None: ten per sample."""
+    faults: bool = True
+    """Whether devices fail now and then."""
 
 
 def run(soak: Soak, folder: Path) -> tuple[dict[str, Any], list[Observation], list[Verdict]]:
@@ -42,13 +45,16 @@ def run(soak: Soak, folder: Path) -> tuple[dict[str, Any], list[Observation], li
     """
     folder.mkdir(parents=True, exist_ok=True)
     config, zenoh_port, control_port = folder / "soak.toml", _free_port(), _free_port()
-    settings: Mapping[str, object] = {
+    settings: dict[str, object] = {
         "http.port": 0,
         # As many checkpoints per sample as at the usual settings in real time, or more.
         "site.checkpoint_every": "20s",
         "zenoh.listen": [f"tcp/127.0.0.1:{zenoh_port}"],
         **{f"zones.{index}.estimator_options.particles": soak.particles for index in range(soak.zones)},
     }
+    if soak.polls is not None:
+        devices = ["weather", *(f"room{number}" for number in range(1, soak.zones + 1))]
+        settings |= {f"sources.{device}.poll": soak.polls for device in devices}
     options = BmsOptions(
         zones=soak.zones,
         port=0,
@@ -62,7 +68,7 @@ def run(soak: Soak, folder: Path) -> tuple[dict[str, Any], list[Observation], li
     with living_bms(options), DaemonProcess(config, folder / "daemon.log") as daemon:
         url, control = daemon.url(), f"http://127.0.0.1:{control_port}"
         zones = [zone["id"] for zone in httpx.get(f"{url}/zones").json()["zones"]]
-        company = Company(url, control, zenoh_port, zones, soak.seed)
+        company = Company(url, control, zenoh_port, zones, soak.seed, soak.faults)
         with Clients(url, zones, soak.clients, pause=0.2) as clients:
             observations = asyncio.run(_watch(soak, daemon, folder / "state", url, company))
             answers = clients.finish()

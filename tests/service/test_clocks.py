@@ -46,8 +46,10 @@ class Life:
         """Until everything that was accepted is assimilated."""
         async with asyncio.timeout(20):
             mailbox = self.zone._intake.mailbox
-            # The worker waits for news again once everything is done.
+            # The worker waits for news again once everything is done; while a zone goes back it holds the lock.
             while mailbox.waiting_since is not None or mailbox._set_back or not mailbox._news._waiters:
+                await asyncio.sleep(0.002)
+            while self.zone._intake.accepting.locked():
                 await asyncio.sleep(0.002)
 
     async def live(self, seconds, *, readings=True, step=60.0):
