@@ -24,20 +24,22 @@ FAILURES = 10
 FAILURE_SECONDS = 60.0
 
 _PEERS = 1024
+_LONGEST = 64
+"""Characters of what a proxy says is an address."""
 
 _log = logging.getLogger(__name__)
 
 
 def peer_of(connection: Connection) -> str:
-    """Whom a request comes from: the address, of IPv6 the /64 that one client has; "local" over a UNIX socket."""
+    """Whom a request comes from: the address, of IPv6 the /64 that one client has."""
     client = connection.get("client")
     if client is None:
-        return "local"
+        return "unknown"
     plain = plain_address(client[0])
     try:
         address = ipaddress.ip_address(plain)
     except ValueError:
-        return plain
+        return plain[:_LONGEST]
     return plain if address.version == 4 else str(ipaddress.ip_network((int(address), 64), strict=False))
 
 

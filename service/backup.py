@@ -105,6 +105,7 @@ def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> t
         except BaseException:
             shutil.rmtree(unpacked, ignore_errors=True)
             raise
+        _give_to_owner(state_dir, [*unpacked.rglob("*"), state_dir / "lock"])
         # From here to the end of the moves no daemon starts on the half of it.
         make_folder(state_dir / RESTORING)
         aside = state_dir / f"before-restore-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}" if there else None
@@ -120,6 +121,14 @@ def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> t
         (state_dir / RESTORING).rmdir()
         sync_folder(state_dir)
     return restored, aside
+
+
+def _give_to_owner(folder: Path, paths: list[Path]) -> None:
+    """Root may restore for the daemon, which must own what is in its `folder`."""
+    if os.geteuid() == 0:
+        owner = folder.stat()
+        for path in paths:
+            os.chown(path, owner.st_uid, owner.st_gid)
 
 
 def _copy(state_dir: Path, folder: Path) -> int:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NoReturn
 from adapters.errors import SourceError
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from service import cli_bms, cli_experiment, cli_keys, cli_probe, cli_state
+from service import cli_bms, cli_experiment, cli_health, cli_keys, cli_probe, cli_state
 from service.cli_arguments import instant, positive, whole
 from service.errors import ConfigError, ServiceError
 
@@ -118,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     add_with_config("show-config", _show_config, "Print the effective configuration as TOML, every default filled in.")
 
     cli_probe.add_to(add)
+    cli_health.add_to(add)
     cli_state.add_to(add)
     cli_keys.add_to(add)
 

@@ -32,7 +32,7 @@ def _backup(arguments: argparse.Namespace) -> int:
 
     site = load(arguments.config, arguments.overrides).site
     made = write_backup(site.state_dir, site.id, arguments.out)
-    print(f"{made.path}: site {made.site}, {made.zones} zones with a checkpoint, {made.size / 1e6:.1f} MB")
+    print(f"{made.path}: site {made.site}, {made.size / 1e6:.1f} MB, zones with a checkpoint: {made.zones}")
     return 0
 
 
@@ -43,7 +43,7 @@ def _restore(arguments: argparse.Namespace) -> int:
     site = load(arguments.config, arguments.overrides).site
     restored, aside = restore_backup(site.state_dir, site.id, arguments.backup, arguments.replace)
     print(
-        f"{site.state_dir}: as it was at {restored.made:%Y-%m-%dT%H:%M:%SZ}, {restored.zones} zones with a checkpoint"
+        f"{site.state_dir}: as it was at {restored.made:%Y-%m-%dT%H:%M:%SZ}, zones with a checkpoint: {restored.zones}"
     )
     if aside is not None:
         print(f"what was there is in {aside}; delete it when you are sure")

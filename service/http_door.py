@@ -10,6 +10,7 @@ import ssl
 from collections import Counter
 from collections.abc import Callable
 from http import HTTPStatus
+from typing import Literal
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.config import Config
@@ -19,7 +20,7 @@ from service.api_limits import peer_of, plain_address
 from service.api_problems import RequestRefused, refusal
 from service.config_types import is_loopback
 from service.http_models import HttpConfig
-from service.http_protocol import Protocol
+from service.http_protocol import UNIX, Protocol
 
 SPARE = 32
 """Connections beyond the limit that are still told so; more are closed at once."""
@@ -86,13 +87,13 @@ class Door:
                 greeting.cancel()
             await asyncio.gather(sweeping, *self._greetings, return_exceptions=True)
 
-    def _admit(self, connection: socket.socket, address: tuple[str, int]) -> None:
+    def _admit(self, connection: socket.socket, address: tuple[str, int] | Literal[""]) -> None:
         connection.setblocking(False)
-        host, port, *_ = address
-        host = plain_address(host)
-        peer = peer_of({"type": "http", "client": (host, port)})
+        # A UNIX socket has no addresses.
+        host = plain_address(address[0]) if address else UNIX
+        peer = peer_of({"type": "http", "client": (host, 0)})
         # On loopback, and behind a proxy, many clients share an address.
-        shared = is_loopback(host) or host in self._proxies
+        shared = host == UNIX or is_loopback(host) or host in self._proxies
         beyond = self.connections - self._limits.connections
         if not shared:
             beyond = max(beyond, self._peers[peer] - self._limits.connections_per_client)

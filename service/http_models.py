@@ -66,6 +66,7 @@ class HttpConfig(BaseModel):
 
     host: Host = "127.0.0.1"
     port: Port = 8080
+    socket: FilePath | None = None
     keys_file: FilePath | None = None
     certificate: FilePath | None = None
     private_key: FilePath | None = None
@@ -83,6 +84,12 @@ class HttpConfig(BaseModel):
             raise ValueError("certificate and private_key belong together; give both, or neither")
         if self.client_ca is not None and self.certificate is None:
             raise ValueError("client_ca asks clients for certificates, which needs certificate and private_key")
+        return self
+
+    @model_validator(mode="after")
+    def _one_address(self) -> Self:
+        if self.socket is not None and self.model_fields_set & {"host", "port"}:
+            raise ValueError("socket takes the place of host and port; remove them, or remove socket")
         return self
 
     @model_validator(mode="after")

@@ -22,6 +22,9 @@ from service.http_models import LimitsConfig
 MIN_PROGRESS = 65_536
 """Bytes of an answer that a client must take within send_timeout."""
 
+UNIX = "unix"
+"""Whom requests over a UNIX socket come from."""
+
 _log = logging.getLogger(__name__)
 _log.setLevel(logging.ERROR)  # Requests that are not HTTP are their sender's business, at whatever rate they come.
 
@@ -56,6 +59,7 @@ class Protocol(H11Protocol):
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
         self.met = True
+        self.client = self.client or (UNIX, 0)
         # asyncio's TLS hands a large answer down at once and then knows of none; it waits in the transport below.
         encryption = getattr(transport, "_ssl_protocol", None)
         self._layers = [transport] if encryption is None else [transport, encryption._transport]

@@ -7,14 +7,17 @@ import contextlib
 import logging
 import socket
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
 
 from service.errors import ServiceError
 from service.http_door import Door
+from service.http_listener import listener
 from service.http_models import HttpConfig
+from service.http_protocol import UNIX
 from service.tls import ServerCertificate, server_certificate
 
 SHUTDOWN_SECONDS = 1
@@ -52,10 +55,8 @@ class HttpServer:
         `setting` is what the operator knows the port by.
         """
         self.certificate = server_certificate(config)
-        self._socket = _bound(config, setting)
-        host, port = self._socket.getsockname()[:2]
-        scheme = "http" if self.certificate is None else "https"
-        self.url = f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
+        self._socket = listener(config, setting)
+        self.url = _url(self._socket, "http" if self.certificate is None else "https")
         self._server = _Server(
             uvicorn.Config(
                 app,
@@ -69,11 +70,7 @@ class HttpServer:
                 h11_max_incomplete_event_size=config.limits.headers,
                 server_header=False,
                 proxy_headers=config.behind_tls_proxy,
-                # A socket for IPv4 and IPv6 wraps the former into the latter.
-                forwarded_allow_ips=[
-                    *config.trusted_proxies,
-                    *(f"::ffff:{one}" for one in config.trusted_proxies if "." in one),
-                ],
+                forwarded_allow_ips=_as_seen(config),
             )
         )
         self._server.config.load()
@@ -108,7 +105,7 @@ class HttpServer:
                 task.cancel()
             results = await asyncio.gather(accepting, following, return_exceptions=True)
             self._server.should_exit = True
-            self._socket.close()
+            self.close()
             await serving
         for result in results:
             if isinstance(result, Exception):
@@ -130,6 +127,8 @@ class HttpServer:
 
     def close(self) -> None:
         """Give the address back, if `run` never took it over; safe after `stop`."""
+        if self._socket.family == socket.AF_UNIX and self._socket.fileno() >= 0:
+            Path(self._socket.getsockname()).unlink(missing_ok=True)
         self._socket.close()
 
     async def stop(self, serving: asyncio.Task[None]) -> None:
@@ -145,26 +144,16 @@ class HttpServer:
             await asyncio.sleep(FOLLOW_SECONDS)
 
 
-def _bound(config: HttpConfig, setting: str) -> socket.socket:
-    """A socket on the configured address; ServiceError, naming the `setting` of the port, if that is impossible."""
-    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
-    # With the protocol named, asyncio turns Nagle's algorithm off; an answer would otherwise wait 40 ms.
-    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    listener.setblocking(False)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    # Connections that are accepted inherit it.
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-    try:
-        listener.bind((config.host, config.port))
-    except OSError as error:
-        listener.close()
-        raise ServiceError(
-            f"http: {config.host}:{config.port} cannot be used ({error.strerror}); "
-            f"choose another {setting}, or 0 for any free one"
-        ) from error
-    return listener
+def _url(listening: socket.socket, scheme: str) -> str:
+    if listening.family == socket.AF_UNIX:
+        return f"unix:{listening.getsockname()}"
+    host, port = listening.getsockname()[:2]
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
 
 
-def _both_ways(addresses: Iterable[str]) -> list[str]:
-    """`addresses`, those of IPv4 also as a socket for both wraps them into IPv6."""
-    return [form for one in addresses for form in ((one, f"::ffff:{one}") if "." in one else (one,))]
+def _as_seen(config: HttpConfig) -> list[str]:
+    """Trusted proxies as the server sees them: a socket for IPv4 and IPv6 wraps the former into the latter."""
+    if config.socket is not None:
+        return [UNIX]
+    proxies = config.trusted_proxies
+    return [*proxies, *(f"::ffff:{address}" for address in proxies if "." in address)]

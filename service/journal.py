@@ -245,9 +245,10 @@ class Journal:
         self._pending.clear()
 
     def _end(self, zone: str) -> tuple[int, int]:
-        """Time and link of the newest sample of `zone`."""
+        """Time and link of the newest sample of `zone`; without any, what the next one has to be chained to."""
         newest = self.read("SELECT time, link FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1", zone)
-        return (newest[0][0], newest[0][1] or 0) if newest else (_EARLIEST, 0)
+        time, link = newest[0] if newest else (_EARLIEST, self._link_before(zone, _EARLIEST))
+        return time, link or 0
 
     def _link_before(self, zone: str, time: int) -> int | None:
         """The link of the newest sample not later than `time`, pruned or not; None where it has none."""

@@ -88,6 +88,13 @@ class Metrics:
         if written:
             self._checkpointed.labels(zone).set_to_current_time()
 
+    def introduce(self, zone: str) -> None:
+        """Show the counters of `zone` from now on, at 0: a rise is seen only by who has seen what was before."""
+        self._samples.labels(zone)
+        self._failures.labels(zone)
+        for result in ("written", "failed"):
+            self._checkpoints.labels(zone, result)
+
     def forget(self, zone: str) -> None:
         """Show nothing of `zone` any more."""
         for metric in (

@@ -134,6 +134,7 @@ class Runtime:
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]
+        self._plumbing.metrics.introduce(name)
         worker = asyncio.create_task(zone.run(), name=f"zone {name}")
         worker.add_done_callback(self._ended)
         self._running[name] = _Running(zone, worker)

@@ -1,12 +1,16 @@
 """The systemd unit as systemd itself judges it."""
 
+import os
 import re
 import shutil
 import subprocess
 import sys
+from ctypes.util import find_library
 from pathlib import Path
+from typing import Any
 
 import pytest
+from integration.harness import THERMOGATE, free_port
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "systemd"
 UNIT = FOLDER / "thermogate.service"
@@ -43,12 +47,12 @@ def test_exposure_is_under_two(tmp_path: Path) -> None:
 @needs_systemd
 @pytest.mark.parametrize("example", [None, *sorted((FOLDER / "thermogate.service.d").glob("*.example"))], ids=str)
 def test_systemd_finds_nothing_wrong(tmp_path: Path, example: Path | None) -> None:
-    # Only the place of the program is this machine's.
-    text = re.sub(r"/opt/thermogate/bin/thermogate", sys.executable, UNIT.read_text(encoding="utf-8"))
+    text = UNIT.read_text(encoding="utf-8")
     if example is not None:
         text = text.replace("[Install]", example.read_text(encoding="utf-8").partition("[Service]")[2] + "\n[Install]")
     unit = tmp_path / "thermogate.service"
-    unit.write_text(text, encoding="utf-8")
+    # Only the place of the program is this machine's.
+    unit.write_text(text.replace("/opt/thermogate/bin/thermogate", sys.executable), encoding="utf-8")
     done = analyze("verify", unit)
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
 
@@ -57,8 +61,8 @@ def test_it_is_what_the_daemon_expects() -> None:
     settings = service(UNIT)
     assert settings["Type"] == ["notify"]
     assert settings["ExecReload"] == ["/bin/kill -HUP $MAINPID"]
-    # Where the kernels are cached has to be a folder that the unit makes.
-    assert "NUMBA_CACHE_DIR=%C/thermogate" in settings["Environment"][0]
+    # The kernels are cached in $XDG_CACHE_HOME/thermogate, which has to be a folder that the unit makes.
+    assert "XDG_CACHE_HOME=%C" in settings["Environment"][0].split()
     assert settings["CacheDirectory"] == ["thermogate"]
     assert "%S/thermogate" in settings["ExecStart"][0]
     assert settings["StateDirectory"] == ["thermogate"]
@@ -76,3 +80,68 @@ def test_the_daemon_looks_often_enough_and_stops_soon_enough() -> None:
     settings = service(UNIT)
     assert float(settings["WatchdogSec"][0].removesuffix("s")) > 4 * LOOK_SECONDS
     assert float(settings["TimeoutStopSec"][0].removesuffix("s")) > 2 * (DRAIN_SECONDS + SAVE_SECONDS)
+
+
+def allowed_calls() -> set[str]:
+    """What the unit's SystemCallFilter leaves, its groups resolved by systemd itself."""
+    groups: dict[str, list[str]] = {}
+    for line in analyze("syscall-filter", "--no-pager").stdout.splitlines():
+        if line.startswith("@"):
+            members = groups[line.strip()] = []
+        elif line.strip() and not line.strip().startswith("#"):
+            members.append(line.strip())
+
+    def resolved(name: str) -> set[str]:
+        return set().union(*map(resolved, groups[name])) if name.startswith("@") else {name}
+
+    calls: set[str] = set()
+    for value in service(UNIT)["SystemCallFilter"]:
+        named = set().union(*map(resolved, value.removeprefix("~").split()))
+        calls = calls - named if value.startswith("~") else calls | named
+    return calls
+
+
+# Runs a program with these system calls alone; any other fails with EPERM, as the unit has it.
+FILTERED = """
+import ctypes, errno, os, sys
+library = ctypes.CDLL("libseccomp.so.2")
+library.seccomp_init.restype = ctypes.c_void_p
+context = ctypes.c_void_p(library.seccomp_init(ctypes.c_uint32(0x00050000 | errno.EPERM)))
+for name in sys.argv[1].split(","):
+    number = library.seccomp_syscall_resolve_name(name.encode())
+    if number >= 0:
+        library.seccomp_rule_add(context, ctypes.c_uint32(0x7FFF0000), number, 0)
+assert library.seccomp_load(context) == 0
+os.execv(sys.argv[2], sys.argv[2:])
+"""
+
+
+def filtered(calls: set[str], *command: str, **settings: Any) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-c", FILTERED, ",".join(sorted(calls)), *command]
+    return subprocess.run(words, capture_output=True, text=True, timeout=300, check=False, **settings)
+
+
+@needs_systemd
+@pytest.mark.skipif(find_library("seccomp") is None, reason="libseccomp is not installed here")
+def test_the_daemon_gets_on_with_the_system_calls_that_it_is_left(tmp_path: Path) -> None:
+    calls = allowed_calls()
+    assert {"execve", "mmap", "setpriority"} <= calls
+    assert not {"ptrace", "mount", "chown", "sched_setscheduler", "bpf"} & calls
+    refused = filtered(calls, sys.executable, "-c", "import os; os.chown('/tmp', 0, 0)")
+    assert "PermissionError" in refused.stderr, "the filter is in force"
+    # Kernels are compiled, samples learned, checkpoints written, REST and Zenoh served, all under the filter.
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    zenoh = f'zenoh.listen=["tcp/127.0.0.1:{free_port()}"]'
+    demo = ["demo", "--directory", str(tmp_path / "home"), "--port", "0", "--days", "2", "--pace", "100000"]
+    small = [
+        "--set",
+        "zones.living.estimator_options.particles=100",
+        "--set",
+        "zones.bedroom.estimator_options.particles=100",
+    ]
+    done = filtered(calls, str(THERMOGATE), *demo, "--duration", "25", "--set", zenoh, *small, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "serving on" in done.stderr
+    assert "ERROR" not in done.stderr
+    assert len(list((tmp_path / "home").rglob("checkpoints/*/*.npz"))) >= 2, done.stderr

@@ -7,7 +7,6 @@ that everything up to the last finished step is there with the same bits, and no
 from __future__ import annotations
 
 import asyncio
-import math
 import tarfile
 import tempfile
 from collections.abc import Callable, Coroutine
@@ -18,39 +17,14 @@ from typing import Any, Protocol
 
 import numpy as np
 import pytest
-from fake_zones import make_update
+from faults.journal_workload import JournalWorkload, sample
 
-import service.retention
-from adapters.reading import Quality
 from service.backup import restore_backup, write_backup
 from service.checkpoint import Checkpoint, CheckpointStore
 from service.durable_files import sync_folder, write_file
 from service.errors import ServiceError, StateMismatch
-from service.journal import HistoryRow, Journal
-from service.records import Sample
-from service.retention import Limits, prune
+from service.journal import Journal
 from service.store import JOURNAL, RESTORING, Store
-
-Content = dict[str, tuple[dict[int, bytes], dict[int, HistoryRow]]]
-"""Samples in bytes and history rows by time, of every zone."""
-ZONES = ("a", "b")
-
-
-def sample(k: int) -> Sample:
-    """Sample k, different from every other."""
-    values = np.array([5.0 + k / 7, np.nan, -0.0])
-    return Sample(300 * k, np.array([20.0 + k / 3]), values, (Quality.GOOD,), (Quality.GOOD, Quality.BAD, Quality.GOOD))
-
-
-def in_bytes(item: Sample) -> bytes:
-    """A sample in a form that compares bit for bit."""
-    words = ",".join((*item.output_quality, *item.input_quality))
-    return item.outputs.tobytes() + item.inputs.tobytes() + words.encode()
-
-
-def history_row(k: int) -> HistoryRow:
-    """History row k."""
-    return HistoryRow.of(make_update(k))._replace(time=300 * k)
 
 
 class Workload(Protocol):
@@ -63,142 +37,6 @@ class Workload(Protocol):
 
         With `exactly` false only that no wrong bit is there.
         """
-
-
-class JournalWorkload:
-    """Everything that is done to a journal."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / JOURNAL
-        self._journal: Journal | None = None
-        self._now: Content = {zone: ({}, {}) for zone in ZONES}
-        self._recorded: dict[tuple[str, int], HistoryRow] = {}
-        self.states: list[Content] = [self._copy()]
-        """What has to be there after each number of steps."""
-        self.steps: list[Callable[[], object]] = []
-        service.retention._ROWS_AT_ONCE = 3
-        service.retention._PAGES_AT_ONCE = 2
-        self._add(self._open)
-        for zone in ZONES:
-            self._add(lambda zone=zone: self.journal.claim(zone, "mark"), commits=True)
-        for k in range(4):
-            self._append(k)
-            self._record("a", k)
-        self._add(lambda: self.journal.flush(), commits=True)
-        self._skip("b", 1)
-        self._add(lambda: self.journal.read("PRAGMA wal_checkpoint(PASSIVE)"))
-        for k in range(4, 12):
-            self._append(k)
-            self._record("b", k)
-        self._add(lambda: self.journal.flush(), commits=True)
-        self._prune()
-        self._add(lambda: self.journal.read("PRAGMA wal_checkpoint(RESTART)"))
-        self._append(12)
-        self._add(self._close, commits=True)
-        self._add(self._open)
-        self._append(13)
-        self._forget("b")
-        self._append(14)
-
-    @property
-    def journal(self) -> Journal:
-        """The open journal."""
-        assert self._journal is not None
-        return self._journal
-
-    def _open(self) -> None:
-        if self._journal is None:
-            self._journal = Journal.open(self._path)
-
-    def _close(self) -> None:
-        journal, self._journal = self._journal, None
-        if journal is not None:
-            journal.close()
-
-    def _copy(self) -> Content:
-        return {zone: (dict(samples), dict(history)) for zone, (samples, history) in self._now.items()}
-
-    def _add(self, step: Callable[[], object], commits: bool = False) -> None:
-        """A step; one that `commits` takes the recorded history along."""
-        if commits:
-            for (zone, time), row in self._recorded.items():
-                self._now[zone][1][time] = row
-            self._recorded.clear()
-        self.steps.append(step)
-        self.states.append(self._copy())
-
-    def _append(self, k: int) -> None:
-        for zone in ZONES:
-            self._now[zone][0][300 * k] = in_bytes(sample(k))
-        self._add(lambda: self.journal.append_all([(zone, sample(k)) for zone in ZONES]), commits=True)
-
-    def _record(self, zone: str, k: int) -> None:
-        self._recorded[zone, 300 * k] = history_row(k)
-        self._add(lambda: self.journal.record(zone, make_update(k)._replace(time=300 * k)))
-
-    def _skip(self, zone: str, k: int) -> None:
-        del self._now[zone][0][300 * k]
-        self._add(lambda: self.journal.skip(zone, 300 * k, "invented"), commits=True)
-
-    def _prune(self) -> None:
-        for samples, history in self._now.values():
-            for time in [time for time in samples if time < 5 * 300]:
-                del samples[time]
-            for time in [time for time in history if time < 8 * 300]:
-                del history[time]
-        limits = Limits(3 * 300, math.inf)
-        self._add(lambda: list(prune(self.journal, lambda zone: 4 * 300, limits)), commits=True)
-
-    def _forget(self, zone: str) -> None:
-        self._now[zone] = ({}, {})
-        self._add(lambda: self.journal.forget(zone), commits=True)
-
-    def verify(self, folder: Path, done: int, exactly: bool) -> None:
-        journal = Journal.open(folder / JOURNAL)
-        try:
-            found: Content = {
-                zone: (
-                    {item.time: in_bytes(item) for item in journal.samples_after(zone, None)},
-                    {row.time: row for row in journal.history(zone, None, None, 1000)},
-                )
-                for zone in ZONES
-            }
-            if exactly:
-                before, after = self.states[done], self.states[min(done + 1, len(self.steps))]
-                assert any(same(found, state) for state in (before, after)) or between(found, before, after), (
-                    f"after {done} steps there is {times(found)}, neither {times(before)} nor {times(after)}"
-                )
-            else:
-                for zone in ZONES:
-                    assert all(in_bytes(sample(time // 300)) == data for time, data in found[zone][0].items())
-                    assert all(repr(history_row(time // 300)) == repr(row) for time, row in found[zone][1].items())
-            assert journal.append("a", sample(100)), "it goes on"
-        finally:
-            journal.close()
-
-
-def times(content: Content) -> dict[str, tuple[list[int], list[int]]]:
-    """What there is, for a message."""
-    return {zone: (sorted(samples), sorted(history)) for zone, (samples, history) in content.items()}
-
-
-def same(one: Content, other: Content) -> bool:
-    """Whether both hold the same bits; NaN is NaN."""
-    return repr({zone: (sorted(s.items()), sorted(h.items())) for zone, (s, h) in one.items()}) == repr(
-        {zone: (sorted(s.items()), sorted(h.items())) for zone, (s, h) in other.items()}
-    )
-
-
-def between(found: Content, before: Content, after: Content) -> bool:
-    """Whether `found` is on the way from `before` to `after`, where rows only go: what pruning leaves in the middle."""
-    for zone in ZONES:
-        for have, had, keep in zip(found[zone], before[zone], after[zone], strict=True):
-            if not set(keep) <= set(have) <= set(had) or any(repr(have[time]) != repr(had[time]) for time in have):
-                return False
-            # From the oldest on: nothing is missing in the middle.
-            if sorted(have) != sorted(had)[len(had) - len(have) :]:
-                return False
-    return True
 
 
 class CheckpointWorkload:

@@ -19,17 +19,16 @@ Check = Callable[[bytes], object]
 class Target(NamedTuple):
     """`run` takes one input and returns None where the bytes made none; `share` is its part of all inputs.
 
-    A target that is not `led` by coverage, because what it tests runs elsewhere, has Hypothesis draw the arguments of
-    `check` from `strategies`.
+    A target without `run`, because what it tests runs elsewhere where coverage is not seen, has Hypothesis draw the
+    arguments of `check` from `strategies`.
     """
 
     name: str
     share: int
-    run: Check
+    run: Check | None
     check: Callable[..., object]
     strategies: Mapping[str, st.SearchStrategy[Any]]
     seeds: tuple[bytes, ...] = ()
-    led: bool = True
 
 
 TARGETS: dict[str, Target] = {}
@@ -59,7 +58,7 @@ def structured(
     def register(check: Any) -> Any:
         test = _briefly(examples)(given(**strategies)(check))
         name = check.__name__.removeprefix("test_")
-        TARGETS[name] = Target(name, share, test.hypothesis.fuzz_one_input, check, strategies, led=led)
+        TARGETS[name] = Target(name, share, test.hypothesis.fuzz_one_input if led else None, check, strategies)
         return test
 
     return register

@@ -4,7 +4,8 @@
 
 The inputs are spread over the targets by their shares. With atheris installed, coverage of `adapters` and `service`
 leads to new ones; without, Hypothesis chooses them. A target fails on an exception, on an input that takes longer than
-SECONDS, and on more memory than MEGABYTES; the input is then in OUT/<target>. OUT/report.json has the figures.
+SECONDS, and on more memory than MEGABYTES; the input is then in OUT/<target>. OUT/report.json has the figures;
+minutes are those of all processes together.
 """
 
 from __future__ import annotations
@@ -57,20 +58,24 @@ def run_all(inputs: int, chosen: Iterable[str], out: Path) -> int:
         name: -(-inputs * target.share // whole) for name, target in targets.items() if not chosen or name in chosen
     }
     out.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
     with ThreadPoolExecutor(AT_ONCE) as pool:
         # Those that take longest first.
         order = sorted(portions, key=lambda name: targets[name].seeds != ())
         results = list(pool.map(lambda name: _in_a_process(name, portions[name], out), order))
+    path = out / "report.json"
+    if chosen and path.exists():
+        # The others keep the figures of the run before.
+        before = json.loads(path.read_text(encoding="utf-8"))["targets"]
+        results += [result for result in before if result["target"] not in portions]
     report = {
         "inputs": sum(result["inputs"] for result in results),
         "crashes": sum(result["verdict"] == "crash" for result in results),
         "hangs": sum(result["verdict"] == "hang" for result in results),
-        "minutes": round((time.monotonic() - began) / 60, 1),
+        "minutes": round(sum(result["seconds"] for result in results) / 60, 1),
         "led_by": "coverage (atheris)" if find_spec("atheris") else "chance (hypothesis)",
         "targets": results,
     }
-    (out / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(f"{report['inputs']} inputs, {report['crashes']} crashes, {report['hangs']} hangs, {report['minutes']} min")
     return 1 if report["crashes"] or report["hangs"] else 0
 
@@ -119,7 +124,7 @@ def run_one(name: str, inputs: int, folder: Path) -> int:
     with atheris.instrument_imports(include=["adapters", "service"], enable_loader_override=False):
         targets = targets_of(MODULES)
     target = targets[name]
-    if not target.led:
+    if target.run is None:
         return by_chance(target, inputs, folder)
     choose = random.Random(name)
     for index, seed in enumerate(target.seeds or [choose.randbytes(size) for size in (64, 256, 1024, 4096)]):

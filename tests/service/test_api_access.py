@@ -197,7 +197,8 @@ def test_failed_attempts_are_forgiven_in_time() -> None:
         (("2001:db8:1:2:3:4:5:6", 1), "2001:db8:1:2::/64"),
         (("::ffff:10.0.0.5", 1), "10.0.0.5"),
         (("testclient", 1), "testclient"),
-        (None, "local"),
+        (("x" * 10_000, 1), "x" * 64),
+        (None, "unknown"),
     ],
 )
 def test_a_peer_is_its_address(client: object, peer: str) -> None:

@@ -117,6 +117,14 @@ def test_nothing_is_overwritten(kept: Path, tmp_path: Path) -> None:
     assert goes_on(tmp_path / "state", 40) == straight(ITEMS)[39:]
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may restore for another user")
+def test_root_restores_for_the_user_of_the_daemon(kept: Path, tmp_path: Path) -> None:
+    (tmp_path / "new").mkdir()
+    os.chown(tmp_path / "new", 12345, 12345)
+    restore_backup(tmp_path / "new", "house", kept, replace=False)
+    assert {path.stat().st_uid for path in (tmp_path / "new").rglob("*")} == {12345}
+
+
 def test_a_running_daemon_keeps_its_state(kept: Path, tmp_path: Path) -> None:
     store = Store(tmp_path / "state")
     with pytest.raises(ServiceError, match="another thermogate already runs"):

@@ -46,12 +46,11 @@ class Life:
         """Until everything that was accepted is assimilated."""
         async with asyncio.timeout(20):
             mailbox = self.zone._intake.mailbox
-            while mailbox.waiting_since is not None or self.zone._at is not None or mailbox._set_back:
+            # The worker waits for news again once everything is done; while a zone goes back it holds the lock.
+            while mailbox.waiting_since is not None or mailbox._set_back or not mailbox._news._waiters:
                 await asyncio.sleep(0.002)
-            # While a zone goes back it holds this lock.
             while self.zone._intake.accepting.locked():
                 await asyncio.sleep(0.002)
-            await asyncio.sleep(0.01)
 
     async def live(self, seconds, *, readings=True, step=60.0):
         """Let `seconds` pass: a reading of every channel each minute, and the zone is told the time."""

@@ -115,6 +115,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "no host": (at(http={"host": "http://x"}), "http.host", ("neither an IP address nor the name",)),
     "certificate alone": (at(http={"certificate": "a.pem"}), "http", ("certificate and private_key belong together",)),
     "client certificates without one": (at(http={"client_ca": "ca.pem"}), "http", ("needs certificate and",)),
+    "socket and port": (at(http={"socket": "x.sock", "port": 0}), "http", ("takes the place of host and port",)),
     "proxy by name": (at(http={"trusted_proxies": ["proxy"]}), "http.trusted_proxies[0]", ("not an IP address",)),
     "limit of nothing": (at(http={"limits": {"connections": 0}}), "http.limits.connections", ("from 1 to",)),
     "unknown limit": (at(http={"limits": {"conections": 9}}), "http.limits.conections", ('mean "connections"?',)),

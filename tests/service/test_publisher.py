@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from fake_zones import make_update, running
+from integration.zenoh_plant import session as session_of
 
 from adapters.zenoh_connection import Connection
 from service import publisher as module
@@ -181,6 +182,36 @@ def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -
 def test_a_client_without_a_router_is_one_sentence(address: str) -> None:
     with pytest.raises(ServiceError, match=f"zenoh.connect: no Zenoh router answers at {address}"):
         Publisher.open(settings(mode="client", connect=(address,)), "htwg", ["living"])
+
+
+def test_a_listener_with_users_asks_for_a_password_and_never_tells_it(address: str, tmp_path: Path) -> None:
+    (tmp_path / "users").write_text("reader:hush\n", encoding="utf-8")
+    config = ZenohConfig.model_validate({"listen": [address], "users_file": "users"}, context={"folder": tmp_path})
+    publisher = Publisher.open(config.connection("htwg"), "htwg", ["living"])
+    publisher.publish("living", make_update(0), running("living").status())
+    user = "transport/auth/usrpwd"
+
+    def reading(password: str) -> dict[str, bytes]:
+        shown = {f"{user}/user": "reader", f"{user}/password": password, "connect/timeout_ms": 1000}
+        with session_of("client", connect=address, **shown) as reader:
+            return settled(reader, "thermogate/htwg/living/forecast", 1)
+
+    try:
+        assert reading("hush")
+        with pytest.raises(zenoh.ZError):
+            reading("wrong")
+    finally:
+        publisher.close()
+    (tmp_path / "password").write_text("wrong", encoding="utf-8")
+    told = {"mode": "client", "connect": [address], "user": "reader", "password_file": "password", "timeout": "1s"}
+    with session_of("router", listen=address, **{f"{user}/dictionary_file": str(tmp_path / "users")}):
+        config = ZenohConfig.model_validate(told, context={"folder": tmp_path})
+        with pytest.raises(ServiceError, match=r"zenoh.connect: .* check user and password") as caught:
+            Publisher.open(config.connection("htwg"), "htwg", ["living"])
+        assert "wrong" not in str(caught.value)
+    (tmp_path / "password").unlink()
+    with pytest.raises(ServiceError, match=r"\[zenoh\]: password_file: .* cannot be read"):
+        Publisher.open(config.connection("htwg"), "htwg", ["living"])
 
 
 def test_a_malformed_locator_is_one_sentence() -> None:

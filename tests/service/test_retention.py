@@ -87,6 +87,15 @@ def test_what_is_left_is_still_checked_and_gone_on_with(tmp_path: Path, journal:
         assert len(list(again.samples_after("living", None))) == 102
 
 
+def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(journal: Journal) -> None:
+    fill(journal, "living", 300)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
+    journal.set_aside("living", FIRST)
+    for step in (250, 251):
+        assert journal.append("living", make_sample(step))
+    assert steps_of(journal, "living") == ([250, 251], [])
+
+
 def test_age_counts_from_the_newest_sample_of_each_zone(journal: Journal) -> None:
     fill(journal, "living", 50)
     fill(journal, "bedroom", 300)

@@ -1,0 +1,152 @@
+"""The container image: its definition read, and the daemon under what it asks for, as far as that needs no engine."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import time
+import tomllib
+import urllib.request
+from pathlib import Path
+
+import pytest
+import yaml
+from integration.harness import EXAMPLES, ROOT, THERMOGATE
+
+FOLDER = ROOT / "deploy" / "container"
+SERVICE = yaml.safe_load((FOLDER / "compose.yaml").read_text(encoding="utf-8"))["services"]["thermogate"]
+STAGES = [
+    [line.split(maxsplit=1) for line in stage.splitlines() if line and not line.startswith("#")]
+    for stage in re.split(
+        r"^(?=FROM )",
+        re.sub(r"\\\n\s*", "", (FOLDER / "Containerfile").read_text(encoding="utf-8")),
+        flags=re.MULTILINE,
+    )[1:]
+]
+
+
+def given(instruction: str, stage: int = -1) -> list[str]:
+    return [rest for name, rest in STAGES[stage] if name == instruction]
+
+
+def test_bases_are_slim_and_pinned_and_name_no_registry() -> None:
+    bases = [stage[0][1].split()[0] for stage in STAGES]
+    assert len(STAGES) == 2
+    assert len(set(bases)) == 1
+    assert re.fullmatch(r"python:3\.\d+\.\d+-slim-\w+", bases[0])
+    version = tuple(map(int, re.findall(r"\d+", bases[0])[:2]))
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert version >= tuple(map(int, re.findall(r"\d+", wanted)))
+
+
+def test_it_runs_as_nobody_in_particular() -> None:
+    (user,) = given("USER")
+    assert re.fullmatch(r"[1-9]\d{3,}:[1-9]\d{3,}", user)
+    names = [name for name, _ in STAGES[-1]]
+    assert "RUN" not in names[names.index("USER") :]
+    assert "ADD" not in names
+    assert not any(word in line for line in given("RUN") for word in ("sudo", "curl", "apt"))
+
+
+def test_what_it_writes_is_in_volumes_that_are_its_own() -> None:
+    volumes = json.loads(given("VOLUME")[0])
+    assert volumes == ["/var/lib/thermogate", "/var/cache/thermogate"]
+    assert "XDG_CACHE_HOME=/var/cache" in given("ENV")[0].split()
+    assert any("--chown=10001:10001" in line and volumes[1] in line for line in given("COPY"))
+    assert any("-o 10001 -g 10001" in line and volumes[0] in line for line in given("RUN"))
+    mounted = [volume.split(":")[1] for volume in SERVICE["volumes"]]
+    assert set(volumes) < set(mounted)
+
+
+def test_commands_of_the_image_are_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    from service.cli import _parser
+
+    entry, command = json.loads(given("ENTRYPOINT")[0]), json.loads(given("CMD")[0])
+    assert entry == ["thermogate"]
+    parsed = _parser().parse_args(command)
+    assert tomllib.loads(parsed.overrides[0])["site"]["state_dir"] == "/var/lib/thermogate"
+    check = json.loads(re.search(r"CMD (\[.*\])", given("HEALTHCHECK")[0])[1])  # type: ignore[index]
+    assert check[0] == "thermogate"
+    assert _parser().parse_args(check[1:]).alive
+    assert given("STOPSIGNAL") == ["SIGTERM"]
+
+
+def test_what_is_copied_is_there_and_not_ignored() -> None:
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    for line in given("COPY", 0):
+        *sources, _ = line.split()
+        for source in sources:
+            assert (ROOT / source).exists(), source
+            assert f"!{source}" in ignored, source
+
+
+def test_the_composition_takes_everything_away() -> None:
+    assert SERVICE["read_only"] is True
+    assert SERVICE["cap_drop"] == ["ALL"]
+    assert "no-new-privileges:true" in SERVICE["security_opt"]
+    assert not SERVICE["image"].endswith("latest")
+    assert ":" in SERVICE["image"]
+    assert "privileged" not in SERVICE
+    assert "ports" not in SERVICE, "a port of the machine would lead to a daemon that listens beyond loopback"
+    assert (FOLDER / SERVICE["build"]["context"] / SERVICE["build"]["dockerfile"]).samefile(FOLDER / "Containerfile")
+
+
+def _private_mounts() -> bool:
+    if os.geteuid() != 0 or not all(map(shutil.which, ("unshare", "setpriv", "mount"))):
+        return False
+    probe = ["unshare", "--mount", "mount", "-o", "remount,bind,ro", "/"]
+    return subprocess.run(probe, capture_output=True, timeout=10, check=False).returncode == 0
+
+
+@pytest.mark.skipif(not _private_mounts(), reason="needs root, unshare and setpriv to make a read-only root")
+def test_the_daemon_runs_on_a_read_only_root_without_any_capability(tmp_path: Path) -> None:
+    state, cache = tmp_path / "lib", tmp_path / "cache"
+    config = tmp_path / "thermogate.toml"
+    config.write_text((EXAMPLES / "generic-csv.toml").read_text().replace("data/", f"{EXAMPLES}/data/"))
+    for folder in (state, cache):
+        folder.mkdir()
+    prepare = [
+        "mount --make-rprivate /",
+        *(f"mount -t tmpfs tmpfs {folder}" for folder in (state, cache)),
+        # Every mount there is, but for those two and the kernel's own.
+        "grep -E ' (ext4|overlay|xfs|btrfs|tmpfs|fuse|9p|virtiofs)' /proc/mounts | cut -d' ' -f2 "
+        f"| grep -v '^{tmp_path}' | while read m; do mount -o remount,bind,ro $m; done",
+        f"if touch {ROOT}/written {tmp_path}/written 2>/dev/null; then echo 'the root can be written'; exit 9; fi",
+        "exec setpriv --no-new-privs --bounding-set=-all --inh-caps=-all "
+        f"{THERMOGATE} run {config} --set 'site.state_dir=\"{state}\"' --set http.port=0 --set zenoh.enabled=false "
+        "--set zones.room-1.estimator_options.particles=50",
+    ]
+    environment = os.environ | {"XDG_CACHE_HOME": str(cache), "HOME": "/nonexistent", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    with subprocess.Popen(
+        ["unshare", "--mount", "sh", "-ec", "\n".join(prepare)], env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stderr is not None
+            lines: list[str] = []
+            for line in process.stderr:
+                lines.append(line)
+                if found := re.search(r"serving on (\S+)", line):
+                    break
+            else:
+                raise AssertionError("".join(lines))
+            # From here on nobody reads what it says; it is little.
+            deadline = time.monotonic() + 120
+            samples = 0
+            while samples == 0:
+                assert time.monotonic() < deadline
+                with urllib.request.urlopen(f"{found[1]}/zones", timeout=10) as answer:
+                    samples = json.load(answer)["zones"][0]["samples"]
+                time.sleep(0.2)
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            assert re.search(r"CapEff:\s+0+$", status, re.MULTILINE)
+            assert re.search(r"NoNewPrivs:\s+1$", status, re.MULTILINE)
+            done = subprocess.run(
+                [str(THERMOGATE), "health", "--alive", "--url", found[1]], capture_output=True, text=True, check=False
+            )
+            assert (done.returncode, done.stdout[:5]) == (0, "OK - ")
+            process.terminate()
+            assert process.wait(timeout=30) == 0
+        finally:
+            process.kill()

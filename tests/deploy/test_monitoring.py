@@ -1,0 +1,108 @@
+"""Alert rules, scraping and dashboard: every metric that they name is there, and they are well formed."""
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from integration.all_metrics import exposed
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+PROMETHEUS = DEPLOY / "prometheus"
+RULES = yaml.safe_load((PROMETHEUS / "alerts.yml").read_text(encoding="utf-8"))["groups"]
+BOARD = json.loads((DEPLOY / "grafana" / "thermogate.json").read_text(encoding="utf-8"))
+OPERATIONS = (DEPLOY.parent / "docs" / "operations.md").read_text(encoding="utf-8")
+
+# What Prometheus makes itself, and what its client tells of every process.
+OTHERS = {"up", "process_start_time_seconds", "process_cpu_seconds_total", "process_resident_memory_bytes"}
+
+
+def metrics_in(expression: str) -> set[str]:
+    """The names of the metrics in a PromQL expression."""
+    bare = re.sub(r'\{[^}]*\}|"[^"]*"|\[[^]]*\]|\b(?:by|without) \([^)]*\)', "", expression)
+    words = set(re.findall(r"[a-zA-Z_:][a-zA-Z0-9_:]*(?!\w*\s*\()", bare))
+    return {word for word in words if word in OTHERS or word.startswith(("thermogate_", "process_"))}
+
+
+def known() -> set[str]:
+    found = set(OTHERS)
+    for name, kind in exposed().items():
+        found |= {f"{name}_bucket", f"{name}_sum", f"{name}_count"} if kind == "histogram" else {name}
+    return found
+
+
+def rules() -> list[Any]:
+    return [pytest.param(rule, id=rule["alert"]) for group in RULES for rule in group["rules"]]
+
+
+@pytest.mark.parametrize("rule", rules())
+def test_an_alert_names_metrics_that_exist_and_is_documented(rule: dict[str, Any]) -> None:
+    named = metrics_in(rule["expr"])
+    assert named
+    assert named <= known()
+    assert rule["labels"]["severity"] in ("page", "ticket")
+    assert rule["annotations"]["summary"]
+    assert f"`{rule['alert']}`" in OPERATIONS, "what to do about it is not documented"
+
+
+def test_every_documented_alert_exists() -> None:
+    documented = set(re.findall(r"`(Thermogate[A-Z]\w+)`", OPERATIONS))
+    assert documented == {rule["alert"] for group in RULES for rule in group["rules"]}
+
+
+def test_names_that_do_not_exist_would_be_found() -> None:
+    assert metrics_in("rate(thermogate_sample_total{zone='a'}[5m]) > 1") == {"thermogate_sample_total"}
+    assert not metrics_in("rate(thermogate_sample_total[5m])") <= known()
+
+
+def test_prometheus_loads_the_rules_and_scrapes_the_daemon() -> None:
+    config = yaml.safe_load((PROMETHEUS / "prometheus.yml").read_text(encoding="utf-8"))
+    assert [(PROMETHEUS / name).exists() for name in config["rule_files"]] == [True]
+    (job,) = config["scrape_configs"]
+    assert job["job_name"] == "thermogate"
+    assert job.get("metrics_path", "/metrics") == "/metrics"
+
+
+def expressions(node: Any) -> Iterator[str]:
+    if isinstance(node, dict):
+        yield from (value for key, value in node.items() if key in ("expr", "query") and isinstance(value, str))
+        for value in node.values():
+            yield from expressions(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from expressions(value)
+
+
+def test_the_dashboard_shows_metrics_that_exist() -> None:
+    named = set().union(*(metrics_in(expression) for expression in expressions(BOARD)))
+    assert len(named) > 20
+    assert named <= known()
+
+
+def test_the_panels_of_the_dashboard_do_not_overlap() -> None:
+    taken: set[tuple[int, int]] = set()
+    for panel in BOARD["panels"]:
+        place = panel["gridPos"]
+        cells = {
+            (x, y)
+            for x in range(place["x"], place["x"] + place["w"])
+            for y in range(place["y"], place["y"] + place["h"])
+        }
+        assert place["x"] + place["w"] <= 24
+        assert not cells & taken, panel["title"]
+        taken |= cells
+    assert len({panel["id"] for panel in BOARD["panels"]}) == len(BOARD["panels"])
+
+
+@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed here (Debian: prometheus)")
+@pytest.mark.parametrize("arguments", [["check", "rules", "alerts.yml"], ["test", "rules", "alerts_test.yml"]])
+def test_promtool_agrees(arguments: list[str]) -> None:
+    done = subprocess.run(
+        ["promtool", *arguments], cwd=PROMETHEUS, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
