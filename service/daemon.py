@@ -47,7 +47,10 @@ from service.zone_table import ZoneTable
 
 _COLLECT_AFTER = (5000, 10, 1000)
 """Thresholds of the garbage collector. A full collection holds every thread, for 60 ms with a thousand zones, and finds
-next to nothing: what is thrown away here are no cycles. So it is rare."""
+little: what is thrown away here are no cycles, but for connections that are lost. So it is rare, and goes by time."""
+
+_COLLECT_SECONDS = 300.0
+"""From one full collection to the next. Connections come and go even where nothing else happens."""
 
 _SWITCH_SECONDS = 0.0005
 """After how long a thread hands on the interpreter lock that another one waits for. The event loop takes it back
@@ -237,7 +240,7 @@ class Daemon:
                 gc.freeze()
                 runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
-                watching.append(asyncio.create_task(store.keep_within(limits)))
+                watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(_collect_garbage())]
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
                 ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]
@@ -266,6 +269,12 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
+
+
+async def _collect_garbage() -> None:
+    while True:
+        await asyncio.sleep(_COLLECT_SECONDS)
+        gc.collect()
 
 
 def _stand_back() -> None:
