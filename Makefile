@@ -61,7 +61,7 @@ audit:  ## every pinned dependency against the database of known vulnerabilities
 overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
 	$(BIN)/python -m replay.overload
 
-soak: $(VENV)/.bench  ## 48 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
+soak: $(VENV)/.bench  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
 	$(BIN)/python -m replay.soak --picture var/soak/soak.svg $(SOAK)
 
 fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it

@@ -15,12 +15,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeVar
 
 from service.api import create_app
 from service.config_models import Config
@@ -47,7 +47,10 @@ from service.zone_table import ZoneTable
 
 _COLLECT_AFTER = (5000, 10, 1000)
 """Thresholds of the garbage collector. A full collection holds every thread, for 60 ms with a thousand zones, and finds
-next to nothing: what is thrown away here are no cycles. So it is rare."""
+little: what is thrown away here are no cycles, but for connections that are lost. So it is rare, and goes by time."""
+
+_COLLECT_SECONDS = 300.0
+"""From one full collection to the next. Connections come and go even where nothing else happens."""
 
 _SWITCH_SECONDS = 0.0005
 """After how long a thread hands on the interpreter lock that another one waits for. The event loop takes it back
@@ -55,6 +58,8 @@ several times for one answer; at Python's 5 ms each, REST would be slow whenever
 
 _NICENESS = 5
 """Of the threads that compute; Linux keeps it per thread."""
+
+Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 
@@ -100,7 +105,7 @@ class Daemon:
         self._http: HttpServer | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
-        self._reloads: set[asyncio.Task[None]] = set()
+        self._reloads: set[asyncio.Task[Any]] = set()
 
     async def run(self, reset: Sequence[str], duration: float | None) -> None:
         """Start, serve until asked to stop, stop."""
@@ -132,6 +137,10 @@ class Daemon:
 
     async def reload(self) -> str:
         """Read the configuration again and go over to it; what was done. Raises ReloadRefused, and then nothing was."""
+        # Whoever asked may go away meanwhile; a reload is not left half done for that.
+        return await asyncio.shield(self._own(self._reload()))
+
+    async def _reload(self) -> str:
         runtime = self._runtime
         if self._reread is None or runtime is None or self._ready is None:
             why = "is still starting" if self._reread else "was not started from a configuration file"
@@ -161,9 +170,14 @@ class Daemon:
         self._stopping.set()
 
     def _hang_up(self) -> None:
-        task = asyncio.create_task(self._reload_said())
+        self._own(self._reload_said())
+
+    def _own(self, work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
+        """`work` as a task that the daemon ends when it stops."""
+        task = asyncio.create_task(work)
         self._reloads.add(task)
         task.add_done_callback(self._reloads.discard)
+        return task
 
     async def _reload_said(self) -> None:
         try:
@@ -226,7 +240,7 @@ class Daemon:
                 gc.freeze()
                 runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
-                watching.append(asyncio.create_task(store.keep_within(limits)))
+                watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(_collect_garbage())]
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
                 ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]
@@ -235,7 +249,7 @@ class Daemon:
                 if runtime.broken.done():
                     runtime.broken.result()
             finally:
-                await end(self._reloads)
+                await end(tuple(self._reloads))
                 await runtime.stop_feeds()
                 # An open stream would keep the server from stopping; the clients come back after a pause.
                 streams.end()
@@ -255,6 +269,12 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
+
+
+async def _collect_garbage() -> None:
+    while True:
+        await asyncio.sleep(_COLLECT_SECONDS)
+        gc.collect()
 
 
 def _stand_back() -> None:

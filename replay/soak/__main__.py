@@ -17,9 +17,9 @@ def main() -> int:
     """Run the soak that the command line describes; 0 if everything stayed within its limits."""
     usual = Soak()
     parser = argparse.ArgumentParser(prog="python -m replay.soak", description=__doc__)
-    parser.add_argument("--hours", type=float, default=usual.hours, help="simulated (default 48)")
+    parser.add_argument("--hours", type=float, default=usual.hours, help="simulated (default 96)")
     parser.add_argument("--pace", type=float, default=usual.pace, help="simulated s per s, to 3600 (default 600)")
-    parser.add_argument("--zones", type=int, default=usual.zones, help="rooms (default 6)")
+    parser.add_argument("--zones", type=int, default=usual.zones, help="rooms (default 4)")
     parser.add_argument("--particles", type=int, default=usual.particles, help="per zone (default 3000)")
     parser.add_argument("--streams", type=int, default=usual.streams, help="streams at a time (default 6)")
     parser.add_argument("--seed", type=int, default=usual.seed, help="of building, faults and clients (default 1)")

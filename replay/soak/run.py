@@ -23,9 +23,9 @@ from replay.soak.verdict import Verdict, judge, summary
 class Soak(NamedTuple):
     """What is run: `hours` of simulated time at `pace` simulated s per real s."""
 
-    hours: float = 48.0
+    hours: float = 96.0
     pace: float = 600.0
-    zones: int = 6
+    zones: int = 4
     particles: int = 3000
     every: float = 2.0
     """Real s between two looks at the daemon."""

@@ -10,7 +10,7 @@ from scipy.stats import theilslopes
 
 from replay.soak.observation import Observation
 
-WARM_UP = 1 / 3
+WARM_UP = 1 / 2
 """Part of the soak that is not judged: caches, pools and buffers fill."""
 
 _DAY = 86_400.0
