@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
@@ -196,6 +197,8 @@ def _from_record(record: senml.Record, form: PayloadFormat) -> Decoded:
         raise _Refusal(Fault.NON_NUMERIC, f'has a record "{record.name}" whose value is not a number')
     if form.unit is not None and record.unit not in (None, form.unit):
         raise _Refusal(Fault.WRONG_UNIT, f'has "{record.name}" in {record.unit}, and the channel says {form.unit}')
+    if record.time is not None and not isfinite(record.time):
+        raise _Refusal(Fault.BAD_TIMESTAMP, "has a time that is not finite")
     quality = _quality(record.fields, form)
     relative = record.time is not None and record.time < senml.ABSOLUTE_FROM
     return Decoded(_number(record.value), record.time, relative, quality)

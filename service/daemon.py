@@ -15,12 +15,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import Any, TypeVar
 
 from service.api import create_app
 from service.config_models import Config
@@ -58,6 +58,8 @@ several times for one answer; at Python's 5 ms each, REST would be slow whenever
 
 _NICENESS = 5
 """Of the threads that compute; Linux keeps it per thread."""
+
+Result = TypeVar("Result")
 
 _log = logging.getLogger(__name__)
 
@@ -103,7 +105,7 @@ class Daemon:
         self._http: HttpServer | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
-        self._reloads: set[asyncio.Task[None]] = set()
+        self._reloads: set[asyncio.Task[Any]] = set()
 
     async def run(self, reset: Sequence[str], duration: float | None) -> None:
         """Start, serve until asked to stop, stop."""
@@ -135,6 +137,10 @@ class Daemon:
 
     async def reload(self) -> str:
         """Read the configuration again and go over to it; what was done. Raises ReloadRefused, and then nothing was."""
+        # Whoever asked may go away meanwhile; a reload is not left half done for that.
+        return await asyncio.shield(self._own(self._reload()))
+
+    async def _reload(self) -> str:
         runtime = self._runtime
         if self._reread is None or runtime is None or self._ready is None:
             why = "is still starting" if self._reread else "was not started from a configuration file"
@@ -164,9 +170,14 @@ class Daemon:
         self._stopping.set()
 
     def _hang_up(self) -> None:
-        task = asyncio.create_task(self._reload_said())
+        self._own(self._reload_said())
+
+    def _own(self, work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
+        """`work` as a task that the daemon ends when it stops."""
+        task = asyncio.create_task(work)
         self._reloads.add(task)
         task.add_done_callback(self._reloads.discard)
+        return task
 
     async def _reload_said(self) -> None:
         try:
@@ -238,7 +249,7 @@ class Daemon:
                 if runtime.broken.done():
                     runtime.broken.result()
             finally:
-                await end(self._reloads)
+                await end(tuple(self._reloads))
                 await runtime.stop_feeds()
                 # An open stream would keep the server from stopping; the clients come back after a pause.
                 streams.end()

@@ -108,18 +108,27 @@ class Runtime:
             except ServiceError as error:
                 await asyncio.to_thread(self._undeclare, list(added))
                 raise ReloadRefused([str(error)]) from error
-            # From here on nothing fails that would not fail by itself as well, and be tried again.
-            await self._retire(changes.leaving)
-            await self._prepare({name: fresh[name] for name in fresh if name not in added}, changes.changed, new)
-            await asyncio.to_thread(self._undeclare, changes.removed)
-            for name in changes.removed:
-                self._plumbing.metrics.forget(name)
-            self.zones.replace({table.id: fresh.get(table.id) or self.zones[table.id] for table in new.zones})
-            for name in fresh:
-                self._start(name)
-            await self._follow(self.config, new, changes)
-            self.config = new
+            try:
+                await self._go_over(new, changes, fresh)
+            except Exception as error:
+                # Half of one configuration and half of another is nothing to go on with; a start makes it whole.
+                if not self.broken.done():
+                    self.broken.set_exception(error)
+                raise
             return changes
+
+    async def _go_over(self, new: Config, changes: Changes, fresh: Mapping[str, Zone]) -> None:
+        """Do what nothing stands against any more; the zones in `fresh` start, of which those added are restored."""
+        await self._retire(changes.leaving)
+        await self._prepare({table.id: fresh[table.id] for table in changes.changed}, changes.changed, new)
+        await asyncio.to_thread(self._undeclare, changes.removed)
+        for name in changes.removed:
+            self._plumbing.metrics.forget(name)
+        self.zones.replace({table.id: fresh.get(table.id) or self.zones[table.id] for table in new.zones})
+        for name in fresh:
+            self._start(name)
+        await self._follow(self.config, new, changes)
+        self.config = new
 
     def _built(self, table: ZoneConfig) -> Zone:
         return Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), self._plumbing)

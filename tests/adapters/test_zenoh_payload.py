@@ -220,6 +220,13 @@ def test_payloads_are_shown_short_and_on_one_line():
     assert len(shown(b"x" * 1000)) == 60
 
 
+@pytest.mark.parametrize(
+    "pack", [b'[{"v": 1, "t": 1e999}]', b'[{"v": 1, "bt": 1e308, "t": 1e308}]', b'[{"v": 1, "t": NaN}]']
+)
+def test_a_senml_time_that_is_not_finite_is_refused(pack):
+    assert one(pack, PayloadFormat("senml")).fault is Fault.BAD_TIMESTAMP
+
+
 @pytest.mark.parametrize("time", [-1.0, -62135596801.0, -1e17])
 def test_a_time_before_1970_is_refused_and_can_be_probed(time):
     form = PayloadFormat("json", parse("/present/value"), parse("/time"), time_format="epoch")

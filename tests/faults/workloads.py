@@ -139,6 +139,40 @@ class ResetWorkload:
             assert done < 10 or found is not None
 
 
+class SetBackWorkload(ResetWorkload):
+    """What a zone learned from a clock that was ahead is set aside."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        first, ahead, then = (checkpoint(n)._replace(step=300 * k) for n, k in ((1, 2), (2, 4), (3, 2)))
+        self.steps = [
+            self._open,
+            self._does(lambda store: store.claim("z", "mark")),
+            *(self._does(lambda store, k=k: store.append("z", sample(k))) for k in range(5)),
+            lambda: self.store.checkpoints.save("z", first),
+            self._does(lambda store: store.set_back("z", ahead, then, 600)),
+            self._does(lambda store: store.append("z", sample(3))),
+            self._close,
+        ]
+
+    async def _verify(self, store: Store, done: int, exactly: bool) -> None:
+        found = store.checkpoints.load("z", "mark")
+        state = ([item.time // 300 for item in await store.samples_after("z", None)], found and found.meta["number"])
+        appended = [*range(min(5, max(0, done - 2)))]
+        if not exactly:
+            return
+        if done < 7:
+            assert state in ((appended, None), ([*appended, len(appended)], None)), (done, state)
+        elif done == 7:
+            assert state in ((appended, None), (appended, 1)), state
+        elif done == 8:
+            # The state before, with or without what followed it in the journal; or the end.
+            assert state in ((appended, 1), (appended, 2), ([0, 1, 2], 2), ([0, 1, 2], 3)), state
+        else:
+            assert state in (([0, 1, 2], 3), ([0, 1, 2, 3], 3))
+            assert done < 10 or state[0] == [0, 1, 2, 3]
+
+
 VERSION_1 = Path(__file__).parents[1] / "service" / "state-version-1.tar.gz"
 """A state folder of schema 1, taken from a running daemon: zone z with 40 samples, of which the 34th is skipped."""
 
@@ -250,6 +284,7 @@ WORKLOADS: dict[str, Callable[[Path], Workload]] = {
     "journal": JournalWorkload,
     "checkpoints": CheckpointWorkload,
     "reset": ResetWorkload,
+    "set back": SetBackWorkload,
     "upgrade": UpgradeWorkload,
     "restore": RestoreWorkload,
 }

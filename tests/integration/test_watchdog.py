@@ -30,6 +30,14 @@ if "hang" in sys.argv:
             threading.Event().wait()
         return steps(self, sample)
     ZoneWorker.step = step
+if "break" in sys.argv:
+    import service.runtime
+    from service.errors import JournalError
+
+    async def _follow(*_):
+        raise JournalError("the journal is gone")
+
+    service.runtime.Runtime._follow = _follow
 overrides = [word for word in sys.argv[2:] if "=" in word]
 read = lambda: load(Path(sys.argv[1]), overrides)
 sys.exit(service.daemon.run_daemon(read(), reread=read))
@@ -131,3 +139,11 @@ def test_a_reload_of_a_daemon_without_a_manager_is_no_matter(tmp_path: Path, sig
             time.sleep(0.05)
         manager.process.send_signal(signum)
         assert manager.process.wait(timeout=30) == 0
+
+
+def test_a_reload_that_breaks_half_way_ends_the_daemon_for_a_fresh_start(tmp_path: Path) -> None:
+    with Manager(tmp_path, "break") as manager:
+        manager.hear("READY=1")
+        manager.process.send_signal(signal.SIGHUP)
+        assert manager.process.wait(timeout=30) == 1
+        assert "JournalError: the journal is gone" in manager.log.read_text()

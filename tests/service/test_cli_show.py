@@ -35,6 +35,7 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "keep_history": "400d",
         "max_journal": "2GB",
     }
+    assert shown["log"] == {"format": "plain", "level": "info", "limit": 10}
     assert shown["http"]["limits"]["send_timeout"] == "30s"
     assert shown["http"] | {"limits": None} == {
         "host": "127.0.0.1",
@@ -50,6 +51,7 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
         "listen": ["tcp/127.0.0.1:7447"],
         "connect": [],
         "await_subscriber": "0s",
+        "timeout": "5s",
     }
     assert shown["sources"]["log"]["pace"] == "max"
     living = shown["zones"][0]
