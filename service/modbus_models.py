@@ -29,7 +29,8 @@ def number_type(value: object) -> str:
 
 def absent(value: object) -> float:
     """A number that stands for no value; NaN is one that devices use."""
-    return value if isinstance(value, float) and math.isnan(value) else number(value)
+    # One and the same NaN, so that a configuration that is read twice equals itself.
+    return math.nan if isinstance(value, float) and math.isnan(value) else number(value)
 
 
 def bearable(seconds: float) -> float:

@@ -212,3 +212,10 @@ def test_a_counter_is_averaged_and_rolls_over_at_its_width(tmp_path: Path) -> No
     config = load(write(tmp_path, tables))
     listed = {channel.id: channel for channel in build_source("bms", config)._listed}  # type: ignore[attr-defined]
     assert listed["living/u_heat"].edge.rollover == 99_999_999
+
+
+def test_a_configuration_that_is_read_twice_equals_itself(tmp_path: Path) -> None:
+    tables = modbus(tmp_path)
+    bms(not_available=[math.nan, 0x8000])(tables)
+    path = write(tmp_path, tables)
+    assert load(path) == load(path), "otherwise a reload would find changes where there are none"
