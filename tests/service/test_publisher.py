@@ -307,7 +307,7 @@ def test_a_close_that_hangs_is_left_behind(
 @pytest.mark.parametrize("close", [True, False])
 def test_the_interpreter_ends_even_if_close_is_forgotten(close: bool, address: str) -> None:
     script = (
-        "import sys; sys.path[:0] = ['.', 'tests/service']\n"
+        "import sys; sys.path[:0] = ['.', 'tests', 'tests/service']\n"
         "from test_publisher import *\n"
         f"publisher = Publisher.open(settings(listen=({address!r},)), 'htwg', ['living'])\n"
         "publisher.publish('living', make_update(0), running('living').status())\n"
