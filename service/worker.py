@@ -8,7 +8,7 @@ this same worker.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +31,12 @@ from service.records import (
 from service.view import Fan, FanStep
 
 VANISHED_LIMIT = 6
-"""After this many samples in a row that no particle explains, the thermal states start anew (a sensor was moved, a
-room was re-fitted); parameters and volatility are kept."""
+"""After this many samples in a row that no particle explains, or of which the forecast said nothing, the thermal states
+start anew (a sensor was moved, a room was re-fitted); parameters and volatility are kept."""
+
+UNUSABLE_SD = 10.0
+"""K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
+walls so hot and so uncertain that it would take days to come back."""
 
 STARTED = "started"
 
@@ -69,7 +73,7 @@ class Progress(NamedTuple):
     missing: int = 0
     """Steps in a row without a measured output."""
     vanished: int = 0
-    """Samples in a row that no particle explained."""
+    """Samples in a row that no particle explained, or of which the forecast said nothing."""
     stalled: str | None = None
     """Why there is no standing forecast, or None."""
 
@@ -205,7 +209,8 @@ class ZoneWorker:
         if continues and self.standing is not None:
             score = _score(self.standing.update.forecast, sample)
             posterior = self.estimator.update(self.standing.state, sample.outputs)
-            vanished = self.progress.vanished + 1 if posterior.outcome is Outcome.VANISHED else 0
+            sds = [output.sd for output in self.standing.update.forecast.outputs]
+            vanished = self.progress.vanished + 1 if lost(posterior.outcome, sds) else 0
             self.progress = self.progress._replace(vanished=vanished)
             if vanished < VANISHED_LIMIT:
                 return posterior, score
@@ -292,6 +297,11 @@ def _hold(held: Held, sample: Sample, end: int) -> Held:
             for fresh, new, old in zip(measured, sample.input_quality, held.qualities, strict=True)
         ),
     )
+
+
+def lost(outcome: Outcome, sds: Iterable[float]) -> bool:
+    """Whether an update shows that the states are of no use; `sds` (K) are those of the forecast of each output."""
+    return outcome is Outcome.VANISHED or (outcome is Outcome.ASSIMILATED and max(sds) > UNUSABLE_SD)
 
 
 def _score(forecast: Forecast, sample: Sample) -> Score:

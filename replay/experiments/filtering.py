@@ -13,11 +13,11 @@ from scipy.special import ndtr
 from estimator import registry
 from estimator.floor import floor
 from estimator.network import Network
-from estimator.types import Array, Estimator, Mixture, Outcome, Posterior
+from estimator.types import Array, Estimator, Mixture, Posterior
 from replay.experiments.jobs import Arrays, Job, Tick
 from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
-from service.worker import VANISHED_LIMIT
+from service.worker import VANISHED_LIMIT, lost
 
 REGIMES = ("low", "transitional", "high")
 """Volatility regimes; the trace holds their places in this tuple, -1 where an estimator has none."""
@@ -114,7 +114,7 @@ def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: float
             kept.lower[k], kept.upper[k] = estimator.quantiles(standing, tails, 0)
             kept.pit[k] = standing.weights @ ndtr((y[0] - standing.means[0]) / standing.sds[0])
             posterior = estimator.update(state, y)
-            vanished = vanished + 1 if posterior.outcome is Outcome.VANISHED else 0
+            vanished = vanished + 1 if lost(posterior.outcome, standing.sd()) else 0
         if state is None or series.starts[k] or vanished >= VANISHED_LIMIT:
             state = estimator.start(seed, y, inputs) if state is None else estimator.restart(state, y, inputs)
             posterior, vanished = estimator.update(state, unmeasured), 0

@@ -139,12 +139,12 @@ def test_cost_measures_time_and_state(tmp_path: Path) -> None:
 
 def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Path) -> None:
     command = [sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main())"]
-    options = ["experiment", "semi-synthetic", "--days", "2", "--particles", "300", "--seeds", "2", "--jobs", "2"]
+    options = ["experiment", "semi-synthetic", "--days", "2", "--particles", "300", "--seeds", "3", "--jobs", "2"]
     with subprocess.Popen(
         [*command, *options, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True, cwd=ROOT
     ) as process:
         deadline = time.monotonic() + 120
-        while len(list(tmp_path.glob("runs/*.npz"))) < 2 and time.monotonic() < deadline:
+        while len(list(tmp_path.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
@@ -152,7 +152,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
     assert process.returncode == 130
     assert said.endswith("the same command goes on from there\n")
     assert "Traceback" not in said
-    assert 2 <= len(kept) < 28
+    assert 1 <= len(kept) < 42
     assert all(name.endswith(".npz") for name in kept)
     assert main([*options, "--out", str(tmp_path)]) == 0
     assert kept < {path.name for path in (tmp_path / "runs").iterdir()}
