@@ -32,10 +32,13 @@ def test_the_loop_notices_what_is_lost_and_what_differs(tmp_path: Path, monkeypa
             with connection:
                 # Without its checksum, the row passes for one of an earlier version; only the ledger knows better.
                 connection.execute("INSERT OR REPLACE INTO unchecked SELECT 'north', max(time) FROM history")
-                oldest = "SELECT min(time) + {} FROM history WHERE zone = 'north'"
-                connection.execute(f"DELETE FROM history WHERE zone = 'north' AND time = ({oldest.format(60)})")
-                change = "UPDATE history SET gate = gate / 2, checksum = NULL WHERE zone = 'north' AND time = "
-                connection.execute(f"{change} ({oldest.format(120)})")
+                # All that is old: the ledger does not hear of everything, and what is new is made anew.
+                (middle,) = connection.execute(
+                    "SELECT (min(time) + max(time)) / 2 FROM history WHERE zone = 'north'"
+                ).fetchone()
+                old = "zone = 'north' AND time < ?"
+                connection.execute(f"DELETE FROM history WHERE {old} AND time / 60 % 2 = 0", (middle,))
+                connection.execute(f"UPDATE history SET gate = gate / 2, checksum = NULL WHERE {old}", (middle,))
             connection.close()
 
     monkeypatch.setattr(Daemon, "kill", kill_and_forge)
@@ -44,4 +47,4 @@ def test_the_loop_notices_what_is_lost_and_what_differs(tmp_path: Path, monkeypa
     assert not report.good
     assert report.lost > 0
     assert report.differing > 0
-    assert report.history_differing == 3, "one is missing, one is there with other numbers, and not with its own"
+    assert report.history_differing > 2

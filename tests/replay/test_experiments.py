@@ -141,7 +141,12 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
     command = [sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main())"]
     options = ["experiment", "semi-synthetic", "--days", "2", "--particles", "300", "--seeds", "3", "--jobs", "2"]
     with subprocess.Popen(
-        [*command, *options, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True, cwd=ROOT
+        [*command, *options, "--out", str(tmp_path)],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        # Tests that a script runs in the background inherit that Ctrl-C is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         deadline = time.monotonic() + 120
         while len(list(tmp_path.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
