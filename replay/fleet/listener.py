@@ -13,6 +13,7 @@ import zenoh
 
 from replay.errors import MeasurementError
 from replay.fleet.scenario import SITE
+from replay.zenoh_session import loopback_session
 
 
 class Listener:
@@ -20,16 +21,9 @@ class Listener:
 
     def __init__(self, port: int) -> None:
         """`port`: where to listen on loopback for the daemon, which connects to it."""
-        config = zenoh.Config()
-        for key, value in {
-            "mode": "peer",
-            "listen/endpoints": [f"tcp/127.0.0.1:{port}"],
-            "scouting/multicast/enabled": False,
-        }.items():
-            config.insert_json5(key, json.dumps(value))
         self._heard: list[tuple[float, bytes]] = []
         try:
-            self._session = zenoh.open(config)
+            self._session = loopback_session("peer", port)
         except zenoh.ZError as error:
             raise MeasurementError(f"Zenoh cannot listen on port {port} ({error}); stop what uses it") from error
         self._session.declare_subscriber(f"thermogate/{SITE}/*/forecast", self._hear)

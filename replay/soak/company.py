@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import random
 import signal
@@ -13,6 +12,8 @@ from urllib.parse import urlsplit
 
 import httpx
 import zenoh
+
+from replay.zenoh_session import loopback_session
 
 FAULTS = ("freeze", "nan", "drift", "swapped-words", "slow", "silent", "drop", "window")
 """Kinds of faults of the simulated building that are switched on and off. Not "exception": what a device refuses is
@@ -89,14 +90,7 @@ class Company:
             await asyncio.sleep(self._choose.uniform(0.5, 5.0))
 
     def _session(self) -> zenoh.Session:
-        config = zenoh.Config()
-        for key, value in {
-            "mode": "client",
-            "connect/endpoints": [f"tcp/127.0.0.1:{self._zenoh_port}"],
-            "scouting/multicast/enabled": False,
-        }.items():
-            config.insert_json5(key, json.dumps(value))
-        session = zenoh.open(config)
+        session = loopback_session("client", self._zenoh_port)
         session.declare_subscriber("thermogate/**", self._hear)
         return session
 

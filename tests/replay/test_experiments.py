@@ -138,15 +138,12 @@ def test_cost_measures_time_and_state(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "import sys; from service.cli import main; sys.exit(main())"]
+    # A script's background has Ctrl-C ignored, which its processes inherit.
+    heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{heeding}; from service.cli import main; sys.exit(main())"]
     options = ["experiment", "semi-synthetic", "--days", "2", "--particles", "300", "--seeds", "3", "--jobs", "2"]
     with subprocess.Popen(
-        [*command, *options, "--out", str(tmp_path)],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        # Tests that a script runs in the background inherit that Ctrl-C is ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        [*command, *options, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True, cwd=ROOT
     ) as process:
         deadline = time.monotonic() + 120
         while len(list(tmp_path.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
