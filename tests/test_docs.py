@@ -41,7 +41,9 @@ from service.config.load import load
 from service.config.networks import resolve
 from service.config.written import effective_toml
 from service.errors import ConfigError
+from service.fields import zenoh_session as zenoh_session_models
 from service.publish import payloads
+from service.publish import zenoh as publish_zenoh
 from service.records.status import STATES
 from service.sources import (
     channel as source_models,
@@ -52,9 +54,6 @@ from service.sources import (
 )
 from service.sources import (
     zenoh as zenoh_models,
-)
-from service.sources import (
-    zenoh_session as zenoh_session_models,
 )
 from service.web import models as api_models
 from service.web import problems as api_problems
@@ -71,7 +70,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[log]`": log_models.LogConfig,
     "`[http]`": http_models.HttpConfig,
     "`[http.limits]`": http_models.LimitsConfig,
-    "`[zenoh]`": config_models.ZenohConfig,
+    "`[zenoh]`": publish_zenoh.ZenohConfig,
     "Recorded files": csv.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,

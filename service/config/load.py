@@ -16,11 +16,12 @@ from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
 from service.config.networks import read_network
 from service.config.overrides import apply_overrides
-from service.config.site import Config, SiteConfig, ZenohConfig, ZoneConfig, ZoneTable
+from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.fields.problems import Place, Problems, unknown_key
 from service.fields.values import identifier
 from service.fields.words import shown, suggestion
+from service.publish.kinds import SINK_KINDS
 from service.sources.channel import ChannelConfig, SourceConfig, UnboundChannel
 from service.sources.kinds import SOURCE_KINDS
 from service.zone.aggregation import default_aggregate
@@ -66,8 +67,8 @@ def _syntax(message: str) -> str:
 
 def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | None:
     for key in raw:
-        if key not in Config.model_fields:
-            problems.add((key,), unknown_key(key, list(Config.model_fields)))
+        if key not in TABLES:
+            problems.add((key,), unknown_key(key, TABLES))
     site_table = raw.get("site")
     context = {"folder": folder, "site": site_table.get("id") if isinstance(site_table, dict) else None}
     site = None
@@ -77,9 +78,10 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         site = problems.read(SiteConfig, site_table, ("site",), context)
     log = problems.read(LogConfig, raw.get("log", {}), ("log",), context)
     http = problems.read(HttpConfig, raw.get("http", {}), ("http",), context)
-    zenoh = problems.read(ZenohConfig, raw.get("zenoh", {}), ("zenoh",), context)
-    for problem in zenoh.session({}).problems() if zenoh is not None and zenoh.enabled else ():
-        problems.add(("zenoh",), problem)
+    sinks = {name: problems.read(kind.table, raw.get(name, {}), (name,), context) for name, kind in SINK_KINDS.items()}
+    for name, table in sinks.items():
+        for problem in SINK_KINDS[name].problems(table) if table is not None else ():
+            problems.add((name,), problem)
     raw_sources = _raw_sources(raw, problems)
     raw_zones = _raw_zones(raw, problems)
     sources = {name: _read_source(name, table, problems, context) for name, table in raw_sources.items()}
@@ -91,14 +93,14 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         check_use(list(raw_sources), raw_zones, problems)
     readable = {name: table for name, table in sources.items() if table is not None}
     check_sources(readable, drafts, problems)
-    if problems.sentences or site is None or log is None or http is None or zenoh is None:
+    if problems.sentences or site is None or log is None or http is None:
         return None
     zones = tuple(
         _completed(draft.table, draft.network, resolved)
         for draft, resolved in zip(drafts, options, strict=True)
         if draft.table and draft.network
     )
-    return Config(site=site, log=log, http=http, zenoh=zenoh, sources=readable, zones=zones)
+    return Config(site=site, log=log, http=http, sinks=sinks, sources=readable, zones=zones)
 
 
 def _raw_sources(raw: Mapping[str, Any], problems: Problems) -> Mapping[str, Any]:

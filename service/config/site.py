@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
 
 from adapters.reading import Source
-from adapters.zenoh.access import publishing
-from adapters.zenoh.connection import Connection
 from estimator.network.network import Network
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
@@ -23,9 +21,7 @@ from service.fields.durations import DAY
 from service.fields.tables import TABLE
 from service.fields.values import (
     Duration,
-    Endpoint,
     FilePath,
-    Flag,
     Identifier,
     JournalSize,
     Levels,
@@ -35,9 +31,9 @@ from service.fields.values import (
     context,
     whole,
 )
+from service.publish.kinds import SINK_KINDS
 from service.sources.channel import Binding, ChannelConfig, SourceKind
 from service.sources.kinds import SOURCE_KINDS
-from service.sources.zenoh_session import Mode, SessionConfig
 
 
 class SiteConfig(BaseModel):
@@ -50,27 +46,6 @@ class SiteConfig(BaseModel):
     checkpoint_every: PositiveDuration = 300.0
     keep_history: PositiveDuration = 400 * DAY
     max_journal: JournalSize = 2 * 10**9
-
-
-class ZenohConfig(SessionConfig):
-    """[zenoh]: the daemon's own session."""
-
-    enabled: Flag = True
-    mode: Mode = "peer"
-    listen: tuple[Endpoint, ...] = Field(
-        default=("tcp/127.0.0.1:7447",), description='a list of endpoints, such as ["tcp/127.0.0.1:7447"]'
-    )
-    await_subscriber: Duration = 0.0
-
-    @model_validator(mode="after")
-    def _client_has_a_router(self) -> Self:
-        if self.enabled and self.mode == "client" and not self.connect:
-            raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
-        return self
-
-    def connection(self, site: str) -> Connection:
-        """The session in which everyone who can connect may read what `site` publishes, and do nothing else."""
-        return self.session(publishing(f"thermogate/{site}/**"))
 
 
 def default_seed(site: str, zone: str) -> int:
@@ -123,6 +98,10 @@ class ZoneConfig(_Zone):
         return {name: channel.max_age for name, channel in self.channels.items() if channel.max_age is not None}
 
 
+TABLES = ("site", "log", "http", *SINK_KINDS, "sources", "zones")
+"""The tables of a configuration file, in the order in which they are shown."""
+
+
 class Config(BaseModel):
     """The whole configuration, every default filled in and every path absolute."""
 
@@ -131,10 +110,15 @@ class Config(BaseModel):
     site: SiteConfig
     log: LogConfig
     http: HttpConfig
-    zenoh: ZenohConfig
+    sinks: dict[str, Any]
+    """Tables of the kinds in `SINK_KINDS`, by name: [zenoh], ..."""
     sources: dict[str, Any]
     """Tables of the kinds in `SOURCE_KINDS`, by name; see `SourceConfig`."""
     zones: tuple[ZoneConfig, ...]
+
+    def table(self, name: str) -> Any:
+        """The table [`name`] of the file, one of TABLES, as it was read."""
+        return self.sinks[name] if name in self.sinks else getattr(self, name)
 
     @property
     def keys_file(self) -> Path:

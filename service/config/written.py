@@ -9,13 +9,14 @@ import tomli_w
 
 from estimator.network.network import HeatInput, Network, Parameter
 from estimator.registry import as_mapping
-from service.config.site import Config
+from service.config.site import TABLES, Config
 
 
 def effective_toml(config: Config) -> str:
     """`config` as TOML that `load` accepts, with every default, network parameter and estimator option written out."""
     resolved = {"zones": {"__all__": {"network", "options"}}}
-    tables = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
+    dumped = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
+    tables = {name: dumped["sinks"][name] if name in config.sinks else dumped[name] for name in TABLES}
     for table, zone in zip(tables["zones"], config.zones, strict=True):
         table["network"] = network_table(zone.network)
         table["estimator_options"] = _plain(as_mapping(zone.options))

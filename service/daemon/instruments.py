@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from service.daemon.runtime import Runtime
 from service.publish.metrics import Metrics
-from service.publish.zenoh import Publisher
-from service.records.measures import Measure, Rows, single
+from service.publish.sinks import Sink
+from service.records.measures import Measure, Rows
 from service.store.store import Store
 
 
-def instrument(metrics: Metrics, runtime: Runtime, store: Store, publisher: Publisher | None) -> None:
+def instrument(metrics: Metrics, runtime: Runtime, store: Store, sinks: Sequence[Sink]) -> None:
     """Register the figures of a daemon's parts with `metrics`."""
     metrics.register(source_measures(runtime))
     metrics.register(zone_measures(runtime))
-    metrics.register(zenoh_measures(publisher))
+    for sink in sinks:
+        metrics.register(sink.measures())
     metrics.register(store.measures())
 
 
@@ -52,12 +53,3 @@ def zone_measures(runtime: Runtime) -> list[Measure]:
         return [((name,), float(zone.busy.waiting)) for name, zone in runtime.zones.items()]
 
     return [Measure("thermogate_mailbox_depth", "gauge", "Samples waiting or under way", ("zone",), waiting)]
-
-
-def zenoh_measures(publisher: Publisher | None) -> list[Measure]:
-    """How the daemon's own Zenoh session is connected; nothing is read where there is none."""
-
-    def peers() -> Rows:
-        return [] if publisher is None else single(float(publisher.connected))
-
-    return [Measure("thermogate_zenoh_peers", "gauge", "Sessions that ours is connected to", (), peers)]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from service.config.fitting import fingerprint
-from service.config.site import Config, ZoneConfig
+from service.config.site import TABLES, Config, ZoneConfig
 
 RELOADABLE = ("log", "zones", "sources")
 """Tables of the configuration that take effect while the daemon runs; the others do with its next start."""
@@ -54,8 +54,8 @@ def compare(old: Config, new: Config) -> Changes:
 def obstacles(old: Config, new: Config, fingerprints: Mapping[str, str]) -> list[str]:
     """Why a daemon on `old`, whose zones have the `fingerprints`, cannot go over to `new`: one sentence each."""
     found = []
-    for table in Config.model_fields:
-        before, after = getattr(old, table), getattr(new, table)
+    for table in TABLES:
+        before, after = old.table(table), new.table(table)
         if table in RELOADABLE or before == after:
             continue
         names = [name for name in type(after).model_fields if getattr(before, name) != getattr(after, name)]

@@ -35,15 +35,16 @@ from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
 from service.publish.events import Streams
+from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
-from service.publish.zenoh import Publisher
+from service.publish.sinks import Sink
 from service.store.retention import Limits
 from service.store.store import Store
 from service.web.app import create_app
 from service.web.keys import KeyRing
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
-from service.zone.plumbing import Announcer, Plumbing
+from service.zone.plumbing import Plumbing
 
 Result = TypeVar("Result")
 
@@ -85,7 +86,7 @@ class Daemon:
         self._stopping = asyncio.Event()
         self._stopped = threading.Event()
         self._notifier = Notifier()
-        self._streams = Streams(config.site.id)
+        self._streams = Streams()
         self._runtime: Runtime | None = None
         self._http: HttpServer | None = None
         self._ready: str | None = None
@@ -103,18 +104,17 @@ class Daemon:
         store = Store(self._config.site.state_dir)
         pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
         asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=stand_back)
-        publisher: Publisher | None = None
+        sinks: list[Sink] = []
         try:
             for name in reset:
                 await store.forget(name)
-            if self._config.zenoh.enabled:
-                site, zones = self._config.site.id, [zone.id for zone in self._config.zones]
-                connection = self._config.zenoh.connection(site)
-                publisher = await asyncio.to_thread(Publisher.open, connection, site, zones)
-            await self._serve(store, pool, asking, publisher)
+            for kind in SINK_KINDS.values():
+                opened = await asyncio.to_thread(kind.open, self._config.table(kind.name), self._config.site.id)
+                sinks += [] if opened is None else [opened]
+            await self._serve(store, pool, asking, sinks)
         finally:
-            if publisher is not None:
-                await asyncio.to_thread(publisher.close)
+            for sink in sinks:
+                await asyncio.to_thread(sink.close)
             for executor in (asking, pool):
                 executor.shutdown(wait=True, cancel_futures=True)
             store.close()
@@ -136,8 +136,6 @@ class Daemon:
             if self._http is not None:
                 self._http.reload()
             changes = await runtime.reload(new)
-            for zone in changes.removed:
-                self._streams.end(zone)
             if changes.log:
                 configure_logging(new.log)
             done = summary(changes)
@@ -174,16 +172,16 @@ class Daemon:
             _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
 
     async def _serve(
-        self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, publisher: Publisher | None
+        self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
     ) -> None:
         zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         streams = self._streams
-        announcers: list[Announcer] = [streams] if publisher is None else [publisher, streams]
-        plumbing = Plumbing(store, pool, asking, self._stopped, metrics, announcers, every)
-        self._runtime = runtime = Runtime(self._config, zones, plumbing, publisher)
-        instrument(metrics, runtime, store, publisher)
+        sinks: tuple[Sink, ...] = (metrics, *opened, streams)
+        plumbing = Plumbing(self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every)
+        self._runtime = runtime = Runtime(self._config, zones, plumbing)
+        instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()
         organs = (
             Organ("the journal", store.ping, JOURNAL_SECONDS),
@@ -211,16 +209,16 @@ class Daemon:
             asyncio.create_task(vitals.run(partial(self._feed_watchdog, vitals))),
         ]
         try:
+            await runtime.declare()
             if not await _before(stop, asyncio.ensure_future(runtime.restore())):
                 return
             serving = asyncio.create_task(server.run())
             runtime.start_zones()
             try:
                 await server.started(serving)
-                if publisher is not None and self._config.zenoh.await_subscriber > 0:
-                    waiting = asyncio.to_thread(publisher.await_subscriber, self._config.zenoh.await_subscriber)
-                    if not await _before(stop, asyncio.ensure_future(waiting)):
-                        return
+                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in sinks))
+                if not await _before(stop, settling):
+                    return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
                 runtime.start_feeds()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Collection, Iterable, Mapping
-from functools import partial
 from typing import NamedTuple
 
 from service.config.fitting import fingerprint, make_alignment, make_worker
@@ -15,7 +14,6 @@ from service.daemon.feeds import Feed, Tally
 from service.daemon.reload import Changes, compare, obstacles
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
-from service.publish.zenoh import Publisher
 from service.zone.plumbing import Plumbing
 from service.zone.zone import Zone
 
@@ -41,7 +39,7 @@ class _Running(NamedTuple):
 class Runtime:
     """What the daemon runs. `zones` are always those that REST should show."""
 
-    def __init__(self, config: Config, zones: ZoneTable, plumbing: Plumbing, publisher: Publisher | None) -> None:
+    def __init__(self, config: Config, zones: ZoneTable, plumbing: Plumbing) -> None:
         self.config = config
         self.zones = zones
         self.tallies: dict[str, Tally] = {}
@@ -49,7 +47,6 @@ class Runtime:
         self.broken: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Fails when a zone ends with an error that trying again does not help against."""
         self._plumbing = plumbing
-        self._publisher = publisher
         self._running: dict[str, _Running] = {}
         self._feeds: list[Feed] = []
         self._clocks: list[asyncio.Task[None]] = []
@@ -63,6 +60,10 @@ class Runtime:
     def feeds(self) -> tuple[Feed, ...]:
         """The sources at work."""
         return tuple(self._feeds)
+
+    async def declare(self) -> None:
+        """Make the zones known to the sinks. Raises ServiceError."""
+        await asyncio.to_thread(self._declare, list(self.zones))
 
     async def restore(self) -> None:
         """Bring every zone to where it stopped. Raises StateMismatch."""
@@ -121,8 +122,6 @@ class Runtime:
         await self._retire(changes.leaving)
         await self._prepare({table.id: fresh[table.id] for table in changes.changed}, changes.changed, new)
         await asyncio.to_thread(self._undeclare, changes.removed)
-        for name in changes.removed:
-            self._plumbing.metrics.forget(name)
         self.zones.replace({table.id: fresh.get(table.id) or self.zones[table.id] for table in new.zones})
         for name in fresh:
             self._start(name)
@@ -130,7 +129,7 @@ class Runtime:
         self.config = new
 
     def _built(self, table: ZoneConfig) -> Zone:
-        return Zone(table.id, table.estimator, fingerprint(table), partial(make_worker, table), self._plumbing)
+        return Zone(table.id, table.estimator, fingerprint(table), make_worker(table), self._plumbing)
 
     async def _prepare(self, zones: Mapping[str, Zone], tables: Iterable[ZoneConfig], config: Config) -> None:
         lasts = await asyncio.gather(*(zone.prepare() for zone in zones.values()))
@@ -142,7 +141,6 @@ class Runtime:
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]
-        self._plumbing.metrics.introduce(name)
         worker = asyncio.create_task(zone.run(), name=f"zone {name}")
         worker.add_done_callback(self._ended)
         self._running[name] = _Running(zone, worker)
@@ -195,14 +193,14 @@ class Runtime:
         feed.start(start)
 
     def _declare(self, names: Iterable[str]) -> None:
-        if self._publisher is not None:
-            for name in names:
-                self._publisher.add(name)
+        for name in names:
+            for sink in self._plumbing.sinks:
+                sink.add(name)
 
     def _undeclare(self, names: Iterable[str]) -> None:
-        if self._publisher is not None:
-            for name in names:
-                self._publisher.remove(name)
+        for name in names:
+            for sink in self._plumbing.sinks:
+                sink.remove(name)
 
 
 async def _drained(zones: Collection[_Running], seconds: float) -> bool:

@@ -7,17 +7,15 @@ newer one has overtaken, and holds no memory. An event is written once for all c
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from typing import NamedTuple
 
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
-from service.publish.payloads import Payload, to_json
-from service.publish.rendering import forecast_payload, gate_payload, status_payload, utc, volatility_payload, vouched
-from service.records.status import ZoneStatus
-from service.records.update import Update
+from service.publish.rendering import utc
+from service.publish.sinks import Announcement
+from service.records.measures import Measure, single
 
 KEEP_ALIVE = 15.0
 """After so many s without an event a comment is sent, so that proxies keep the connection and lost clients show."""
@@ -33,15 +31,18 @@ class Event(NamedTuple):
     data: bytes
 
 
-def event(kind: str, payload: Payload, time: datetime | None) -> Event:
-    """`payload` as an event, whose id is the sample time that it belongs to."""
-    stamp = None if time is None else time.isoformat().replace("+00:00", "Z")
-    return Event(kind, format_sse_event(event=kind, id=stamp, data_str=to_json(payload).decode()))
+def event(kind: str, payload: bytes, time: float | None) -> Event:
+    """The document `payload` as an event, whose id is the sample time that it belongs to, UTC s."""
+    stamp = None if time is None else utc(time).isoformat().replace("+00:00", "Z")
+    return Event(kind, format_sse_event(event=kind, id=stamp, data_str=payload.decode()))
 
 
-def events_of(site: str, zone: str, status: ZoneStatus, update: Update | None) -> list[Event]:
-    """What Zenoh has on the keys of a zone, as events, in the order in which it is published there."""
-    return [*_update_events(site, zone, status, update), _status_event(site, zone, status, update)]
+def events_of(announcement: Announcement) -> list[Event]:
+    """What is announced, as events."""
+    update = announcement.update
+    times: dict[str, int | None] = dict.fromkeys(announcement.topics, None if update is None else update.time)
+    times["status"] = announcement.status.last_sample_time
+    return [event(topic, announcement.payload(topic), time) for topic, time in times.items()]
 
 
 class Stream:
@@ -84,20 +85,14 @@ class Stream:
 
 
 class Streams:
-    """The open streams of all zones; made in the event loop. An announcer: `publish` and `publish_status` may come
-    from any thread."""
+    """The open streams of all zones, which are opened and ended in the event loop: a sink."""
 
-    def __init__(self, site: str) -> None:
-        self._site = site
+    def __init__(self) -> None:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._open: dict[str, set[Stream]] = {}
         self._ended = False
         self._overtaken = 0
-
-    @property
-    def count(self) -> int:
-        """How many are open."""
-        return sum(map(len, tuple(self._open.values())))
+        """Of the streams that are closed."""
 
     @property
     def overtaken(self) -> int:
@@ -130,38 +125,37 @@ class Streams:
                 for stream in streams:
                     stream.end()
 
-    def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
-        """A sample was assimilated."""
-        if zone in self._open:
-            self._hand_over(zone, events_of(self._site, zone, status, update))
+    def add(self, zone: str) -> None:
+        """Nothing to do: a zone's streams are opened by its clients."""
 
-    def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """The status alone has changed."""
-        if zone in self._open:
-            self._hand_over(zone, [_status_event(self._site, zone, status, update)])
+    def remove(self, zone: str) -> None:
+        """End the streams of `zone`."""
+        self._in_loop(lambda: self.end(zone))
 
-    def _hand_over(self, zone: str, events: list[Event]) -> None:
+    def publish(self, announcement: Announcement) -> None:
+        """Leave what is announced for the clients of its zone."""
+        if announcement.zone in self._open:
+            events = events_of(announcement)
+            self._in_loop(lambda: self._put(announcement.zone, events))
+
+    def settle(self) -> None:
+        """Nobody is waited for."""
+
+    def measures(self) -> list[Measure]:
+        """What clients were too slow for; how many streams are open is counted where that is bounded."""
+        name = "thermogate_stream_events_overtaken"
+        return [Measure(name, "counter", "Events that slow clients missed", (), lambda: single(float(self.overtaken)))]
+
+    def close(self) -> None:
+        """End all streams, for good."""
+        self._in_loop(self.end)
+
+    def _in_loop(self, work: Callable[[], None]) -> None:
         # Where the loop is gone, so are the clients.
         if self._loop is not None:
             with suppress(RuntimeError):
-                self._loop.call_soon_threadsafe(self._put, zone, events)
+                self._loop.call_soon_threadsafe(work)
 
     def _put(self, zone: str, events: list[Event]) -> None:
         for stream in self._open.get(zone, ()):
             stream.put(events)
-
-
-def _update_events(site: str, zone: str, status: ZoneStatus, update: Update | None) -> list[Event]:
-    if update is None:
-        return []
-    time = utc(update.time)
-    return [
-        event("forecast", vouched(forecast_payload(site, zone, update), status), time),
-        event("volatility", volatility_payload(site, zone, update), time),
-        event("gate", gate_payload(site, zone, update), time),
-    ]
-
-
-def _status_event(site: str, zone: str, status: ZoneStatus, update: Update | None) -> Event:
-    last = status.last_sample_time
-    return event("status", status_payload(site, zone, status, update), None if last is None else utc(last))

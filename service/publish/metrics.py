@@ -1,6 +1,6 @@
 """Metrics for Prometheus, in a registry of their own.
 
-What happens is counted here by the one who sees it (`observe`, ...). What there is at the moment of a scrape is a
+What happens is counted here by the one who sees it (`publish`, ...). What there is at the moment of a scrape is a
 `service.records.measures.Measure` that its owner offers, and is registered with `Metrics.register`.
 """
 
@@ -15,6 +15,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from service.publish.rendering import clock
+from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family
 from service.records.status import STATES
 from service.records.update import Update
@@ -25,7 +26,7 @@ _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0,
 
 
 class Metrics:
-    """The daemon's metrics. `observe` takes every update; what a zone's status tells is read at scrape time."""
+    """The daemon's metrics: a sink that counts updates. What a zone's status tells is read at scrape time."""
 
     def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
         self.registry = CollectorRegistry()
@@ -67,36 +68,14 @@ class Metrics:
         for measure in measures:
             self.registry.register(_MeasureCollector(measure))
 
-    def observe(self, zone: str, update: Update) -> None:
-        """Take in one update."""
-        self._samples.labels(zone).inc()
-        self._seconds.labels(zone).observe(update.step_seconds)
-        for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
-            self._alpha.labels(zone, block).set(median)
-        self._gate.labels(zone).set(update.gate.value)
-        if not math.isnan(update.effective_sample_size):
-            self._n_eff.labels(zone).set(update.effective_sample_size)
-        for interval in update.forecast.outputs[0].intervals[:1]:
-            self._width.labels(zone).set(interval.upper - interval.lower)
-
-    def observe_loop_delay(self, seconds: float) -> None:
-        """Take in how late the event loop was for one timer."""
-        self._loop_delay.observe(seconds)
-
-    def checkpointed(self, zone: str, written: bool) -> None:
-        """A checkpoint of `zone` was written, or could not be."""
-        self._checkpoints.labels(zone, "written" if written else "failed").inc()
-        if written:
-            self._checkpointed.labels(zone).set_to_current_time()
-
-    def introduce(self, zone: str) -> None:
-        """Show the counters of `zone` from now on, at 0: a rise is seen only by who has seen what was before."""
+    def add(self, zone: str) -> None:
+        """Show the counters of `zone` from now on, at 0: a scraper sees a rise only from a value that it knew."""
         self._samples.labels(zone)
         self._failures.labels(zone)
         for result in ("written", "failed"):
             self._checkpoints.labels(zone, result)
 
-    def forget(self, zone: str) -> None:
+    def remove(self, zone: str) -> None:
         """Show nothing of `zone` any more."""
         for metric in (
             self._samples,
@@ -111,9 +90,45 @@ class Metrics:
         ):
             metric.remove_by_labels({"zone": zone})
 
+    def publish(self, announcement: Announcement) -> None:
+        """Count a new update."""
+        if announcement.occasion is Occasion.UPDATE and announcement.update is not None:
+            self._observe(announcement.zone, announcement.update)
+
+    def settle(self) -> None:
+        """Nobody is waited for."""
+
+    def measures(self) -> list[Measure]:
+        """None of its own beside what it counts."""
+        return []
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def observe_loop_delay(self, seconds: float) -> None:
+        """Take in how late the event loop was for one timer."""
+        self._loop_delay.observe(seconds)
+
+    def checkpointed(self, zone: str, written: bool) -> None:
+        """A checkpoint of `zone` was written, or could not be."""
+        self._checkpoints.labels(zone, "written" if written else "failed").inc()
+        if written:
+            self._checkpointed.labels(zone).set_to_current_time()
+
     def failed(self, zone: str) -> None:
         """A step of `zone`, or the restoring of its state, failed."""
         self._failures.labels(zone).inc()
+
+    def _observe(self, zone: str, update: Update) -> None:
+        self._samples.labels(zone).inc()
+        self._seconds.labels(zone).observe(update.step_seconds)
+        for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
+            self._alpha.labels(zone, block).set(median)
+        self._gate.labels(zone).set(update.gate.value)
+        if not math.isnan(update.effective_sample_size):
+            self._n_eff.labels(zone).set(update.effective_sample_size)
+        for interval in update.forecast.outputs[0].intervals[:1]:
+            self._width.labels(zone).set(interval.upper - interval.lower)
 
 
 class _MeasureCollector(Collector):

@@ -12,24 +12,46 @@ import logging
 import threading
 import time
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, Self
 
 import zenoh
+from pydantic import Field, model_validator
 
 from adapters.errors import SourceConfigError
+from adapters.zenoh.access import publishing
 from adapters.zenoh.connection import Connection
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
-from service.publish.payloads import to_json
-from service.publish.rendering import forecast_payload, gate_payload, status_payload, volatility_payload, vouched
-from service.records.status import ZoneStatus
-from service.records.update import Update
+from service.fields.values import Duration, Endpoint, Flag
+from service.fields.zenoh_session import Mode, SessionConfig
+from service.publish.sinks import TOPICS, Announcement, Occasion, SinkKind
+from service.records.measures import Measure, Rows, single
 
-TOPICS = ("forecast", "volatility", "gate", "status")
 _POLL_SECONDS = 0.02
 _CLOSE_SECONDS = 1.0
 
 _log = logging.getLogger(__name__)
+
+
+class ZenohConfig(SessionConfig):
+    """[zenoh]: the daemon's own session."""
+
+    enabled: Flag = True
+    mode: Mode = "peer"
+    listen: tuple[Endpoint, ...] = Field(
+        default=("tcp/127.0.0.1:7447",), description='a list of endpoints, such as ["tcp/127.0.0.1:7447"]'
+    )
+    await_subscriber: Duration = 0.0
+
+    @model_validator(mode="after")
+    def _client_has_a_router(self) -> Self:
+        if self.enabled and self.mode == "client" and not self.connect:
+            raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
+        return self
+
+    def connection(self, site: str) -> Connection:
+        """The session in which everyone who can connect may read what `site` publishes, and do nothing else."""
+        return self.session(publishing(f"thermogate/{site}/**"))
 
 
 class _Declared(Protocol):
@@ -39,31 +61,26 @@ class _Declared(Protocol):
 class Publisher:
     """An open session with its publishers, queryables and tokens. Methods may be called from any thread."""
 
-    def __init__(self, session: zenoh.Session, site: str, zones: Sequence[str]) -> None:
+    def __init__(self, session: zenoh.Session, site: str, patience: float = 0.0) -> None:
+        """`patience` is how long `settle` waits for subscribers, s."""
         self._session = session
         self._site = site
+        self._patience = patience
         self._closed = False
         self._last: dict[str, bytes] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: dict[str, list[_Declared]] = {}
         """Everything that was declared for a zone, to be undeclared in this order."""
-        for zone in zones:
-            self.add(zone)
 
     @classmethod
-    def open(cls, connection: Connection, site: str, zones: Sequence[str]) -> Publisher:
+    def open(cls, connection: Connection, site: str, patience: float = 0.0) -> Publisher:
         """Open the session; ServiceError if an address is taken, no router can be reached or none takes us."""
         try:
-            session = zenoh.open(session_config(connection))
+            return cls(zenoh.open(session_config(connection)), site, patience)
         except SourceConfigError as error:
             raise ServiceError(f"[zenoh]: {error}") from error
         except zenoh.ZError as error:
             raise ServiceError(_opening_failed(connection, first_line(error))) from error
-        try:
-            return cls(session, site, zones)
-        except ServiceError:
-            session.close()
-            raise
 
     def add(self, zone: str) -> None:
         """Publish `zone` from now on; ServiceError if its keys cannot be declared."""
@@ -93,24 +110,31 @@ class Publisher:
             self._last.pop(key, None)
         self._give_up(self._declared.pop(zone, []))
 
-    def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
-        """Put everything that `update` brought; ServiceError if the session has failed. Nothing after `close`."""
-        self._put(zone, "forecast", to_json(vouched(forecast_payload(self._site, zone, update), status)))
-        self._put(zone, "volatility", to_json(volatility_payload(self._site, zone, update)))
-        self._put(zone, "gate", to_json(gate_payload(self._site, zone, update)))
-        self.publish_status(zone, status, update)
+    def publish(self, announcement: Announcement) -> None:
+        """Put what is announced; ServiceError if the session has failed. Nothing after `close`.
 
-    def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """Put the status, with what became of the last sample if `update` is given. A forecast that the zone can no
-        longer vouch for is put again, once, marked bad: whoever asks for the last value must not take it for good."""
-        self._put(zone, "status", to_json(status_payload(self._site, zone, status, update)))
-        if update is None:
-            return
-        issued = forecast_payload(self._site, zone, update)
-        forecast = vouched(issued, status)
-        payload = to_json(forecast)
-        if forecast.quality is not issued.quality and self._last.get(f"{self._base(zone)}/forecast") != payload:
-            self._put(zone, "forecast", payload)
+        A forecast that the zone can no longer vouch for is put again, once, marked bad: a client that asks for the last
+        value must not take it for good.
+        """
+        for topic in announcement.topics:
+            self._put(announcement.zone, topic, announcement.payload(topic))
+        if announcement.occasion is Occasion.STATUS and announcement.disowned:
+            payload = announcement.payload("forecast")
+            if self._last.get(f"{self._base(announcement.zone)}/forecast") != payload:
+                self._put(announcement.zone, "forecast", payload)
+
+    def settle(self) -> None:
+        """Wait until every zone's forecast has a subscriber, for as long as the configuration says."""
+        if self._patience > 0:
+            self.await_subscriber(self._patience)
+
+    def measures(self) -> list[Measure]:
+        """How the session is connected."""
+
+        def peers() -> Rows:
+            return single(float(self.connected))
+
+        return [Measure("thermogate_zenoh_peers", "gauge", "Sessions that ours is connected to", (), peers)]
 
     def await_subscriber(self, timeout: float) -> bool:
         """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
@@ -209,3 +233,14 @@ def _matches(publisher: zenoh.Publisher) -> bool:
     status = publisher.matching_status
     # Declared as bool, but it is a MatchingStatus, which is always true.
     return bool(getattr(status, "matching", status))
+
+
+def _problems(table: ZenohConfig) -> Sequence[str]:
+    return list(table.session({}).problems()) if table.enabled else []
+
+
+def _open(table: ZenohConfig, site: str) -> Publisher | None:
+    return Publisher.open(table.connection(site), site, table.await_subscriber) if table.enabled else None
+
+
+KIND = SinkKind("zenoh", ZenohConfig, _problems, _open)

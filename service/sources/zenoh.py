@@ -17,8 +17,8 @@ from adapters.zenoh.points import TIMES, Dating, ZenohChannel
 from adapters.zenoh.source import Intake, ZenohSource
 from service.fields.values import Duration, PositiveDuration, Text, TimeZone, choice, whole
 from service.fields.words import shown
+from service.fields.zenoh_session import Mode, SessionConfig
 from service.sources.channel import Binding, ChannelConfig, SourceKind, edge_of
-from service.sources.zenoh_session import Mode, SessionConfig
 
 _INHERITED = ("format", "time_format", "time_zone", "good", "uncertain", "stuck_after")
 _POINTERS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}

@@ -54,7 +54,7 @@ def create_app(
     app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
     api_problems.install(app)
     http = http or HttpConfig()
-    app.state.streams = StreamLimits(http.limits.streams_per_client, http.limits.streams)
+    app.state.stream_limits = StreamLimits(http.limits.streams_per_client, http.limits.streams)
     # The last one added is the first to see a request.
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
     app.add_middleware(GatherBody, limit=http.limits.body)
@@ -62,7 +62,7 @@ def create_app(
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
-    app.include_router(stream_routes(site, zones, streams or Streams(site)))
+    app.include_router(stream_routes(site, zones, streams or Streams()))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]

@@ -68,7 +68,7 @@ async def stream_slot(request: Request) -> AsyncIterator[None]:
     RequestRefused (429 or 503) before the answer begins if there is none. The client is the caller's key, without
     keys the address.
     """
-    limits: StreamLimits = request.app.state.streams
+    limits: StreamLimits = request.app.state.stream_limits
     with limits.admitted(request.scope["state"]["client"]):
         yield
 

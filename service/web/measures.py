@@ -21,7 +21,9 @@ def http_measures(server: HttpServer, app: FastAPI) -> list[Measure]:
 
     return [
         Measure("thermogate_http_connections", "gauge", "Open connections", (), lambda: single(server.connections)),
-        Measure("thermogate_http_streams", "gauge", "Open event streams", (), lambda: single(app.state.streams.open)),
+        Measure(
+            "thermogate_http_streams", "gauge", "Open event streams", (), lambda: single(app.state.stream_limits.open)
+        ),
         Measure(
             "thermogate_http_answers", "counter", "Answers by status", ("status",), lambda: counted(app.state.answers)
         ),

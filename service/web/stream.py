@@ -10,6 +10,8 @@ from fastapi import APIRouter, Depends, Header
 from fastapi.responses import Response, StreamingResponse
 
 from service.publish.events import Event, Streams, event, events_of
+from service.publish.payloads import to_json
+from service.publish.sinks import Announcement
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
 from service.web.limits import stream_slot
@@ -54,11 +56,12 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
         """The rows that came after the client's last event."""
         since = epoch(after)
         rows = [] if since is None else await view.history(since + 1, None, MISSED_ROWS)
-        return [event("history", history_payload(site, view, rows), None)] if rows else []
+        return [event("history", to_json(history_payload(site, view, rows)), None)] if rows else []
 
     async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
         with streams.opened(view.id) as opened:
-            opened.put([*missed, *events_of(site, view.id, view.status(), view.latest())])
+            current = Announcement(site, view.id, view.status(), view.latest())
+            opened.put([*missed, *events_of(current)])
             async for data in opened.read():
                 yield data
 

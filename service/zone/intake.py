@@ -24,7 +24,7 @@ GRACE = 1.0
 _log = logging.getLogger(__name__)
 
 
-class ZoneIntake:
+class Intake:
     """The way of a zone's telemetry from its sources to its mailbox, which only `service.zone.zone` empties."""
 
     def __init__(self, zone: str, period: float, store: Store, clock: Clock) -> None:

@@ -5,28 +5,18 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from service.publish.metrics import Metrics
-from service.records.status import ZoneStatus
-from service.records.update import Update
+from service.publish.sinks import Sink
 from service.store.store import Store
 from service.zone.clock import Clock
-
-
-class Announcer(Protocol):
-    """Where updates and states of zones are announced, called from worker threads; may raise ServiceError."""
-
-    def publish(self, zone: str, update: Update, status: ZoneStatus) -> None:
-        """A sample was assimilated."""
-
-    def publish_status(self, zone: str, status: ZoneStatus, update: Update | None = None) -> None:
-        """A zone changed without a new update; `update` is its latest one."""
 
 
 class Plumbing(NamedTuple):
     """What all zones share."""
 
+    site: str
     store: Store
     pool: Executor
     """Runs the estimator steps."""
@@ -35,7 +25,8 @@ class Plumbing(NamedTuple):
     stopping: threading.Event
     """Set when the daemon begins to stop."""
     metrics: Metrics
-    announcers: Sequence[Announcer]
+    sinks: Sequence[Sink]
+    """Where zones announce what they know, from the estimator's threads; the metrics are one of them."""
     checkpoint_every: float
     """Wall-clock s between two checkpoints of a zone."""
     clock: Clock = Clock()

@@ -104,6 +104,10 @@ class ZoneWorker:
         """The newest update; None before the first sample."""
         return None if self.standing is None else self.standing.update
 
+    def anew(self) -> ZoneWorker:
+        """A worker of the same zone that has seen nothing."""
+        return ZoneWorker(self.estimator, self.settings)
+
     def resume(self, standing: Standing, held: Held, progress: Progress) -> None:
         """Go on from where another worker of this zone stood."""
         self.standing, self.held, self.progress = standing, held, progress

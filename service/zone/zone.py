@@ -10,28 +10,25 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
-import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from math import inf
 
 from adapters.reading import Reading
 from estimator.types import ParameterSummary
 from service.errors import ServiceError, StateMismatch
+from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.status import Busy, ZoneStatus
 from service.records.update import Update
-from service.store.checkpoint import Checkpoint
-from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
-from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, ZoneIntake
+from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
 from service.zone.plumbing import Plumbing
-from service.zone.setting_back import set_back
+from service.zone.recovery import Recovery
 from service.zone.timeliness import Timeliness
 from service.zone.worker import ZoneWorker
 
@@ -43,26 +40,20 @@ _log = logging.getLogger(__name__)
 class Zone:
     """A running zone; also what REST, metrics and the publisher see of it (`service.records.view.ZoneView`)."""
 
-    def __init__(
-        self, name: str, estimator: str, fingerprint: str, make_worker: Callable[[], ZoneWorker], plumbing: Plumbing
-    ) -> None:
+    def __init__(self, name: str, estimator: str, fingerprint: str, worker: ZoneWorker, plumbing: Plumbing) -> None:
+        """`worker` has seen nothing yet; `fingerprint` is what stored state of the zone belongs to."""
         self.id = name
         self.estimator = estimator
-        self.fingerprint = fingerprint
-        """What its state belongs to."""
-        self._make_worker = make_worker
         self._plumbing = plumbing
-        self._worker = make_worker()
-        self.network = self._worker.network
-        self.period = float(self._worker.period)
-        self._intake = ZoneIntake(name, self.period, plumbing.store, plumbing.clock)
+        self._worker = worker
+        self.network = worker.network
+        self.period = float(worker.period)
+        self._intake = Intake(name, self.period, plumbing.store, plumbing.clock)
+        self._recovery = Recovery(name, estimator, fingerprint, plumbing)
         self._failure: str | None = None
         self._at: int | None = None
         """Time of the sample that is being assimilated; None between two."""
         self._timeliness = Timeliness(name)
-        self._unsaved = False
-        """Whether the worker has gone on since the last checkpoint."""
-        self._save_at = self._next_checkpoint()
         self._finished = 0
         """How many samples were assimilated, or could not be."""
         self._replayed = 0
@@ -101,6 +92,11 @@ class Zone:
         )
 
     @property
+    def fingerprint(self) -> str:
+        """What its state belongs to."""
+        return self._recovery.fingerprint
+
+    @property
     def live(self) -> bool:
         """Whether the zone goes by the wall clock."""
         return self._intake.live
@@ -134,12 +130,8 @@ class Zone:
 
         Raises StateMismatch where the stored state belongs to another network.
         """
-        store, loop = self._plumbing.store, asyncio.get_running_loop()
-        await store.claim(self.id, self.fingerprint)
-        worker = self._make_worker()
-        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self.fingerprint)
-        if checkpoint is not None:
-            snapshot.restore(worker, checkpoint)
+        worker = self._worker.anew()
+        checkpoint = await self._recovery.restore(worker)
         self._replayed = replayed = await self._catch_up(worker)
         self._worker = worker
         if checkpoint is not None or replayed:
@@ -149,7 +141,7 @@ class Zone:
                 worker.progress.samples,
                 replayed,
             )
-        return await store.resume_after(self.id, None if checkpoint is None else checkpoint.step)
+        return await self._plumbing.store.resume_after(self.id, checkpoint)
 
     def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
         """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
@@ -195,7 +187,7 @@ class Zone:
             last = await self.restore()
             if self._replayed:
                 # The next start need not replay the same samples again.
-                await self._save()
+                await self._recovery.save(self._worker)
             return last
         except StateMismatch:
             raise
@@ -228,28 +220,28 @@ class Zone:
                 failed_on, self._at = self._at, None
                 self._fail(error, pause)
                 if failed_on is not None and attempts >= ATTEMPTS:
-                    await self._pass_over(failed_on, error)
+                    await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
                 if await self._intake.mailbox.closed_within(pause):
                     return
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
-        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
+        await self._announce_in_pool(Occasion.RESTORED)
         while not self._hurried:
             self._timeliness.rest()
             try:
-                async with asyncio.timeout(self._save_at - time.monotonic() if self._unsaved else None):
+                async with asyncio.timeout(self._recovery.patience):
                     item = await self._intake.mailbox.get()
             except TimeoutError:
-                await self._save()
+                await self._recovery.save(self._worker)
                 continue
             if item is Mark.CLOSED:
                 break
             if item is Mark.ENDED:
                 await self._end()
             elif item is Mark.SET_BACK:
-                if await set_back(self.id, self._checkpoint, self._worker, self._intake, self._plumbing.store):
+                if await self._recovery.set_back(self._worker, self._intake):
                     await self._announce_status()
             elif isinstance(item, Left):
                 await self._catch_up(self._worker, item)
@@ -260,7 +252,7 @@ class Zone:
                     await self._step(self._worker, item.sample, item.at)
         # A source that was stopped between journal and mailbox leaves its last sample in the journal alone.
         await self._catch_up(self._worker)
-        await self._save()
+        await self._recovery.save(self._worker)
 
     async def _end(self) -> None:
         self._ended = True
@@ -271,62 +263,41 @@ class Zone:
 
     async def _step(self, worker: ZoneWorker, sample: Sample, accepted: float | None) -> None:
         """Take `worker` over a sample that was `accepted` then (monotonic s); None where that is long ago."""
-        loop, store = asyncio.get_running_loop(), self._plumbing.store
-        if self._unsaved and time.monotonic() >= self._save_at:
-            await self._save()
+        loop, patience = asyncio.get_running_loop(), self._recovery.patience
+        if patience is not None and patience <= 0:
+            await self._recovery.save(self._worker)
         self._at = sample.time
         if accepted is not None:
             self._timeliness.begin(accepted)
         update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
         self._at = None
-        self._unsaved = True
+        self._recovery.went_on()
         self._finished += 1
         if update is not None:
-            store.record(self.id, update)
+            self._plumbing.store.record(self.id, update)
 
     def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
         """In a worker thread: one step, and its publication while the worker is the zone's own."""
         update = worker.step(sample)
         if worker is self._worker:
-            if update is not None:
-                self._plumbing.metrics.observe(self.id, update)
             self._timeliness.published()
-            self._announce(update)
+            self._announce(Occasion.STATUS if update is None else Occasion.UPDATE)
         return update
 
     async def _announce_status(self) -> None:
-        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, None)
+        await self._announce_in_pool(Occasion.STATUS)
 
-    def _announce(self, update: Update | None) -> None:
-        """Tell the announcers; that one cannot be reached must not stop the zone, nor the others."""
-        status = self.status()
-        for announcer in self._plumbing.announcers:
+    async def _announce_in_pool(self, occasion: Occasion) -> None:
+        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, occasion)
+
+    def _announce(self, occasion: Occasion) -> None:
+        """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
+        announcement = Announcement(self._plumbing.site, self.id, self.status(), self._worker.latest, occasion)
+        for sink in self._plumbing.sinks:
             try:
-                if update is not None:
-                    announcer.publish(self.id, update, status)
-                else:
-                    announcer.publish_status(self.id, status, self._worker.latest)
+                sink.publish(announcement)
             except ServiceError as error:
                 _log.warning("zone '%s': %s", self.id, error)
-
-    def _checkpoint(self) -> Checkpoint | None:
-        return snapshot.take(self._worker, self.fingerprint, self.estimator)
-
-    async def _save(self) -> None:
-        checkpoint = self._checkpoint()
-        self._save_at = self._next_checkpoint()
-        if checkpoint is None:
-            return
-        loop, store = asyncio.get_running_loop(), self._plumbing.store
-        try:
-            await store.flush()
-            await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
-            self._unsaved = False
-            self._plumbing.metrics.checkpointed(self.id, written=True)
-        except ServiceError as error:
-            self._plumbing.metrics.checkpointed(self.id, written=False)
-            # The journal still holds everything since the last good checkpoint.
-            _log.error("zone '%s': %s", self.id, error)
 
     def _fail(self, error: Exception, pause: float) -> None:
         self._finished += 1
@@ -335,7 +306,7 @@ class Zone:
         self._timeliness.rest()
         self._plumbing.metrics.failed(self.id)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
-        self._announce(None)
+        self._announce(Occasion.STATUS)
 
     async def _recover(self) -> None:
         await self.restore()
@@ -347,7 +318,7 @@ class Zone:
         """Step `worker` through what the journal holds beyond it; how many samples that were. `left` says when those
         were accepted for which there was no room."""
         caught_up = 0
-        while samples := await self._plumbing.store.samples_after(self.id, worker.progress.last_time):
+        while samples := await self._recovery.beyond(worker):
             for sample in samples:
                 if self._hurried:
                     return caught_up
@@ -360,19 +331,3 @@ class Zone:
         if left.time is None or self._timeliness.patience == inf:
             return left.at
         return left.at + (sample.time - left.time) / self.period * self._timeliness.patience
-
-    def _next_checkpoint(self) -> float:
-        """When the next checkpoint is due, monotonic s: each zone has a moment of its own within `checkpoint_every`, so
-        that no instant sees those of all zones."""
-        every, now = self._plumbing.checkpoint_every, time.monotonic()
-        moment = zlib.crc32(self.id.encode()) / 2**32 * every
-        return now + ((moment - now) % every or every)
-
-    async def _pass_over(self, when: int, error: Exception) -> None:
-        """Mark the sample at `when` as one that is not to be assimilated."""
-        reason = f"failed {ATTEMPTS} times: {error}"
-        _log.error("zone '%s' passes over its sample at %d, which %s", self.id, when, reason)
-        try:
-            await self._plumbing.store.skip(self.id, when, reason)
-        except ServiceError as failure:
-            _log.error("zone '%s': %s", self.id, failure)

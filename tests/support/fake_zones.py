@@ -14,6 +14,7 @@ from estimator.network import presets
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.errors import ServiceError
+from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan, FanStep
 from service.records.history import HistoryRow
 from service.records.sample import Sample
@@ -151,3 +152,10 @@ def make_sample(step: int, output: float = 21.3) -> Sample:
     inputs = np.array([5.0 + 0.1 * step, np.nan, -0.0])
     qualities = (Quality.GOOD, Quality.BAD, Quality.UNCERTAIN)
     return Sample(START + step * PERIOD, np.array([output]), inputs, (Quality.GOOD,), qualities)
+
+
+def announced(
+    zone: str, update: Update | None, status: ZoneStatus, occasion: Occasion = Occasion.UPDATE, site: str = "htwg"
+) -> Announcement:
+    """What a zone tells its sinks."""
+    return Announcement(site, zone, status, update, occasion)

@@ -9,25 +9,24 @@ from support.zone_samples import comparable, worker
 
 from service.errors import ServiceError
 from service.publish.metrics import Metrics
+from service.publish.sinks import Occasion
 from service.store.store import Store
 from service.zone.plumbing import Plumbing
 from service.zone.zone import Zone
 
 
 class Announced:
-    """An announcer that remembers, and can be told to fail."""
+    """A sink that remembers, and can be told to fail."""
 
     def __init__(self):
         self.updates, self.states, self.broken = [], [], False
 
-    def publish(self, zone, update, status):
-        if self.broken:
-            raise ServiceError("[zenoh]: the session is gone")
-        self.updates.append((zone, update))
-        self.states.append(status.state)
-
-    def publish_status(self, zone, status, update=None):
-        self.states.append(status.state)
+    def publish(self, announcement):
+        if announcement.occasion is not Occasion.STATUS:
+            if self.broken:
+                raise ServiceError("[zenoh]: the session is gone")
+            self.updates.append((announcement.zone, announcement.update))
+        self.states.append(announcement.status.state)
 
 
 class Poisoned:
@@ -40,6 +39,9 @@ class Poisoned:
     def __getattr__(self, name):
         return getattr(self._inner, name)
 
+    def anew(self):
+        return Poisoned(self._inner.anew(), self._failures)
+
     def step(self, item):
         if self._failures.get(item.time, 0) > 0:
             self._failures[item.time] -= 1
@@ -49,10 +51,11 @@ class Poisoned:
 
 @asynccontextmanager
 async def plumbing(folder, announcer=None, checkpoint_every=1e9):
-    announcers = [] if announcer is None else [announcer]
+    metrics = Metrics({})
+    sinks = [metrics] if announcer is None else [metrics, announcer]
     store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
-        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcers, checkpoint_every)
+        yield Plumbing("site", store, pool, asking, threading.Event(), metrics, sinks, checkpoint_every)
     finally:
         asking.shutdown()
         pool.shutdown()
@@ -60,7 +63,7 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9):
 
 
 def make(shared, failures=None, name="z", mark="mark"):
-    return Zone(name, "rbpf", mark, lambda: worker() if failures is None else Poisoned(worker(), failures), shared)
+    return Zone(name, "rbpf", mark, worker() if failures is None else Poisoned(worker(), failures), shared)
 
 
 async def fed(zone, items):

@@ -122,10 +122,10 @@ def test_what_is_shown_is_a_configuration_that_means_the_same(tmp_path: Path, ca
     assert main(["show-config", str(again)]) == 0
     assert capsys.readouterr().out == shown
     first, second = load(path), load(again)
-    assert (first.site, first.http, first.zenoh, first.sources) == (
+    assert (first.site, first.http, first.sinks, first.sources) == (
         second.site,
         second.http,
-        second.zenoh,
+        second.sinks,
         second.sources,
     )
     for before, after in zip(first.zones, second.zones, strict=True):

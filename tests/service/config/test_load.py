@@ -25,9 +25,14 @@ def test_defaults(tmp_path: Path) -> None:
     assert config.site.checkpoint_every == 300
     assert (config.site.keep_history, config.site.max_journal) == (400 * 86400, 2 * 10**9)
     assert (config.http.host, config.http.port) == ("127.0.0.1", 8080)
-    assert config.zenoh.enabled
-    assert (config.zenoh.mode, config.zenoh.listen, config.zenoh.connect) == ("peer", ("tcp/127.0.0.1:7447",), ())
-    assert config.zenoh.await_subscriber == 0
+    zenoh = config.sinks["zenoh"]
+    assert zenoh.enabled
+    assert (zenoh.mode, zenoh.listen, zenoh.connect) == (
+        "peer",
+        ("tcp/127.0.0.1:7447",),
+        (),
+    )
+    assert zenoh.await_subscriber == 0
     log = config.sources["log"]
     assert (log.delimiter, log.decimal, log.encoding, log.pace) == (",", ".", "utf-8", math.inf)
     living = config.zones[0]
@@ -60,7 +65,7 @@ def test_what_is_given_replaces_the_defaults(tmp_path: Path) -> None:
     assert (config.site.state_dir, config.site.checkpoint_every) == (Path("/srv/state"), 3600)
     assert (config.site.keep_history, config.site.max_journal) == (90 * 86400, 5 * 10**8)
     assert (config.http.host, config.http.port) == ("::1", 0)
-    assert config.zenoh.model_dump(exclude_defaults=True) == tables["zenoh"] | {
+    assert config.sinks["zenoh"].model_dump(exclude_defaults=True) == tables["zenoh"] | {
         "listen": (),
         "connect": ("tcp/192.168.1.5:7447",),
         "await_subscriber": "2s",
@@ -214,7 +219,7 @@ def test_loopback_hosts(host: str, tmp_path: Path) -> None:
 def test_loopback_endpoints(endpoint: str, tmp_path: Path) -> None:
     tables = sound(tmp_path) | {"zenoh": {"listen": [endpoint]}}
 
-    assert load(write(tmp_path, tables)).zenoh.listen == (endpoint,)
+    assert load(write(tmp_path, tables)).sinks["zenoh"].listen == (endpoint,)
 
 
 def readings(folder: Path, tables: dict[str, Any]) -> list[Reading]:

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, suppress
 
 import pytest
 from prometheus_client import CollectorRegistry
-from support.fake_zones import PERIOD, START, make_update, running, waiting
+from support.fake_zones import PERIOD, START, announced, make_update, running, waiting
 
 import service.publish.events
 import service.web.server.server
@@ -84,7 +84,8 @@ class Serving:
         update = make_update(step, self.zone.network)
         self.zone.updates.append(update)
         # As the zones do, from another thread.
-        announcing = threading.Thread(target=self.streams.publish, args=("living", update, self.zone.status()))
+        announcement = announced("living", update, self.zone.status(), site=SITE)
+        announcing = threading.Thread(target=self.streams.publish, args=(announcement,))
         announcing.start()
         announcing.join()
         return update
@@ -97,7 +98,7 @@ class Serving:
 
 @asynccontextmanager
 async def serving(limits=None, zones=None):
-    streams = Streams(SITE)
+    streams = Streams()
     http = HttpConfig(port=0, limits=LimitsConfig(**(limits or {})))
     zones = zones or {"living": running("living")}
     app = create_app(SITE, zones, CollectorRegistry(), streams=streams, http=http)
@@ -154,7 +155,8 @@ def test_a_zone_without_a_sample_tells_its_state():
             client = await server.connect()
             ((kind, id, data),) = await client.events(1)
             assert (kind, id, data["state"]) == ("status", None, "waiting")
-            server.streams.publish_status("living", server.zone.status()._replace(reason="another one"))
+            changed = server.zone.status()._replace(reason="another one")
+            server.streams.publish(announced("living", None, changed, site=SITE))
             assert (await client.events(2))[1][2]["reason"] == "another one"
 
     asyncio.run(scenario())
@@ -188,9 +190,9 @@ def test_an_unknown_zone_is_404_and_too_many_streams_are_refused():
             assert "retry-after: 10" in refused.lower()
             # Who leaves makes room.
             clients[0].writer.close()
-            await server.until(lambda: server.app.state.streams.open == 1)
+            await server.until(lambda: server.app.state.stream_limits.open == 1)
             await (await server.connect()).events(4)
-            assert server.streams.count == 2
+            assert server.app.state.stream_limits.open == 2
 
     asyncio.run(scenario())
 
@@ -231,14 +233,14 @@ def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
         async with serving({"streams_per_client": 200, "streams": 200}) as server:
             clients = await asyncio.gather(*(server.connect() for _ in range(200)))
             await asyncio.gather(*(client.events(4) for client in clients))
-            assert server.streams.count == 200
+            assert server.app.state.stream_limits.open == 200
             for step in (3, 4, 5):
                 server.announce(step)
                 heard = await asyncio.gather(*(client.events(4 * (step - 1)) for client in clients))
                 assert {events[-1][1] for events in heard} == {stamp(step)}
             for client in clients:
                 client.writer.close()
-            await server.until(lambda: server.streams.count == server.app.state.streams.open == 0)
+            await server.until(lambda: server.app.state.stream_limits.open == 0)
             assert not server.streams._open
 
     asyncio.run(scenario())
@@ -261,9 +263,9 @@ def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
                     server.announce(step)
                     assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
                     step += 1
-            assert server.streams.count == 2
+            assert server.app.state.stream_limits.open == 2
             assert held(server) < 10_000
-            await server.until(lambda: server.streams.count == server.app.state.streams.open == 1)
+            await server.until(lambda: server.app.state.stream_limits.open == 1)
             assert not stuck.writer.is_closing(), "it was not the client who left"
 
     asyncio.run(scenario())
@@ -283,7 +285,7 @@ def test_a_stop_does_not_wait_for_streams_read_or_not():
         # The server's own bound, and what a busy machine may add.
         assert time.monotonic() - began < service.web.server.server.SHUTDOWN_SECONDS + 5
         assert not stuck.rest.endswith(b"0\r\n\r\n")
-        late = service.publish.events.Streams(SITE)
+        late = service.publish.events.Streams()
         late.end()
         with late.opened("living") as opened:
             assert [data async for data in opened.read()][1:] == []

@@ -7,7 +7,7 @@ import platform
 import pytest
 from prometheus_client import REGISTRY, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
-from support.fake_zones import FakeZone, make_update, running, waiting
+from support.fake_zones import FakeZone, announced, make_update, running, waiting
 
 from service.publish.metrics import Metrics
 from service.records.measures import Measure, single
@@ -27,8 +27,9 @@ def test_updates_are_counted_and_described() -> None:
     metrics = Metrics({"living": running("living")})
     update = make_update(0, levels=(0.95, 0.5))
     blocks = Volatility(("air", "walls"), (0.5, 0.6), (1.0, 1.5), (2.0, 3.0), (0.3, 0.9))
-    metrics.observe("living", make_update(9))
-    metrics.observe("living", update._replace(volatility=blocks, step_seconds=0.3))
+    metrics.publish(announced("living", make_update(9), running("living").status()))
+    later = update._replace(volatility=blocks, step_seconds=0.3)
+    metrics.publish(announced("living", later, running("living").status()))
     values = scrape(metrics)
     interval = update.forecast.outputs[0].intervals[0]
     assert values[at("thermogate_samples_total", zone="living")] == 2
@@ -70,7 +71,7 @@ def test_zones_are_not_asked_before_the_first_scrape() -> None:
 
 def test_registries_are_apart() -> None:
     first, second = Metrics({}), Metrics({})
-    first.observe("living", make_update(0))
+    first.publish(announced("living", make_update(0), running("living").status()))
     assert at("thermogate_samples_total", zone="living") not in scrape(second)
     assert b"thermogate" not in generate_latest(REGISTRY)
 

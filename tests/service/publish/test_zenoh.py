@@ -13,22 +13,19 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from support.fake_zones import make_update, running
+from support.fake_zones import announced, make_update, running
+from support.publishing import opened, settings
 from support.zenoh_plant import session as session_of
 
 from adapters.zenoh.connection import Connection
-from service.config.site import ZenohConfig
 from service.errors import ServiceError
 from service.publish import zenoh as module
 from service.publish.payloads import ForecastPayload, to_json
 from service.publish.rendering import forecast_payload
-from service.publish.zenoh import Publisher
+from service.publish.sinks import Occasion
+from service.publish.zenoh import Publisher, ZenohConfig
 
 ZONES = ["living", "bedroom"]
-
-
-def settings(listen: tuple[str, ...] = (), mode: str = "peer", connect: tuple[str, ...] = ()) -> Connection:
-    return ZenohConfig(listen=listen, mode=mode, connect=connect).connection("htwg")
 
 
 def free_port() -> int:
@@ -54,7 +51,7 @@ def address() -> str:
 
 @pytest.fixture
 def publisher(address: str) -> Iterator[Publisher]:
-    publisher = Publisher.open(settings(listen=(address,)), "htwg", ZONES)
+    publisher = opened(settings(listen=(address,)), ZONES)
     yield publisher
     publisher.close()
 
@@ -95,7 +92,7 @@ def test_an_update_arrives_on_four_keys_as_json(publisher: Publisher, session: z
     subscriber = session.declare_subscriber("thermogate/htwg/**", zenoh.handlers.RingChannel(100))
     assert publisher.await_subscriber(5.0)
     zone, update = running("living"), make_update(2)
-    publisher.publish("living", update, zone.status())
+    publisher.publish(announced("living", update, zone.status()))
     samples = receive(subscriber, 4)
     subscriber.undeclare()
     found = {str(sample.key_expr).rsplit("/", 1)[1]: sample for sample in samples}
@@ -126,7 +123,7 @@ def test_nothing_is_lost_once_a_subscriber_is_awaited(publisher: Publisher, sess
     assert publisher.await_subscriber(5.0)
     status = running("living").status()
     for step in range(200):
-        publisher.publish("living", make_update(step), status)
+        publisher.publish(announced("living", make_update(step), status))
         time.sleep(0.001)  # not faster than loopback takes it: what does not fit is dropped
     samples = receive(forecasts, 200)
     subscriber.undeclare()
@@ -138,11 +135,11 @@ def test_nothing_is_lost_once_a_subscriber_is_awaited(publisher: Publisher, sess
 
 def test_a_late_joiner_asks_for_the_last_values(publisher: Publisher, session: zenoh.Session) -> None:
     status = running("living").status()
-    publisher.publish_status("bedroom", status._replace(state="waiting", reason="cold"))
+    publisher.publish(announced("bedroom", None, status._replace(state="waiting", reason="cold")))
     assert len(settled(session, "thermogate/htwg/**", 1)) == 1
     assert ask(session, "thermogate/htwg/living/forecast") == {}, "nothing before the first"
     for step in range(3):
-        publisher.publish("living", make_update(step), status)
+        publisher.publish(announced("living", make_update(step), status))
     (forecast,) = settled(session, "thermogate/htwg/living/forecast", 1).values()
     assert forecast == to_json(forecast_payload("htwg", "living", make_update(2)))
     everything = settled(session, "thermogate/htwg/**", 5)
@@ -172,7 +169,7 @@ def test_liveliness_ends_with_the_publisher(publisher: Publisher, session: zenoh
 
 def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -> None:
     with pytest.raises(ServiceError) as caught:
-        Publisher.open(settings(listen=(address,)), "htwg", ["living"])
+        opened(settings(listen=(address,)), ["living"])
     assert str(caught.value) == (
         f"zenoh.listen: an address of {address} is in use by another process; choose another port, "
         "stop that process, or do without Zenoh (zenoh.enabled = false)"
@@ -181,14 +178,14 @@ def test_an_address_in_use_is_one_sentence(publisher: Publisher, address: str) -
 
 def test_a_client_without_a_router_is_one_sentence(address: str) -> None:
     with pytest.raises(ServiceError, match=f"zenoh.connect: no Zenoh router answers at {address}"):
-        Publisher.open(settings(mode="client", connect=(address,)), "htwg", ["living"])
+        opened(settings(mode="client", connect=(address,)), ["living"])
 
 
 def test_a_listener_with_users_asks_for_a_password_and_never_tells_it(address: str, tmp_path: Path) -> None:
     (tmp_path / "users").write_text("reader:hush\n", encoding="utf-8")
     config = ZenohConfig.model_validate({"listen": [address], "users_file": "users"}, context={"folder": tmp_path})
-    publisher = Publisher.open(config.connection("htwg"), "htwg", ["living"])
-    publisher.publish("living", make_update(0), running("living").status())
+    publisher = opened(config.connection("htwg"), ["living"])
+    publisher.publish(announced("living", make_update(0), running("living").status()))
     user = "transport/auth/usrpwd"
 
     def reading(password: str) -> dict[str, bytes]:
@@ -207,16 +204,16 @@ def test_a_listener_with_users_asks_for_a_password_and_never_tells_it(address: s
     with session_of("router", listen=address, **{f"{user}/dictionary_file": str(tmp_path / "users")}):
         config = ZenohConfig.model_validate(told, context={"folder": tmp_path})
         with pytest.raises(ServiceError, match=r"zenoh.connect: .* check user and password") as caught:
-            Publisher.open(config.connection("htwg"), "htwg", ["living"])
+            opened(config.connection("htwg"), ["living"])
         assert "wrong" not in str(caught.value)
     (tmp_path / "password").unlink()
     with pytest.raises(ServiceError, match=r"\[zenoh\]: password_file: .* cannot be read"):
-        Publisher.open(config.connection("htwg"), "htwg", ["living"])
+        opened(config.connection("htwg"), ["living"])
 
 
 def test_a_malformed_locator_is_one_sentence() -> None:
     with pytest.raises(ServiceError, match=r"\[zenoh\]: Zenoh does not take listen/endpoints") as caught:
-        Publisher.open(Connection("peer", listen=("nonsense",)), "htwg", ["living"])
+        opened(Connection("peer", listen=("nonsense",)), ["living"])
     assert ".rs" not in str(caught.value)
 
 
@@ -244,10 +241,10 @@ def listening_ports() -> set[int]:
 @pytest.mark.parametrize("configured", [True, False])
 def test_it_listens_nowhere_else(configured: bool, address: str) -> None:
     before = listening_ports()
-    publisher = Publisher.open(settings(listen=(address,) if configured else ()), "htwg", ["living"])
-    opened = listening_ports() - before
+    publisher = opened(settings(listen=(address,) if configured else ()), ["living"])
+    bound = listening_ports() - before
     publisher.close()
-    assert opened == ({int(address.rsplit(":", 1)[1])} if configured else set())
+    assert bound == ({int(address.rsplit(":", 1)[1])} if configured else set())
 
 
 def test_many_threads_may_publish(publisher: Publisher, session: zenoh.Session) -> None:
@@ -259,7 +256,7 @@ def test_many_threads_may_publish(publisher: Publisher, session: zenoh.Session) 
     def work(zone: str) -> None:
         try:
             for step in range(50):
-                publisher.publish(zone, make_update(step), status)
+                publisher.publish(announced(zone, make_update(step), status))
                 time.sleep(0.004)
         except BaseException as error:
             failures.append(error)
@@ -277,14 +274,14 @@ def test_many_threads_may_publish(publisher: Publisher, session: zenoh.Session) 
 def test_nothing_happens_after_close(publisher: Publisher) -> None:
     publisher.close()
     publisher.close()
-    publisher.publish("living", make_update(0), running("living").status())
+    publisher.publish(announced("living", make_update(0), running("living").status()))
     assert not publisher.await_subscriber(1.0)
 
 
 def test_a_failed_session_is_reported(publisher: Publisher) -> None:
     publisher._session.close()
     with pytest.raises(ServiceError, match="thermogate/htwg/living/forecast cannot be published"):
-        publisher.publish("living", make_update(0), running("living").status())
+        publisher.publish(announced("living", make_update(0), running("living").status()))
 
 
 def test_a_close_that_hangs_is_left_behind(
@@ -308,9 +305,10 @@ def test_a_close_that_hangs_is_left_behind(
 def test_the_interpreter_ends_even_if_close_is_forgotten(close: bool, address: str) -> None:
     script = (
         "import sys; sys.path[:0] = ['.', 'tests']\n"
-        "from test_publisher import *\n"
-        f"publisher = Publisher.open(settings(listen=({address!r},)), 'htwg', ['living'])\n"
-        "publisher.publish('living', make_update(0), running('living').status())\n"
+        "from support.fake_zones import announced, make_update, running\n"
+        "from support.publishing import opened, settings\n"
+        f"publisher = opened(settings(listen=({address!r},)), ['living'])\n"
+        "publisher.publish(announced('living', make_update(0), running('living').status()))\n"
         f"{'publisher.close()' if close else ''}\n"
     )
     root = Path(__file__).parents[3]
@@ -322,10 +320,10 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
     waiting = session.declare_subscriber("thermogate/htwg/bedroom/forecast", zenoh.handlers.RingChannel(100))
     assert publisher.await_subscriber(5.0)
     zone, update = running("living"), make_update(2)
-    publisher.publish("living", update, zone.status())
+    publisher.publish(announced("living", update, zone.status()))
     zone.state, zone.reason = "stalled", "T_out is 1500 s old"
     for _ in range(3):
-        publisher.publish_status("living", zone.status(), update)
+        publisher.publish(announced("living", update, zone.status(), Occasion.STATUS))
     found = [json.loads(sample.payload.to_bytes()) for sample in receive(subscriber, 3, timeout=1.0)]
     assert [one["quality"] for one in found] == ["good", "bad"]
     assert found[0] | {"quality": "bad"} == found[1]
@@ -333,7 +331,7 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
     assert json.loads(last)["quality"] == "bad"
     # The next sample makes it good again.
     zone.state = "running"
-    publisher.publish("living", make_update(3), zone.status())
+    publisher.publish(announced("living", make_update(3), zone.status()))
     (again,) = receive(subscriber, 1)
     assert json.loads(again.payload.to_bytes())["quality"] == "good"
     subscriber.undeclare()
@@ -342,10 +340,10 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
 
 def test_zones_come_and_go(publisher: Publisher, session: zenoh.Session) -> None:
     status, update = running("attic").status(), make_update(2)
-    publisher.publish("attic", update, status)
+    publisher.publish(announced("attic", update, status))
     assert settled(session, "thermogate/htwg/attic/*", 1) == {}, "it is not published yet"
     publisher.add("attic")
-    publisher.publish("attic", update, status)
+    publisher.publish(announced("attic", update, status))
     assert set(settled(session, "thermogate/htwg/attic/*", 4)) == {
         f"thermogate/htwg/attic/{topic}" for topic in ("forecast", "volatility", "gate", "status")
     }
@@ -353,7 +351,7 @@ def test_zones_come_and_go(publisher: Publisher, session: zenoh.Session) -> None
     assert "thermogate/htwg/attic/alive" in tokens
     publisher.remove("attic")
     publisher.remove("attic")
-    publisher.publish("attic", update, status)
+    publisher.publish(announced("attic", update, status))
     deadline = time.monotonic() + 5
     while (found := ask(session, "thermogate/htwg/attic/*")) and time.monotonic() < deadline:
         time.sleep(0.02)

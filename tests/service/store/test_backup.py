@@ -28,7 +28,7 @@ ITEMS = [sample(k) for k in range(60)]
 
 
 def make(shared) -> Zone:  # type: ignore[no-untyped-def]
-    return Zone("z", "rbpf", "mark", worker, shared)
+    return Zone("z", "rbpf", "mark", worker(), shared)
 
 
 def fill(state: Path, items: list, in_the_middle: Callable[[], object] = lambda: None) -> None:

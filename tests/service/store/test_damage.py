@@ -27,7 +27,7 @@ ROWS = [repr(HistoryRow.of(update)) for update in UPDATES if update is not None]
 
 
 def make(shared) -> Zone:  # type: ignore[no-untyped-def]
-    return Zone("z", "rbpf", "mark", lambda: worker(particles=50), shared)
+    return Zone("z", "rbpf", "mark", worker(particles=50), shared)
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ def test_what_sqlite_leaves_out_of_its_log_is_told(
 
 
 def make(shared) -> Zone:  # type: ignore[no-untyped-def]
-    return Zone("z", "rbpf", "mark", worker, shared)
+    return Zone("z", "rbpf", "mark", worker(), shared)
 
 
 async def fed(folder: Path, items: list) -> list[str]:

@@ -158,7 +158,7 @@ def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
     async def part(first: int, last: int) -> list[str]:
         announcer = Announced()
         async with plumbing(tmp_path, announcer, checkpoint_every=0.001) as shared:
-            zone = Zone("z", "rbpf", "mark", worker, shared)
+            zone = Zone("z", "rbpf", "mark", worker(), shared)
             await zone.prepare()
             running = asyncio.create_task(zone.run())
             keeping = asyncio.create_task(shared.store.keep_within(Limits(20.0 * STEP, FOREVER)))

@@ -88,7 +88,7 @@ def test_a_zone_goes_on_from_version_1_bit_for_bit(state: Path, tmp_path: Path) 
     async def scenario() -> list[str]:
         announcer = Announced()
         async with plumbing(state, announcer) as shared:
-            zone = Zone("z", "rbpf", "mark", lambda: worker(particles=50), shared)
+            zone = Zone("z", "rbpf", "mark", worker(particles=50), shared)
             assert await zone.prepare() == (STEPS - 1) * 300
             running = asyncio.create_task(zone.run())
             await zone.accept(fresh)

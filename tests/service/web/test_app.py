@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from fastapi import FastAPI
-from support.fake_zones import FakeZone, make_update, running, waiting
+from support.fake_zones import FakeZone, announced, make_update, running, waiting
 from support.http_client import get, problem, request
 
 from service.publish.metrics import Metrics
@@ -23,7 +23,7 @@ def zones() -> dict[str, FakeZone]:
 @pytest.fixture
 def app(zones: dict[str, FakeZone]) -> FastAPI:
     metrics = Metrics(zones)
-    metrics.observe("living", make_update(0))
+    metrics.publish(announced("living", make_update(0), running("living").status()))
     return create_app("htwg", zones, metrics.registry, version="1.2.3")
 
 

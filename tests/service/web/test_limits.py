@@ -35,7 +35,7 @@ def test_a_client_has_its_share_and_all_together_the_total() -> None:
 @pytest.fixture
 def app(tmp_path: Path) -> FastAPI:
     app = create_app("htwg", {}, Metrics({}).registry, keys=KeyRing(tmp_path / "keys.json", required=False))
-    app.state.streams = StreamLimits(per_client=1, total=2)
+    app.state.stream_limits = StreamLimits(per_client=1, total=2)
     app.state.go = asyncio.Event()
 
     async def numbers() -> AsyncIterator[bytes]:
@@ -71,14 +71,14 @@ def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path: Path
     async def scenario() -> None:
         running = asyncio.create_task(ask(app, "/stream", **first))
         await asyncio.sleep(0.05)
-        assert app.state.streams.open == 1
+        assert app.state.stream_limits.open == 1
         assert await ask(app, "/stream", **first) == 429, "clients are told apart by their keys, not their address"
         other = asyncio.create_task(ask(app, "/stream", **second))
         await asyncio.sleep(0.05)
         assert await ask(app, "/stream", **third) == 503
         app.state.go.set()
         assert (await running, await other) == (200, 200)
-        assert app.state.streams.open == 0
+        assert app.state.stream_limits.open == 0
 
     asyncio.run(scenario())
 
@@ -101,7 +101,7 @@ def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> 
         assert not running.done()
         revoke_key(tmp_path / "keys.json", "one")
         assert await asyncio.wait_for(running, 10) == 200
-        assert app.state.streams.open == 0
+        assert app.state.stream_limits.open == 0
 
     asyncio.run(scenario())
 
@@ -109,13 +109,13 @@ def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> 
 def test_a_place_is_given_back_if_the_stream_breaks_or_its_client_goes(app: FastAPI) -> None:
     async def scenario() -> None:
         await ask(app, "/broken")
-        assert app.state.streams.open == 0
+        assert app.state.stream_limits.open == 0
         running = asyncio.create_task(ask(app, "/stream"))
         await asyncio.sleep(0.05)
-        assert app.state.streams.open == 1
+        assert app.state.stream_limits.open == 1
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
         await asyncio.sleep(0.05)
-        assert app.state.streams.open == 0
+        assert app.state.stream_limits.open == 0
 
     asyncio.run(scenario())

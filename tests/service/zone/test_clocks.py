@@ -75,7 +75,7 @@ class Life:
 async def living(folder, wall, announcer=None, max_gap=3):
     async with plumbing(folder, announcer, checkpoint_every=600.0) as shared:
         shared = shared._replace(clock=wall.clock)
-        zone = Zone("z", "rbpf", "mark", lambda: worker(max_gap=max_gap), shared)
+        zone = Zone("z", "rbpf", "mark", worker(max_gap=max_gap), shared)
         last = await zone.prepare()
         align = Alignment(
             zone.network,
@@ -231,7 +231,7 @@ def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_next_st
 
 
 def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, caplog, monkeypatch):
-    monkeypatch.setattr("service.zone.setting_back.MOST_SET_ASIDE", 6 * PERIOD)
+    monkeypatch.setattr("service.zone.recovery.MOST_SET_ASIDE", 6 * PERIOD)
     assert MOST_SET_ASIDE == 7 * DAY
 
     async def scenario():

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from prometheus_client import generate_latest
-from support.fake_zones import FakeZone
+from support.fake_zones import FakeZone, announced
 from support.zone_samples import PERIOD, comparable, sample
 
 from estimator.network.presets import network
@@ -71,7 +71,7 @@ def test_the_history_row_has_no_alpha(stepped, tmp_path):
 def test_metrics_leave_out_what_is_not_there(stepped):
     _, updates = stepped
     metrics = Metrics({"z": FakeZone("z")})
-    metrics.observe("z", updates[-1])
+    metrics.publish(announced("z", updates[-1], FakeZone("z").status()))
     text = generate_latest(metrics.registry).decode()
     assert 'thermogate_gate{zone="z"} 1.0' in text
     assert "thermogate_alpha_median{" not in text
