@@ -11,21 +11,23 @@ def check_known(given: Collection[str], known: Collection[str], estimator: str) 
     """Refuse names that are not options."""
     for name in given:
         if name not in known:
-            raise OptionsError(f"unknown option '{name}'; the options of '{estimator}' are {', '.join(sorted(known))}")
+            raise OptionsError(
+                f"unknown option '{name}'; the options of '{estimator}' are {', '.join(sorted(known))}", name
+            )
 
 
 def checked_preset(given: Mapping[str, object], presets: Collection[str]) -> str:
     """The name of the preset that is given, "default" if none is."""
     preset = given.get("preset", "default")
     if not isinstance(preset, str) or preset not in presets:
-        raise OptionsError(f"preset '{preset}' does not exist; the presets are {', '.join(presets)}")
+        raise OptionsError(f"preset '{preset}' does not exist; the presets are {', '.join(presets)}", "preset")
     return preset
 
 
 def checked_choice(name: str, value: object, choices: Collection[str]) -> str:
     """`value`, one of `choices`."""
     if not isinstance(value, str) or value not in choices:
-        raise OptionsError(f"{name} = {value!r} must be one of {', '.join(choices)}")
+        raise OptionsError(f"{name} = {value!r} must be one of {', '.join(choices)}", name)
     return value
 
 
@@ -33,5 +35,5 @@ def checked_number(name: str, value: object, low: float, high: float, *, whole: 
     """`value`, a number from `low` to `high`; an int if it must be `whole`."""
     if isinstance(value, bool) or not isinstance(value, int if whole else int | float) or not low <= value <= high:
         kind = "a whole number" if whole else "a number"
-        raise OptionsError(f"{name} = {value!r} must be {kind} from {low:g} to {high:g}")
+        raise OptionsError(f"{name} = {value!r} must be {kind} from {low:g} to {high:g}", name)
     return value if whole else float(value)

@@ -7,11 +7,9 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from estimator.network import Network
-
-Array = npt.NDArray[np.float64]
+from estimator.arrays import Array
+from estimator.network.network import Network
 
 
 class Outcome(StrEnum):

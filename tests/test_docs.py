@@ -14,35 +14,52 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from integration.all_metrics import exposed
-from integration.harness import EXAMPLES, Daemon, free_port
 from pydantic import BaseModel
+from support.all_metrics import exposed
+from support.harness import EXAMPLES, Daemon, free_port
 
 from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
-from estimator import augmented_options, options, presets
+from estimator.gaussian import options as augmented_options
+from estimator.network import presets
+from estimator.particle import options
 from estimator.types import Outcome
-from service import (
-    api_models,
-    api_problems,
-    config_models,
-    http_models,
-    log_models,
-    modbus_models,
-    network_models,
-    payloads,
-    source_models,
-    zenoh_models,
-    zenoh_session_models,
+from service.cli.main import main
+from service.config import (
+    http as http_models,
 )
-from service.aggregation import AGGREGATES, default_aggregate
-from service.cli import main
-from service.config import load
+from service.config import (
+    log as log_models,
+)
+from service.config import (
+    network_tables as network_models,
+)
+from service.config import (
+    site as config_models,
+)
+from service.config.load import load
+from service.config.networks import resolve
+from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.networks import resolve
-from service.show import effective_toml
-from service.view import STATES
-from service.worker import STARTED
+from service.publish import payloads
+from service.records.status import STATES
+from service.sources import (
+    channel as source_models,
+)
+from service.sources import csv
+from service.sources import (
+    modbus as modbus_models,
+)
+from service.sources import (
+    zenoh as zenoh_models,
+)
+from service.sources import (
+    zenoh_session as zenoh_session_models,
+)
+from service.web import models as api_models
+from service.web import problems as api_problems
+from service.zone.aggregation import AGGREGATES, default_aggregate
+from service.zone.worker import STARTED
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
@@ -55,16 +72,16 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[http]`": http_models.HttpConfig,
     "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": config_models.ZenohConfig,
-    "Recorded files": source_models.CsvConfig,
+    "Recorded files": csv.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
     "Zenoh sessions": zenoh_session_models.SessionConfig,
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
     "`tls`": zenoh_session_models.TlsConfig,
-    "`timestamp`": source_models.TimestampConfig,
-    "`[[zones]]`": config_models.ZoneConfig,
+    "`timestamp`": csv.TimestampConfig,
+    "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
-    "Channels of recorded files": source_models.CsvChannelConfig,
+    "Channels of recorded files": csv.CsvChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
     "A preset with changes": network_models.PresetConfig,

@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from replay.bms.plant import Channel, Device
 from replay.errors import ReplayError
-from service.durations import parse_duration
+from service.fields.durations import parse_duration
 
 
 class FaultError(ReplayError):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from integration.harness import EXAMPLES, ROOT, THERMOGATE
+from support.harness import EXAMPLES, ROOT, THERMOGATE
 
 FOLDER = ROOT / "deploy" / "container"
 SERVICE = yaml.safe_load((FOLDER / "compose.yaml").read_text(encoding="utf-8"))["services"]["thermogate"]
@@ -60,7 +60,7 @@ def test_what_it_writes_is_in_volumes_that_are_its_own() -> None:
 
 
 def test_commands_of_the_image_are_commands(capsys: pytest.CaptureFixture[str]) -> None:
-    from service.cli import _parser
+    from service.cli.main import _parser
 
     entry, command = json.loads(given("ENTRYPOINT")[0]), json.loads(given("CMD")[0])
     assert entry == ["thermogate"]

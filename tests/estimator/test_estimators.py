@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 
-from estimator.presets import PRESETS, network
+from estimator.network.presets import PRESETS, network
 from estimator.registry import ESTIMATORS, build
 
 PERIOD = 300.0

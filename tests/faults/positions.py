@@ -19,7 +19,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-sys.path.insert(0, str(Path(__file__).parents[1] / "service"))
 
 from faults.power_loss import prefixes
 from faults.shim import Fault, Shim, recorded

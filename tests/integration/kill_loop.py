@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from integration.harness import Daemon, free_port, thermogate
+from support.harness import Daemon, free_port, thermogate
 
 ZONES = {"north": ("rbpf", 60), "south": ("rbpf", 120), "attic": ("ekf", 60)}
 """Estimator and period in s."""

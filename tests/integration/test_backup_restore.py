@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from harness import EXAMPLES, Daemon, overrides, thermogate
+from support.harness import EXAMPLES, Daemon, overrides, thermogate
 
 CONFIG = EXAMPLES / "building-67.toml"
 ZONE = "building-67"

@@ -5,7 +5,7 @@ import math
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from harness import Daemon, thermogate
+from support.harness import Daemon, thermogate
 
 CONFIG = """
 [site]

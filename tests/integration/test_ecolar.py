@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import EXAMPLES, Daemon
+from support.harness import EXAMPLES, Daemon
 
-from replay.ecolar import write_standin
 from replay.scores import coverage, rmse
+from replay.simulated.ecolar import write_standin
 
 RECORDING = os.environ.get("THERMOGATE_ECOLAR_CSV")
 # First and last whole hour, UTC, of what each stand-in must bring.

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import pytest
 import tomli_w
-from certificates import Pair, make_pair
-from integration.harness import EXAMPLES, Daemon, free_port, overrides, thermogate
+from support.certificates import Pair, make_pair
+from support.harness import EXAMPLES, Daemon, free_port, overrides, thermogate
 
 MARK = "MARKER-of-a-secret"
 ENVIRONMENT = "THERMOGATE_TEST_PASSWORD"

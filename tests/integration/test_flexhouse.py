@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 import zenoh
-from harness import EXAMPLES, FLEXHOUSE, Daemon, free_port, overrides, thermogate
+from support.harness import EXAMPLES, FLEXHOUSE, Daemon, free_port, overrides, thermogate
 
 CONFIG = EXAMPLES / "flexhouse.toml"
 pytestmark = pytest.mark.skipif(not FLEXHOUSE.exists(), reason="the measured FlexHouse data is not beside the project")

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from harness import EXAMPLES, Daemon
+from support.harness import EXAMPLES, Daemon
 
 CONFIG = EXAMPLES / "building-67.toml"
 ZONE = "building-67"

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 import zenoh
-from harness import EXAMPLES, Daemon, free_port, overrides, thermogate
+from support.harness import EXAMPLES, Daemon, free_port, overrides, thermogate
 
 CONFIG = EXAMPLES / "building-67.toml"
 ZONE = "building-67"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from integration import kill_loop
-from integration.harness import Daemon
 from integration.kill_loop import Loop
+from support.harness import Daemon
 
 
 def test_killed_again_and_again_nothing_is_lost(tmp_path: Path) -> None:

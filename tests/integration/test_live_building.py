@@ -12,8 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from integration.bms_process import Bms, simulated
-from integration.harness import THERMOGATE, Daemon
+from support.bms_process import Bms, simulated
+from support.harness import THERMOGATE, Daemon
 
 from replay.bms.faults import MENU
 

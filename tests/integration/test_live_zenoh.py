@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from integration.bms_process import Bms, simulated
-from integration.harness import EXAMPLES, Daemon, free_port, overrides, thermogate
+from support.bms_process import Bms, simulated
+from support.harness import EXAMPLES, Daemon, free_port, overrides, thermogate
 
 EXAMPLE = EXAMPLES / "zenoh.toml"
 

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from integration.bms_process import simulated
-from integration.harness import free_port
 from pymodbus.client import ModbusTcpClient
+from support.bms_process import simulated
+from support.harness import free_port
 
-from service.cli import main
+from service.cli.main import main
 
 
 @pytest.fixture

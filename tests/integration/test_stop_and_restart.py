@@ -8,7 +8,7 @@ import threading
 import time
 
 import pytest
-from harness import EXAMPLES, Daemon, overrides, thermogate
+from support.harness import EXAMPLES, Daemon, overrides, thermogate
 
 CONFIG = EXAMPLES / "building-67.toml"
 ZONE = "building-67"

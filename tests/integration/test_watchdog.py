@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from integration.harness import EXAMPLES, ROOT
+from support.harness import EXAMPLES, ROOT
 
 CONFIG = EXAMPLES / "generic-csv.toml"
 
@@ -17,12 +17,12 @@ CONFIG = EXAMPLES / "generic-csv.toml"
 DRIVER = """
 import sys, threading
 from pathlib import Path
-import service.daemon, service.vitals
-from service.config import load
-from service.worker import ZoneWorker
+import service.daemon.run, service.daemon.vitals
+from service.config.load import load
+from service.zone.worker import ZoneWorker
 
-service.daemon.HUNG_SECONDS, service.vitals.LOOK_SECONDS = 3.0, 0.1
-service.vitals.Vitals.__init__.__defaults__ = (3.0,)
+service.daemon.run.HUNG_SECONDS, service.daemon.vitals.LOOK_SECONDS = 3.0, 0.1
+service.daemon.vitals.Vitals.__init__.__defaults__ = (3.0,)
 if "hang" in sys.argv:
     steps = ZoneWorker.step
     def step(self, sample):
@@ -31,16 +31,16 @@ if "hang" in sys.argv:
         return steps(self, sample)
     ZoneWorker.step = step
 if "break" in sys.argv:
-    import service.runtime
+    import service.daemon.runtime
     from service.errors import JournalError
 
     async def _follow(*_):
         raise JournalError("the journal is gone")
 
-    service.runtime.Runtime._follow = _follow
+    service.daemon.runtime.Runtime._follow = _follow
 overrides = [word for word in sys.argv[2:] if "=" in word]
 read = lambda: load(Path(sys.argv[1]), overrides)
-sys.exit(service.daemon.run_daemon(read(), reread=read))
+sys.exit(service.daemon.run.run_daemon(read(), reread=read))
 """
 
 

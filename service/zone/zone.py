@@ -1,0 +1,378 @@
+"""One zone inside the daemon: its worker, fed from its mailbox, and what happens when the worker fails.
+
+A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
+zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
+into the journal, so that nothing is lost and no other zone waits. A sample on which the zone fails
+repeatedly is marked in the journal and passed over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from math import inf
+
+from adapters.reading import Reading
+from estimator.types import ParameterSummary
+from service.errors import ServiceError, StateMismatch
+from service.records.fan import Fan
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.records.status import Busy, ZoneStatus
+from service.records.update import Update
+from service.store.checkpoint import Checkpoint
+from service.zone import snapshot
+from service.zone.alignment import Alignment
+from service.zone.health import state_and_reason
+from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, ZoneIntake
+from service.zone.mailbox import Left, Mark
+from service.zone.plumbing import Plumbing
+from service.zone.setting_back import set_back
+from service.zone.timeliness import Timeliness
+from service.zone.worker import ZoneWorker
+
+ATTEMPTS = 3
+
+_log = logging.getLogger(__name__)
+
+
+class Zone:
+    """A running zone; also what REST, metrics and the publisher see of it (`service.records.view.ZoneView`)."""
+
+    def __init__(
+        self, name: str, estimator: str, fingerprint: str, make_worker: Callable[[], ZoneWorker], plumbing: Plumbing
+    ) -> None:
+        self.id = name
+        self.estimator = estimator
+        self.fingerprint = fingerprint
+        """What its state belongs to."""
+        self._make_worker = make_worker
+        self._plumbing = plumbing
+        self._worker = make_worker()
+        self.network = self._worker.network
+        self.period = float(self._worker.period)
+        self._intake = ZoneIntake(name, self.period, plumbing.store, plumbing.clock)
+        self._failure: str | None = None
+        self._at: int | None = None
+        """Time of the sample that is being assimilated; None between two."""
+        self._timeliness = Timeliness(name)
+        self._unsaved = False
+        """Whether the worker has gone on since the last checkpoint."""
+        self._save_at = self._next_checkpoint()
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
+        self._replayed = 0
+        """How many samples the last restoring took from the journal."""
+        self._hurried = False
+        self._ended = False
+        """Whether the last sample of the last source has been assimilated."""
+
+    def status(self) -> ZoneStatus:
+        """How the zone is doing."""
+        # Copied in one go: the event loop may change them while a worker thread asks.
+        progress, intake = self._worker.progress, self._intake
+        alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
+        state, reason = state_and_reason(
+            progress,
+            has_forecast=self._worker.latest is not None,
+            failure=self._failure or intake.unwritten,
+            trouble=trouble,
+            live=intake.live,
+            ended=self._ended,
+            now=self._plumbing.clock.wall(),
+            lag=self._timeliness.lag(intake.mailbox.waiting_since),
+        )
+        return ZoneStatus(
+            state=state,
+            reason=reason,
+            last_sample_time=progress.last_time,
+            samples=progress.samples,
+            segment=progress.segment,
+            faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
+            last_good=dict(alignment.last_good) if alignment else {},
+            channels=self.network.channels,
+            now=min(clocks, default=None),
+            overruns=self._timeliness.overruns,
+            delay=self._timeliness.delay,
+        )
+
+    @property
+    def live(self) -> bool:
+        """Whether the zone goes by the wall clock."""
+        return self._intake.live
+
+    @property
+    def busy(self) -> Busy:
+        """What waits, and what was finished."""
+        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
+
+    def latest(self) -> Update | None:
+        """The newest update."""
+        return self._worker.latest
+
+    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
+        """The standing forecast and `steps` beyond it, under `plan`."""
+        rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
+        fan = partial(self._worker.fan, levels, rows, self._plumbing.stopping.is_set)
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, fan)
+
+    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+        """Posterior quantiles of the parameters."""
+        worker = self._worker
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+
+    async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """History rows, oldest first."""
+        return await self._plumbing.store.history(self.id, start, end, limit)
+
+    async def restore(self) -> int | None:
+        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.
+
+        Raises StateMismatch where the stored state belongs to another network.
+        """
+        store, loop = self._plumbing.store, asyncio.get_running_loop()
+        await store.claim(self.id, self.fingerprint)
+        worker = self._make_worker()
+        checkpoint = await loop.run_in_executor(self._plumbing.pool, store.checkpoints.load, self.id, self.fingerprint)
+        if checkpoint is not None:
+            snapshot.restore(worker, checkpoint)
+        self._replayed = replayed = await self._catch_up(worker)
+        self._worker = worker
+        if checkpoint is not None or replayed:
+            _log.info(
+                "zone '%s' goes on after %d samples, %d intervals replayed from the journal",
+                self.id,
+                worker.progress.samples,
+                replayed,
+            )
+        return await store.resume_after(self.id, None if checkpoint is None else checkpoint.step)
+
+    def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
+        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
+        wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
+        `pace`."""
+        self._intake.align(alignment, live)
+        self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Readings of `source`, and its clock: the samples that close by them are accepted."""
+        await self._intake.deliver(source, readings, now)
+
+    async def elapse(self, now: float) -> None:
+        """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
+        await self._intake.elapse(now)
+
+    def is_due(self) -> bool:
+        """Whether there is anything to do for `keep_time`."""
+        return self._intake.live and self._intake.is_due()
+
+    async def keep_time(self) -> None:
+        """The wall clock goes on, in a live zone."""
+        await self._intake.keep_time()
+
+    async def end(self, source: str) -> None:
+        """`source` has come to its end."""
+        last = self._worker.progress.last_time
+        await self._intake.end(source, None if last is None else last + self.period)
+
+    async def source_failed(self, source: str, reason: str) -> None:
+        """`source` does not deliver for now, and why."""
+        self._intake.trouble[source] = reason
+        await self._announce_status()
+
+    async def accept(self, samples: Iterable[Sample]) -> None:
+        """Make samples durable and hand them to the worker."""
+        await self._intake.accept(samples)
+
+    async def prepare(self) -> int | None:
+        """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
+        leaves the zone failed, to be retried by `run`."""
+        try:
+            last = await self.restore()
+            if self._replayed:
+                # The next start need not replay the same samples again.
+                await self._save()
+            return last
+        except StateMismatch:
+            raise
+        except Exception as error:
+            self._fail(error, FIRST_PAUSE)
+            return await self._plumbing.store.last_sample_time(self.id)
+
+    async def close_mailbox(self) -> None:
+        """No sample follows: `run` ends when the mailbox is empty."""
+        await self._intake.close()
+
+    def hurry(self) -> None:
+        """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
+        self._hurried = True
+
+    async def run(self) -> None:
+        """Serve the mailbox, in order, until it is closed; then write a checkpoint."""
+        pause, failed_on, attempts = FIRST_PAUSE, None, 0
+        while True:
+            try:
+                if self._failure is not None:
+                    await self._recover()
+                    pause = FIRST_PAUSE
+                await self._serve()
+                return
+            except StateMismatch:
+                raise
+            except Exception as error:
+                attempts = attempts + 1 if failed_on == self._at else 1
+                failed_on, self._at = self._at, None
+                self._fail(error, pause)
+                if failed_on is not None and attempts >= ATTEMPTS:
+                    await self._pass_over(failed_on, error)
+                if await self._intake.mailbox.closed_within(pause):
+                    return
+                pause = min(2 * pause, LONGEST_PAUSE)
+
+    async def _serve(self) -> None:
+        # What was restored is announced, so that a late joiner need not wait for the next sample.
+        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, self._worker.latest)
+        while not self._hurried:
+            self._timeliness.rest()
+            try:
+                async with asyncio.timeout(self._save_at - time.monotonic() if self._unsaved else None):
+                    item = await self._intake.mailbox.get()
+            except TimeoutError:
+                await self._save()
+                continue
+            if item is Mark.CLOSED:
+                break
+            if item is Mark.ENDED:
+                await self._end()
+            elif item is Mark.SET_BACK:
+                if await set_back(self.id, self._checkpoint, self._worker, self._intake, self._plumbing.store):
+                    await self._announce_status()
+            elif isinstance(item, Left):
+                await self._catch_up(self._worker, item)
+            else:
+                last = self._worker.progress.last_time
+                # After a recovery the mailbox may still hold what the journal has already brought.
+                if last is None or item.sample.time > last:
+                    await self._step(self._worker, item.sample, item.at)
+        # A source that was stopped between journal and mailbox leaves its last sample in the journal alone.
+        await self._catch_up(self._worker)
+        await self._save()
+
+    async def _end(self) -> None:
+        self._ended = True
+        if faults := self.status().faults:
+            counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+            _log.warning("zone '%s': readings refused: %s", self.id, counts)
+        await self._announce_status()
+
+    async def _step(self, worker: ZoneWorker, sample: Sample, accepted: float | None) -> None:
+        """Take `worker` over a sample that was `accepted` then (monotonic s); None where that is long ago."""
+        loop, store = asyncio.get_running_loop(), self._plumbing.store
+        if self._unsaved and time.monotonic() >= self._save_at:
+            await self._save()
+        self._at = sample.time
+        if accepted is not None:
+            self._timeliness.begin(accepted)
+        update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
+        self._at = None
+        self._unsaved = True
+        self._finished += 1
+        if update is not None:
+            store.record(self.id, update)
+
+    def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
+        """In a worker thread: one step, and its publication while the worker is the zone's own."""
+        update = worker.step(sample)
+        if worker is self._worker:
+            if update is not None:
+                self._plumbing.metrics.observe(self.id, update)
+            self._timeliness.published()
+            self._announce(update)
+        return update
+
+    async def _announce_status(self) -> None:
+        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, None)
+
+    def _announce(self, update: Update | None) -> None:
+        """Tell the announcers; that one cannot be reached must not stop the zone, nor the others."""
+        status = self.status()
+        for announcer in self._plumbing.announcers:
+            try:
+                if update is not None:
+                    announcer.publish(self.id, update, status)
+                else:
+                    announcer.publish_status(self.id, status, self._worker.latest)
+            except ServiceError as error:
+                _log.warning("zone '%s': %s", self.id, error)
+
+    def _checkpoint(self) -> Checkpoint | None:
+        return snapshot.take(self._worker, self.fingerprint, self.estimator)
+
+    async def _save(self) -> None:
+        checkpoint = self._checkpoint()
+        self._save_at = self._next_checkpoint()
+        if checkpoint is None:
+            return
+        loop, store = asyncio.get_running_loop(), self._plumbing.store
+        try:
+            await store.flush()
+            await loop.run_in_executor(self._plumbing.pool, store.checkpoints.save, self.id, checkpoint)
+            self._unsaved = False
+            self._plumbing.metrics.checkpointed(self.id, written=True)
+        except ServiceError as error:
+            self._plumbing.metrics.checkpointed(self.id, written=False)
+            # The journal still holds everything since the last good checkpoint.
+            _log.error("zone '%s': %s", self.id, error)
+
+    def _fail(self, error: Exception, pause: float) -> None:
+        self._finished += 1
+        self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
+        self._intake.mailbox.discard()
+        self._timeliness.rest()
+        self._plumbing.metrics.failed(self.id)
+        _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
+        self._announce(None)
+
+    async def _recover(self) -> None:
+        await self.restore()
+        # What was accepted meanwhile is left to the journal, and comes next.
+        self._failure = None
+        _log.info("zone '%s' has recovered", self.id)
+
+    async def _catch_up(self, worker: ZoneWorker, left: Left | None = None) -> int:
+        """Step `worker` through what the journal holds beyond it; how many samples that were. `left` says when those
+        were accepted for which there was no room."""
+        caught_up = 0
+        while samples := await self._plumbing.store.samples_after(self.id, worker.progress.last_time):
+            for sample in samples:
+                if self._hurried:
+                    return caught_up
+                await self._step(worker, sample, None if left is None else self._accepted(left, sample))
+                caught_up += 1
+        return caught_up
+
+    def _accepted(self, left: Left, sample: Sample) -> float:
+        """When `sample` was accepted, monotonic s: one came after the other at the pace of the telemetry."""
+        if left.time is None or self._timeliness.patience == inf:
+            return left.at
+        return left.at + (sample.time - left.time) / self.period * self._timeliness.patience
+
+    def _next_checkpoint(self) -> float:
+        """When the next checkpoint is due, monotonic s: each zone has a moment of its own within `checkpoint_every`, so
+        that no instant sees those of all zones."""
+        every, now = self._plumbing.checkpoint_every, time.monotonic()
+        moment = zlib.crc32(self.id.encode()) / 2**32 * every
+        return now + ((moment - now) % every or every)
+
+    async def _pass_over(self, when: int, error: Exception) -> None:
+        """Mark the sample at `when` as one that is not to be assimilated."""
+        reason = f"failed {ATTEMPTS} times: {error}"
+        _log.error("zone '%s' passes over its sample at %d, which %s", self.id, when, reason)
+        try:
+            await self._plumbing.store.skip(self.id, when, reason)
+        except ServiceError as failure:
+            _log.error("zone '%s': %s", self.id, failure)

@@ -1,0 +1,87 @@
+"""A zone as the daemon runs it, without the daemon: its store and threads, what it announces, steps that fail."""
+
+import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+
+from support.zone_samples import comparable, worker
+
+from service.errors import ServiceError
+from service.publish.metrics import Metrics
+from service.store.store import Store
+from service.zone.plumbing import Plumbing
+from service.zone.zone import Zone
+
+
+class Announced:
+    """An announcer that remembers, and can be told to fail."""
+
+    def __init__(self):
+        self.updates, self.states, self.broken = [], [], False
+
+    def publish(self, zone, update, status):
+        if self.broken:
+            raise ServiceError("[zenoh]: the session is gone")
+        self.updates.append((zone, update))
+        self.states.append(status.state)
+
+    def publish_status(self, zone, status, update=None):
+        self.states.append(status.state)
+
+
+class Poisoned:
+    """A worker whose step fails on chosen samples, a chosen number of times each."""
+
+    def __init__(self, inner, failures):
+        object.__setattr__(self, "_inner", inner)
+        object.__setattr__(self, "_failures", failures)
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def step(self, item):
+        if self._failures.get(item.time, 0) > 0:
+            self._failures[item.time] -= 1
+            raise RuntimeError(f"cannot step over {item.time}")
+        return self._inner.step(item)
+
+
+@asynccontextmanager
+async def plumbing(folder, announcer=None, checkpoint_every=1e9):
+    announcers = [] if announcer is None else [announcer]
+    store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
+    try:
+        yield Plumbing(store, pool, asking, threading.Event(), Metrics({}), announcers, checkpoint_every)
+    finally:
+        asking.shutdown()
+        pool.shutdown()
+        store.close()
+
+
+def make(shared, failures=None, name="z", mark="mark"):
+    return Zone(name, "rbpf", mark, lambda: worker() if failures is None else Poisoned(worker(), failures), shared)
+
+
+async def fed(zone, items):
+    await zone.prepare()
+    running = asyncio.create_task(zone.run())
+    await zone.accept(items)
+    return running
+
+
+async def finished(zone, running):
+    await zone.close_mailbox()
+    async with asyncio.timeout(30):
+        await running
+
+
+async def caught_up(zone, items):
+    async with asyncio.timeout(30):
+        while zone.status().last_sample_time != items[-1].time or zone.status().state != "running":
+            await asyncio.sleep(0.005)
+
+
+def straight(items):
+    alone = worker()
+    return [comparable(alone.step(item)) for item in items]
