@@ -53,13 +53,14 @@ def default_seed(site: str, zone: str) -> int:
     return zlib.crc32(f"{site}/{zone}".encode())
 
 
-class _Zone(BaseModel):
-    """What a zone has as it is written, and as it is checked."""
+class ZoneTable(BaseModel):
+    """[[zones]] as it is written: one thermal zone with its own grid, network and estimator."""
 
     model_config = TABLE
 
     id: Identifier = Field(description='the name of the zone, such as "living"')
     period: Period = Field(description='the sampling period, such as "5min"')
+    network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
     estimator: Text = "rbpf"
     seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))]
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
@@ -71,12 +72,6 @@ class _Zone(BaseModel):
         description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'
     )
 
-
-class ZoneTable(_Zone):
-    """[[zones]] as it is written: one thermal zone with its own grid, network and estimator."""
-
-    network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
-
     @model_validator(mode="before")
     @classmethod
     def _seeded(cls, table: Any, info: ValidationInfo) -> Any:
@@ -85,10 +80,10 @@ class ZoneTable(_Zone):
         return table | {"seed": default_seed(str(context(info)["site"]), str(table.get("id")))}
 
 
-class ZoneConfig(_Zone):
+class ZoneConfig(ZoneTable):
     """A zone as it was checked: with its network, its estimator's options, and the defaults of its channels."""
 
-    network: InstanceOf[Network]
+    network: InstanceOf[Network]  # type: ignore[assignment]  # what the table describes takes the table's place
     options: Any
     """What `estimator_options` amount to: the resolved options of the estimator."""
 

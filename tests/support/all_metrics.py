@@ -9,7 +9,9 @@ from typing import Any
 
 from service.config.http import HttpConfig
 from service.daemon.instruments import instrument
+from service.publish.events import Streams
 from service.publish.metrics import Metrics
+from service.publish.zenoh import Publisher
 from service.store.store import Store
 from service.web.app import create_app
 from service.web.measures import http_measures
@@ -22,7 +24,8 @@ def exposed() -> dict[str, str]:
     parts: Any = SimpleNamespace(tallies={}, feeds=(), zones={})
     with TemporaryDirectory() as folder:
         store = Store(Path(folder))
-        instrument(metrics, parts, store, None)
+        session: Any = SimpleNamespace(info=SimpleNamespace(transports=list))
+        instrument(metrics, parts, store, [Publisher(session, "site"), Streams()])
         store.close()
     app = create_app("site", {}, metrics.registry)
     server = HttpServer(app, HttpConfig(port=0))
