@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
@@ -88,9 +88,12 @@ class Estimator(Protocol):
     blocks: tuple[str, ...]
     """Names of the volatility blocks; none where the noise covariance is fixed."""
 
+    physical: bool
+    """Whether its parameters are those of a building."""
+
     @property
-    def state_type(self) -> type[Any]:
-        """The NamedTuple of arrays that is the estimator's state."""
+    def issue_type(self) -> type[Any]:
+        """The NamedTuple of arrays that `issue` makes."""
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> Any:
         """State at the first sample: outputs (n_y,) and inputs (n_u,) measured there."""
@@ -115,3 +118,18 @@ class Estimator(Protocol):
 
     def parameters(self, state: Any, levels: Array) -> ParameterSummary:
         """Posterior quantiles of the parameters and of what follows from them."""
+
+    def issue(self, state: Any, count: int) -> Any:
+        """What is needed to forecast from `state` later on: an `issue_type` that stands for at most `count` draws."""
+
+    def unfold(self, issue: Any, plan: Array) -> Iterator[Mixture]:
+        """What `issue` forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
+
+    def verified(self, state: Any, lead: int, errors: Array) -> Any:
+        """`state` after the errors (n_y,) [K] of a forecast `lead` steps ahead became known; NaN: not measured."""
+
+    def pack(self, state: Any) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Any:
+        """The state of packed arrays, with the same bits."""

@@ -62,7 +62,7 @@ def check_the_state_survives_npz_and_goes_on_with_the_same_bits(estimator):
     np.savez(file, **state._asdict())
     file.seek(0)
     with np.load(file, allow_pickle=False) as stored:
-        back = estimator.state_type(**{name: stored[name] for name in stored.files})
+        back = estimator.unpack({name: stored[name] for name in stored.files})
     assert_same_bits(run(estimator, state, 5, first=7)[0], run(estimator, back, 5, first=7)[0])
 
 
