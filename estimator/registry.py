@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from estimator import augmented_options
+from estimator import augmented_options, mkf_options
 from estimator import options as rbpf_options
 from estimator.ekf import ekf
 from estimator.errors import OptionsError
+from estimator.mkf import MKF
 from estimator.network import Network
 from estimator.rbpf import RBPF
 from estimator.types import Estimator
@@ -44,10 +45,19 @@ def _build_ukf(network: Network, period: float, given: Mapping[str, object]) -> 
     return ukf(network, period, augmented_options.resolve_ukf(network, period, given))
 
 
+def _resolve_mkf(network: Network, period: float, given: Mapping[str, object]) -> Mapping[str, object]:
+    return mkf_options.as_mapping(mkf_options.resolve(network, period, given))
+
+
+def _build_mkf(network: Network, period: float, given: Mapping[str, object]) -> Estimator:
+    return MKF(network, period, mkf_options.resolve(network, period, given))
+
+
 ESTIMATORS: dict[str, _Entry] = {
     "rbpf": _Entry(_resolve_rbpf, _build_rbpf),
     "ekf": _Entry(_resolve_ekf, _build_ekf),
     "ukf": _Entry(_resolve_ukf, _build_ukf),
+    "mkf": _Entry(_resolve_mkf, _build_mkf),
 }
 
 
