@@ -157,7 +157,9 @@ class MKF:
             draws.normals(Purpose.MIXTURE_WALK, (normals, count)),
             draws.uniforms(Purpose.MIXTURE_SWITCH, (uniforms, count)),
         )
-        particles = self._moves.propagate(state.particles(), walk, inputs, float(state.gate))
+        particles, worth = self._moves.propagate(state.particles(), walk, inputs, float(state.gate))
+        if self._model.proposed_on_probability > self._model.on_probability:
+            state = state._replace(log_weights=self._moves.reweigh(state.log_weights + worth).log_weights)
         return state.with_particles(particles)._replace(step=np.array(step, dtype=np.int64))
 
     def predictive(self, state: MKFState) -> Mixture:

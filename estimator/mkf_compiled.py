@@ -32,13 +32,14 @@ class CompiledMixture:
         self._settings = _settings(model)
         self._rows = mode_rows(len(space.fixed), model.states, model.size, model.free)
 
-    def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> Particles:
-        """One period on under `inputs` (n_u,)."""
+    def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> tuple[Particles, Array]:
+        """One period on under `inputs` (n_u,), and the logarithms (N,) of what each proposal is worth."""
         new = Particles(*(np.empty_like(rows) for rows in particles))
+        worth = np.empty(particles.mean.shape[1])
         mkf_kernels.propagate(
-            self._rows, self._shape, self._settings, gate, inputs, walk.normals, walk.uniforms, particles, new
+            self._rows, self._shape, self._settings, gate, inputs, walk.normals, walk.uniforms, particles, new, worth
         )
-        return new
+        return new, worth
 
     def assimilate(self, particles: Particles, outputs: Array) -> tuple[Particles, Array]:
         """Kalman update by `outputs` (n_y,), NaN for a missing one, and log likelihoods (N,)."""
@@ -106,9 +107,9 @@ def _settings(model: MixtureModel) -> Settings:
         noise_walk=options.hyper_walk_sd if model.learns_noise else 0.0,
         noise_low=model.noise_bounds[0],
         noise_high=model.noise_bounds[1],
-        switches=float(options.gain == "switching"),
-        on_probability=options.gain_on_probability,
-        off_probability=options.gain_off_probability,
+        on_probability=model.on_probability,
+        proposed_on_probability=model.proposed_on_probability,
+        off_probability=model.off_probability,
         spread_low=model.gain_sd_bounds[0],
         spread_high=model.gain_sd_bounds[1],
         decays=float(options.gain_decays),

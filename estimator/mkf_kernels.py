@@ -66,8 +66,8 @@ class Settings(NamedTuple):
     noise_walk: float
     noise_low: float
     noise_high: float
-    switches: float
     on_probability: float
+    proposed_on_probability: float
     off_probability: float
     spread_low: float
     spread_high: float
@@ -88,16 +88,14 @@ def _moved_volatility(value, step, jump, place, settings):  # type: ignore[no-un
 
 
 @njit(cache=True, **JIT)
-def _gain_begins(on, place, settings):  # type: ignore[no-untyped-def]
-    """1 where a gain that is off begins, else 0."""
-    chance = settings.on_probability * settings.switches
+def _gain_begins(on, place, chance):  # type: ignore[no-untyped-def]
+    """1 where a gain that is off begins, which it does with probability `chance`, else 0."""
     return choose_below(on, 0.5, choose_below(place, chance, 1.0, 0.0), 0.0)
 
 
 @njit(cache=True, **JIT)
-def _gain_ends(on, place, settings):  # type: ignore[no-untyped-def]
-    """1 where a gain that is on ends, else 0."""
-    chance = settings.off_probability * settings.switches
+def _gain_ends(on, place, chance):  # type: ignore[no-untyped-def]
+    """1 where a gain that is on ends, which it does with probability `chance`, else 0."""
     return choose_below(0.5, on, choose_below(place, chance, 1.0, 0.0), 0.0)
 
 
@@ -127,7 +125,8 @@ def _theta(at, shape, phi, first, inside, s):  # type: ignore[no-untyped-def]
 @njit(cache=True, **JIT)
 def _switch(at, n, size, on, place, size_place, settings, s):  # type: ignore[no-untyped-def]
     """Whether the gain is on next; its row of mean and covariance where that changed."""
-    begins, ends = _gain_begins(on, place, settings), _gain_ends(on, place, settings)
+    begins = _gain_begins(on, place, settings.proposed_on_probability)
+    ends = _gain_ends(on, place, settings.off_probability)
     kept = 1.0 - begins - ends
     new = begins * _gain_spread(size_place, settings)
     put(s, at.mean + n, get(s, at.mean + n) * kept)
@@ -188,13 +187,19 @@ def _bound_covariance(shape, size, first, inside, out):  # type: ignore[no-untyp
 
 
 @njit(cache=True, **JIT)
-def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new):  # type: ignore[no-untyped-def]
-    """All particles one period on under `inputs` (n_u,), from `old` into `new` (`Particles`)."""
+def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, worth):  # type: ignore[no-untyped-def]
+    """All particles one period on under `inputs` (n_u,), from `old` into `new` (`Particles`).
+
+    `worth` (N,) becomes the log of the probability of each particle's gain over that of its proposal.
+    """
     n, blocks, outputs = shape.capacitance.shape[0], old.log_alpha.shape[0], old.log_noise.shape[0]
     gains = old.gain_on.shape[0]
     size, particles = old.mean.shape
     free = shape.free.shape[0]
     parameter_variance = gate * gate * settings.parameter_variance
+    log_begins = np.log(settings.on_probability / settings.proposed_on_probability)
+    log_stays = np.log((1.0 - settings.on_probability) / (1.0 - settings.proposed_on_probability))
+    worth[:] = 0.0
     s = aligned(np.empty((at.rows + 1) * LANES))
     for first in range(0, particles, LANES):
         inside = within(first, particles)
@@ -220,8 +225,11 @@ def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new):  
             hours = minimum(maximum(hours, settings.hour_low), settings.hour_high)
             store(new.log_hours, (0, first), inside, hours)
             place, size_place = load(uniforms, (blocks, first), inside), load(uniforms, (blocks + 1, first), inside)
-            on = _switch(at, n, size, load(old.gain_on, (0, first), inside), place, size_place, settings, s)
+            before = load(old.gain_on, (0, first), inside)
+            on = _switch(at, n, size, before, place, size_place, settings, s)
             store(new.gain_on, (0, first), inside, on)
+            ratio = choose_below(on, 0.5, log_stays, log_begins)
+            store(worth, (first,), inside, choose_below(before, 0.5, ratio, 0.0))
             decay = _gain_decay(hours, settings)
             walk = spread(settings.gain_walk)
             if settings.volatile_gain:
@@ -421,7 +429,8 @@ def paths(at, shape, settings, seed, origin, normal_stream, uniform_stream, plan
                 put(s, at_alpha + b, value)
             if gains:
                 place = get(s, at_uniforms + blocks)
-                begins, ends = _gain_begins(on, place, settings), _gain_ends(on, place, settings)
+                begins = _gain_begins(on, place, settings.on_probability)
+                ends = _gain_ends(on, place, settings.off_probability)
                 new = _gain_spread(get(s, at_uniforms + blocks + 1), settings) * get(s, at_normals + n + 2 * blocks)
                 gain, on = gain * (1.0 - begins - ends) + begins * new, on + begins - ends
             for i in range(n):

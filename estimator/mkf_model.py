@@ -24,6 +24,9 @@ WATTS = 1000.0
 SMALLEST_PIVOT = 1e-12
 """Share of a variance below which what is left of it, given the components before, is rounding."""
 
+_PROPOSED_ONSETS = 0.1
+"""Share of the particles without a gain that try one."""
+
 
 class Particles(NamedTuple):
     """N particles of a filter with n_z = n_x + G + d Gaussian components, B volatility blocks and n_y outputs.
@@ -100,6 +103,24 @@ class MixtureModel:
     def samples_nothing(self) -> bool:
         """Whether particles differ in nothing but their Gaussians, and so never part once they are equal."""
         return not (self.blocks or self.gains or self.learns_noise)
+
+    @property
+    def proposed_on_probability(self) -> float:
+        """Probability with which particles try a new gain; more than its own, which weights make good.
+
+        A gain begins rarely, and of a few hundred particles one or two would know of it.
+        """
+        return max(self.on_probability, _PROPOSED_ONSETS) if self.on_probability > 0.0 else 0.0
+
+    @property
+    def on_probability(self) -> float:
+        """Probability per step that a gain begins."""
+        return self.options.gain_on_probability if self.options.gain == "switching" else 0.0
+
+    @property
+    def off_probability(self) -> float:
+        """Probability per step that a gain ends."""
+        return self.options.gain_off_probability if self.options.gain == "switching" else 0.0
 
     @property
     def gain_node(self) -> int:

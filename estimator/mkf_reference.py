@@ -32,9 +32,13 @@ class ReferenceMixture:
         self._model = model
         self._modal = ModalNetwork(with_known_gain(model.network, model.network.measured[0], _GAIN_CHANNEL))
 
-    def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> Particles:
-        """One period on under `inputs` (n_u,): sampled quantities by their `walk`, then a Kalman prediction each."""
+    def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> tuple[Particles, Array]:
+        """One period on under `inputs` (n_u,): sampled quantities by their `walk`, then a Kalman prediction each.
+
+        Also the logarithms (N,) of what each particle's proposal is worth.
+        """
         sampled = self._switched(self._walked(particles, walk), walk)
+        worth = self._worth(particles.gain_on, sampled.gain_on)
         model, options = self._model, self._model.options
         x, q = slice(0, model.states), slice(model.states, model.states + model.gains)
         phi = slice(model.states + model.gains, model.size)
@@ -56,7 +60,7 @@ class ReferenceMixture:
             full[n] = jacobian @ full[n] @ jacobian.T + np.diag(noise)
         if options.parameter_sd > 0:
             full = self._bounded(full)
-        return sampled._replace(mean=mean, covariance=pack(full))
+        return sampled._replace(mean=mean, covariance=pack(full)), worth
 
     def assimilate(self, particles: Particles, outputs: Array) -> tuple[Particles, Array]:
         """Kalman update of every particle by every output (n_y,) that is not NaN, and their log likelihoods (N,)."""
@@ -104,7 +108,7 @@ class ReferenceMixture:
             )
             log_alpha = walked_volatility(log_alpha, sizes, jumps, uniforms[:blocks], model.volatility)
             alpha = np.exp(log_alpha)
-            on, new, spread = self._switches(on, uniforms[blocks:])
+            on, new, spread = self._switches(on, uniforms[blocks:], model.on_probability)
             q = np.where(new, spread * news, q) * on
             power = np.concatenate([np.repeat(inputs[:, None], count, axis=1), self._heat(q)])
             noise = np.full((model.states, count), options.process_sd)
@@ -144,24 +148,35 @@ class ReferenceMixture:
             log_hours=np.clip(particles.log_hours + options.hyper_walk_sd * hours, *model.hour_bounds),
         )
 
-    def _switches(self, on: Array, uniforms: Array) -> tuple[Array, Array, Array]:
-        """Whether the gain is on next and whether it is a new one (G, N), and the standard deviation of a new one."""
-        model, options = self._model, self._model.options
+    def _switches(self, on: Array, uniforms: Array, begin: float) -> tuple[Array, Array, Array]:
+        """Whether the gain is on next and whether it is a new one (G, N), and the standard deviation of a new one.
+
+        One begins with probability `begin`.
+        """
+        model = self._model
         switch, size = uniforms[: model.gains], uniforms[model.gains :]
         low, high = model.gain_sd_bounds
         spread = np.exp(low + (high - low) * size)
-        if options.gain != "switching":
-            return on, np.zeros(on.shape, dtype=np.bool_), spread
-        begins = (on == 0) & (switch < options.gain_on_probability)
-        ends = (on == 1) & (switch < options.gain_off_probability)
+        begins = (on == 0) & (switch < begin)
+        ends = (on == 1) & (switch < model.off_probability)
         return np.where(begins, 1.0, np.where(ends, 0.0, on)), begins, spread
+
+    def _worth(self, before: Array, after: Array) -> Array:
+        """Log of the gain's probability of moving from `before` to `after` (G, N), over that of the proposal, (N,)."""
+        chance, proposed = self._model.on_probability, self._model.proposed_on_probability
+        if chance == proposed:
+            return np.zeros(before.shape[1])
+        ratios = np.where(after == 1, np.log(chance / proposed), np.log((1 - chance) / (1 - proposed)))
+        return np.asarray(np.where(before == 0, ratios, 0.0).sum(axis=0), dtype=np.float64)
 
     def _switched(self, particles: Particles, walk: Walk) -> Particles:
         """The gain switched: a new one is N(0, v^2), one that ended is known to be 0."""
         model = self._model
         if not model.gains:
             return particles
-        on, new, spread = self._switches(particles.gain_on, walk.uniforms[len(model.blocks) :])
+        on, new, spread = self._switches(
+            particles.gain_on, walk.uniforms[len(model.blocks) :], model.proposed_on_probability
+        )
         changed = (on != particles.gain_on)[0]
         mean, full = particles.mean.copy(), unpack(particles.covariance)
         mean[model.states, changed] = 0.0
