@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
-from estimator import kernel_quantiles, kernels, mkf_kernels
+from estimator import kernel_quantiles, kernels, mkf_kernels, mkf_scenarios
 from estimator.assembly import Indices
 from estimator.draws import Draws, Purpose
 from estimator.mkf_kernels import Settings, Shape
@@ -52,14 +52,14 @@ class CompiledMixture:
         """Draws z (n_z, K) from the Gaussians of the particles `index` (K,)."""
         out = np.empty_like(normals)
         mean, covariance = np.take(particles.mean, index, axis=1), np.take(particles.covariance, index, axis=1)
-        mkf_kernels.sample(self._shape, mean, covariance, normals, out)
+        mkf_scenarios.sample(self._shape, mean, covariance, normals, out)
         return out
 
     def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:
         """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u)."""
         draws = Draws(seed, origin, forecast=True)
         out = np.empty((len(plan), self._model.outputs, start.state.shape[1]))
-        mkf_kernels.paths(
+        mkf_scenarios.paths(
             self._rows, self._shape, self._settings, draws.seed, draws.step,
             draws.stream(Purpose.SCENARIO), draws.stream(Purpose.SCENARIO_SWITCH),
             np.ascontiguousarray(plan, dtype=np.float64), start, out,

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from estimator.assembly import Indices
-from estimator.draws import ROWS, normal_quad, uniform_quad
 from estimator.elementary import exponential, logarithm
 from estimator.lanes import (
     JIT,
@@ -23,7 +22,7 @@ from estimator.lanes import (
     store,
     within,
 )
-from estimator.mkf_model import HOUR, SMALLEST_PIVOT, WATTS
+from estimator.mkf_model import HOUR, WATTS
 from estimator.mkf_modes import flow, linearise, modes, transform
 from estimator.scratch import aligned, get, put
 from estimator.types import Array
@@ -80,7 +79,7 @@ class Settings(NamedTuple):
 
 
 @njit(cache=True, **JIT)
-def _moved_volatility(value, step, jump, place, settings):  # type: ignore[no-untyped-def]
+def moved_volatility(value, step, jump, place, settings):  # type: ignore[no-untyped-def]
     """log alpha one step on: a normal step, rarely a jump, clipped."""
     value = value + settings.volatility_sd * step
     value = choose_below(place, settings.jump_probability, value + settings.jump_sd * jump, value)
@@ -88,25 +87,25 @@ def _moved_volatility(value, step, jump, place, settings):  # type: ignore[no-un
 
 
 @njit(cache=True, **JIT)
-def _gain_begins(on, place, chance):  # type: ignore[no-untyped-def]
+def gain_begins(on, place, chance):  # type: ignore[no-untyped-def]
     """1 where a gain that is off begins, which it does with probability `chance`, else 0."""
     return choose_below(on, 0.5, choose_below(place, chance, 1.0, 0.0), 0.0)
 
 
 @njit(cache=True, **JIT)
-def _gain_ends(on, place, chance):  # type: ignore[no-untyped-def]
+def gain_ends(on, place, chance):  # type: ignore[no-untyped-def]
     """1 where a gain that is on ends, which it does with probability `chance`, else 0."""
     return choose_below(0.5, on, choose_below(place, chance, 1.0, 0.0), 0.0)
 
 
 @njit(cache=True, **JIT)
-def _gain_spread(place, settings):  # type: ignore[no-untyped-def]
+def gain_spread(place, settings):  # type: ignore[no-untyped-def]
     """Standard deviation [kW] of a new gain."""
     return exponential(settings.spread_low + (settings.spread_high - settings.spread_low) * place)
 
 
 @njit(cache=True, **JIT)
-def _gain_decay(log_hours, settings):  # type: ignore[no-untyped-def]
+def gain_decay(log_hours, settings):  # type: ignore[no-untyped-def]
     """What is left of a gain after a step."""
     if settings.decays == 0.0:
         return spread(1.0)
@@ -114,7 +113,7 @@ def _gain_decay(log_hours, settings):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, **JIT)
-def _theta(at, shape, phi, first, inside, s):  # type: ignore[no-untyped-def]
+def theta(at, shape, phi, first, inside, s):  # type: ignore[no-untyped-def]
     """Row `theta` from the rows phi (d, N)."""
     for p in range(shape.fixed.shape[0]):
         put(s, at.theta + p, shape.fixed[p])
@@ -125,10 +124,10 @@ def _theta(at, shape, phi, first, inside, s):  # type: ignore[no-untyped-def]
 @njit(cache=True, **JIT)
 def _switch(at, n, size, on, place, size_place, settings, s):  # type: ignore[no-untyped-def]
     """Whether the gain is on next; its row of mean and covariance where that changed."""
-    begins = _gain_begins(on, place, settings.proposed_on_probability)
-    ends = _gain_ends(on, place, settings.off_probability)
+    begins = gain_begins(on, place, settings.proposed_on_probability)
+    ends = gain_ends(on, place, settings.off_probability)
     kept = 1.0 - begins - ends
-    new = begins * _gain_spread(size_place, settings)
+    new = begins * gain_spread(size_place, settings)
     put(s, at.mean + n, get(s, at.mean + n) * kept)
     for j in range(size):
         row = at.covariance + (n * (n + 1) // 2 + j if j <= n else j * (j + 1) // 2 + n)
@@ -143,12 +142,14 @@ def _predict_covariance(at, n, gains, size, decay, gain_variance, parameter_vari
     """`out` = F P F^T + Q of the particles first..first+7, without the noise of x."""
     for i in range(n):
         for j in range(size):
-            value = spread(0.0)
-            below = j * (j + 1) // 2
+            # Along row j of the packed triangle up to the diagonal, then down its column.
+            value, row = spread(0.0), at.covariance + j * (j + 1) // 2
             for k in range(j + 1):
-                value = value + get(s, at.jacobian + i * size + k) * get(s, at.covariance + below + k)
+                value = value + get(s, at.jacobian + i * size + k) * get(s, row + k)
+            row += j
             for k in range(j + 1, size):
-                value = value + get(s, at.jacobian + i * size + k) * get(s, at.covariance + k * (k + 1) // 2 + j)
+                row += k
+                value = value + get(s, at.jacobian + i * size + k) * get(s, row)
             put(s, at.product + i * size + j, value)
     t = 0
     for i in range(n):
@@ -206,7 +207,7 @@ def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, wo
         for b in range(blocks):
             value = load(old.log_alpha, (b, first), inside)
             step, jump = load(normals, (b, first), inside), load(normals, (blocks + b, first), inside)
-            value = _moved_volatility(value, step, jump, load(uniforms, (b, first), inside), settings)
+            value = moved_volatility(value, step, jump, load(uniforms, (b, first), inside), settings)
             store(new.log_alpha, (b, first), inside, value)
         for y in range(outputs):
             value = load(old.log_noise, (y, first), inside)
@@ -216,7 +217,7 @@ def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, wo
             put(s, at.mean + row, load(old.mean, (row, first), inside))
         for row in range(old.covariance.shape[0]):
             put(s, at.covariance + row, load(old.covariance, (row, first), inside))
-        _theta(at, shape, old.mean[size - free :], first, inside, s)
+        theta(at, shape, old.mean[size - free :], first, inside, s)
         flow(at, n, shape.edges, shape.heat, shape.heat_gain, inputs, s)
         decay, gain_variance = spread(1.0), spread(0.0)
         if gains:
@@ -230,7 +231,7 @@ def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, wo
             store(new.gain_on, (0, first), inside, on)
             ratio = choose_below(on, 0.5, log_stays, log_begins)
             store(worth, (first,), inside, choose_below(before, 0.5, ratio, 0.0))
-            decay = _gain_decay(hours, settings)
+            decay = gain_decay(hours, settings)
             walk = spread(settings.gain_walk)
             if settings.volatile_gain:
                 walk = walk * exponential(load(new.log_alpha, (0, first), inside))
@@ -318,137 +319,3 @@ def _confine(shape, size, free, at_mean, s):  # type: ignore[no-untyped-def]
     for d in range(free):
         row = at_mean + size - free + d
         put(s, row, minimum(maximum(get(s, row), shape.lower[d]), shape.upper[d]))
-
-
-@njit(cache=True, **JIT)
-def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-def]
-    """`out` (n_z, K): draws from Gaussians, phi inside its box; packed covariances, standard `normals` (n_z, K)."""
-    size, count = mean.shape
-    free = shape.free.shape[0]
-    s = aligned(np.empty((covariance.shape[0] + 1) * LANES))
-    for first in range(0, count, LANES):
-        inside = within(first, count)
-        for row in range(covariance.shape[0]):
-            put(s, row, load(covariance, (row, first), inside))
-        for j in range(size):
-            below = j * (j + 1) // 2
-            variance = get(s, below + j)
-            pivot = variance
-            for k in range(j):
-                pivot = pivot - get(s, below + k) * get(s, below + k)
-            inverse = choose_below(variance * SMALLEST_PIVOT, pivot, 1.0 / square_root(maximum(pivot, _TINY)), 0.0)
-            put(s, below + j, pivot * inverse)
-            for i in range(j + 1, size):
-                value = get(s, i * (i + 1) // 2 + j)
-                for k in range(j):
-                    value = value - get(s, i * (i + 1) // 2 + k) * get(s, below + k)
-                put(s, i * (i + 1) // 2 + j, value * inverse)
-        for i in range(size):
-            value = load(mean, (i, first), inside)
-            for j in range(i + 1):
-                value = value + get(s, i * (i + 1) // 2 + j) * load(normals, (j, first), inside)
-            if i >= size - free:
-                d = i - (size - free)
-                value = minimum(maximum(value, shape.lower[d]), shape.upper[d])
-            store(out, (i, first), inside, value)
-
-
-@njit(cache=True, **JIT)
-def _discretise(at, shape, settings, at_transition, at_input, at_gain, channels, s):  # type: ignore[no-untyped-def]
-    """Rows A_d (n, n), B_d (n, n_u) and the response [K/kW] to a gain (n,) of a block."""
-    n = shape.capacitance.shape[0]
-    modes(at, shape.capacitance, shape.edges, settings.period, s)
-    for i in range(n):
-        for j in range(n):
-            value = spread(0.0)
-            for k in range(n):
-                value = value + get(s, at.vectors + i * n + k) * get(s, at.decay + k) * get(s, at.vectors + j * n + k)
-            scale = get(s, at.scale + j)
-            put(s, at_transition + i * n + j, value / (scale * scale))
-    unit = np.zeros(channels)
-    for c in range(channels + 1):
-        if c < channels:
-            unit[:] = 0.0
-            unit[c] = 1.0
-            flow(at, n, shape.edges, shape.heat, shape.heat_gain, unit, s)
-        else:
-            for i in range(n):
-                put(s, at.flow + i, WATTS if i == settings.gain_node else 0.0)
-        for k in range(n):
-            value = spread(0.0)
-            for i in range(n):
-                value = value + get(s, at.vectors + i * n + k) * get(s, at.flow + i)
-            put(s, at.heat + k, value * settings.period * get(s, at.drive + k))
-        for i in range(n):
-            value = spread(0.0)
-            for k in range(n):
-                value = value + get(s, at.vectors + i * n + k) * get(s, at.heat + k)
-            put(s, at_input + i * channels + c if c < channels else at_gain + i, value)
-
-
-@njit(cache=True, **JIT)
-def paths(at, shape, settings, seed, origin, normal_stream, uniform_stream, plan, start, out):  # type: ignore[no-untyped-def]
-    """`out` (h, n_y, K): temperatures of the measured nodes in sampled futures under `plan` (h, n_u)."""
-    n, channels = shape.capacitance.shape[0], plan.shape[1]
-    size, count = start.state.shape
-    free, blocks, gains = shape.free.shape[0], start.log_alpha.shape[0], start.gain_on.shape[0]
-    normals, uniforms = n + 2 * blocks + 2 * gains, blocks + 2 * gains
-    at_transition = at.rows
-    at_input = at_transition + n * n
-    at_gain = at_input + n * channels
-    at_normals = at_gain + n
-    at_uniforms = at_normals + (normals + ROWS)
-    at_alpha = at_uniforms + (uniforms + ROWS)
-    s = aligned(np.empty((at_alpha + blocks + 1) * LANES))
-    process_sd = np.sqrt(settings.process_variance)
-    for first in range(0, count, LANES):
-        inside = within(first, count)
-        _theta(at, shape, start.state[size - free :], first, inside, s)
-        _discretise(at, shape, settings, at_transition, at_input, at_gain, channels, s)
-        for i in range(n):
-            put(s, at.mean + i, load(start.state, (i, first), inside))
-        for b in range(blocks):
-            put(s, at_alpha + b, load(start.log_alpha, (b, first), inside))
-        gain, on, decay = spread(0.0), spread(0.0), spread(1.0)
-        if gains:
-            gain, on = load(start.state, (n, first), inside), load(start.gain_on, (0, first), inside)
-            decay = _gain_decay(load(start.log_hours, (0, first), inside), settings)
-        for ahead in range(plan.shape[0]):
-            step = origin + np.uint64(ahead + 1)
-            for row in range(0, normals, ROWS):
-                drawn = normal_quad(seed, step, normal_stream, row, first)
-                for part in range(ROWS):
-                    put(s, at_normals + row + part, drawn[part])
-            for row in range(0, uniforms, ROWS):
-                places = uniform_quad(seed, step, uniform_stream, row, first)
-                for part in range(ROWS):
-                    put(s, at_uniforms + row + part, places[part])
-            for b in range(blocks):
-                size_step, jump = get(s, at_normals + n + b), get(s, at_normals + n + blocks + b)
-                value = _moved_volatility(get(s, at_alpha + b), size_step, jump, get(s, at_uniforms + b), settings)
-                put(s, at_alpha + b, value)
-            if gains:
-                place = get(s, at_uniforms + blocks)
-                begins = _gain_begins(on, place, settings.on_probability)
-                ends = _gain_ends(on, place, settings.off_probability)
-                new = _gain_spread(get(s, at_uniforms + blocks + 1), settings) * get(s, at_normals + n + 2 * blocks)
-                gain, on = gain * (1.0 - begins - ends) + begins * new, on + begins - ends
-            for i in range(n):
-                value = gain * get(s, at_gain + i)
-                for j in range(n):
-                    value = value + get(s, at_transition + i * n + j) * get(s, at.mean + j)
-                for c in range(channels):
-                    value = value + get(s, at_input + i * channels + c) * plan[ahead, c]
-                noise = process_sd * get(s, at_normals + i)
-                if settings.volatile_process:
-                    noise = noise * exponential(get(s, at_alpha + shape.block[i]))
-                put(s, at.later + i, value + noise)
-            for i in range(n):
-                put(s, at.mean + i, get(s, at.later + i))
-            for y in range(shape.measured.shape[0]):
-                store(out, (ahead, y, first), inside, get(s, at.mean + shape.measured[y]))
-            if gains:
-                walk = settings.gain_walk * get(s, at_normals + n + 2 * blocks + 1)
-                if settings.volatile_gain:
-                    walk = walk * exponential(get(s, at_alpha))
-                gain = on * (decay * gain + walk)

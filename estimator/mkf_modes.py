@@ -21,7 +21,7 @@ from estimator.scratch import get, put
 
 _SWEEPS = 15
 """More sweeps of Jacobi's method than any network needs."""
-_CONVERGED = 1e-28
+_CONVERGED = 1e-24
 """Square of what is left beside the diagonal, relative to it, at which the sweeps end."""
 _TINY = 1e-300
 _SERIES_BELOW = 0.03
@@ -113,8 +113,9 @@ def modes(at, capacitance, edges, period, s):  # type: ignore[no-untyped-def]
     for k in range(n):
         m = maximum(get(s, at.rate + k * n + k), 0.0)
         put(s, at.rate + k * n + k, m)
-        put(s, at.decay + k, exponential(-1.0 * m))
-        put(s, at.drive + k, _average_decay(m))
+        decay = exponential(-1.0 * m)
+        put(s, at.decay + k, decay)
+        put(s, at.drive + k, _decay_difference(m, spread(1.0), decay))
         for i in range(n):
             put(s, at.vectors + i * n + k, get(s, at.vectors + i * n + k) * get(s, at.scale + i))
 
@@ -122,6 +123,7 @@ def modes(at, capacitance, edges, period, s):  # type: ignore[no-untyped-def]
 @njit(cache=True, **JIT)
 def _diagonalise(at, n, s):  # type: ignore[no-untyped-def]
     """Jacobi's method: `rate` becomes diagonal, `vectors` its eigenvectors in columns."""
+    turns = n + 1 - n % 2
     for i in range(n):
         for j in range(n):
             put(s, at.vectors + i * n + j, 1.0 if i == j else 0.0)
@@ -134,9 +136,12 @@ def _diagonalise(at, n, s):  # type: ignore[no-untyped-def]
                 left = maximum(x * x / size, left)
         if largest(left) < _CONVERGED:
             break
-        for p in range(n):
-            for q in range(p + 1, n):
-                _rotate(at, n, p, q, s)
+        for turn in range(turns):
+            # Pairs of one turn have no row in common, so that the processor need not wait for one to begin the next.
+            for p in range(n):
+                q = (turn - p) % turns
+                if p < q < n:
+                    _rotate(at, n, p, q, s)
 
 
 @njit(cache=True, **JIT)
@@ -166,11 +171,13 @@ def _rotate(at, n, p, q, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, **JIT)
-def _average_decay(m):  # type: ignore[no-untyped-def]
-    """(1 - exp(-m)) / m for m >= 0."""
-    x = -1.0 * minimum(m, _SERIES_BELOW)
-    series = 1.0 + x / 2.0 * (1.0 + x / 3.0 * (1.0 + x / 4.0 * (1.0 + x / 5.0 * (1.0 + x / 6.0 * (1.0 + x / 7.0)))))
-    return choose_below(m, _SERIES_BELOW, series, (1.0 - exponential(-1.0 * m)) / maximum(m, _SERIES_BELOW))
+def _decay_difference(gap, slower, faster):  # type: ignore[no-untyped-def]
+    """(slower - faster) / gap, where faster is slower times exp(-gap) and gap >= 0."""
+    x = -1.0 * minimum(gap, _SERIES_BELOW)
+    series = spread(1.0)
+    for k in range(7, 1, -1):
+        series = 1.0 + x * (1.0 / k) * series
+    return choose_below(gap, _SERIES_BELOW, slower * series, (slower - faster) / maximum(gap, _SERIES_BELOW))
 
 
 @njit(cache=True, **JIT)
@@ -187,7 +194,7 @@ def _drive_difference(small, large, between, drive):  # type: ignore[no-untyped-
         power = power * y
         polynomial = polynomial * x + power
         factorial *= k + 2.0
-        series = series + polynomial / factorial
+        series = series + polynomial * (1.0 / factorial)
     return choose_below(large, _SERIES_BELOW, series, (drive - between) / maximum(large, _SERIES_BELOW))
 
 
@@ -206,8 +213,10 @@ def transform(at, n, period, s):  # type: ignore[no-untyped-def]
         for j in range(k + 1):
             first, second = get(s, at.rate + k * n + k), get(s, at.rate + j * n + j)
             small, large = minimum(first, second), maximum(first, second)
-            between = exponential(-1.0 * small) * _average_decay(large - small)
-            drive = choose_below(first, second, get(s, at.drive + k), get(s, at.drive + j))
+            slower = maximum(get(s, at.decay + k), get(s, at.decay + j))
+            faster = minimum(get(s, at.decay + k), get(s, at.decay + j))
+            between = _decay_difference(large - small, slower, faster)
+            drive = maximum(get(s, at.drive + k), get(s, at.drive + j))
             driven = _drive_difference(small, large, between, drive)
             put(s, at.bend + k * n + j, between * get(s, at.state + j) + driven * get(s, at.heat + j))
             put(s, at.bend + j * n + k, between * get(s, at.state + k) + driven * get(s, at.heat + k))

@@ -49,7 +49,7 @@ class MKFOptions:
     gain_off_probability: float = 0.04
     """Probability per step that a gain ends."""
     gain_sd_min: float = 0.2
-    gain_sd_max: float = 5.0
+    gain_sd_max: float = 50.0
     """A new gain is N(0, v^2) with log v uniform between these [kW]."""
     gain_decays: bool = False
     """Whether a gain decays towards 0 with a time constant that every particle has its own guess of."""
@@ -63,7 +63,7 @@ class MKFOptions:
     """Bounds of a learned sigma_y [K], log-uniform a priori."""
     hyper_walk_sd: float = 0.02
     """Random walk of log sigma_y and of the log of the gain's time constant [per step]."""
-    parameter_sd: float = 0.0
+    parameter_sd: float = 0.001
     """Random walk of every free log parameter [per step], times the learning gate."""
     gate_low: float = 0.40
     gate_high: float = 0.95
@@ -87,16 +87,17 @@ _DRIFT: dict[str, object] = {
     "gain": "always",
     "gain_walk_sd": 0.02,
     "gain_decays": True,
+    "alpha_max": 250.0,
 }
-_PLAIN: dict[str, object] = {"volatility": "none", "gain": "none"}
+_PLAIN: dict[str, object] = {"volatility": "none", "gain": "none", "particles": 128}
 
 PRESETS: dict[str, Mapping[str, object]] = {
     "default": _JUMP,
     "jump": _JUMP,
     "drift": _DRIFT,
     "free": _PLAIN | {"process_sd": 0.05, "parameter_sd": 0.01, "measurement_sd": 0.05},
-    "middle": _PLAIN | {"process_sd": 0.02, "measurement_sd": 0.15},
-    "output-error-0.3": _PLAIN | {"process_sd": 0.005, "measurement_sd": 0.3},
+    "middle": _PLAIN | {"process_sd": 0.02, "parameter_sd": 0.003, "measurement_sd": 0.15},
+    "output-error-0.3": _PLAIN | {"process_sd": 0.005, "parameter_sd": 0.003, "measurement_sd": 0.3},
     "output-error-0.6": _PLAIN | {"process_sd": 0.005, "parameter_sd": 0.003, "measurement_sd": 0.6},
 }
 """What differs from the defaults above, at a period of 10 minutes."""

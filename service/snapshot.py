@@ -34,6 +34,8 @@ _STRUCTURAL_OPTIONS = (
     "alpha_min",
     "alpha_max",
     "histogram_bins",
+    "volatility",
+    "gain",
 )
 """Options that decide what the stored arrays mean; the others may change between two starts."""
 
