@@ -43,6 +43,17 @@ class Mixture(NamedTuple):
         return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
 
 
+class Disturbance(NamedTuple):
+    """What an estimator knows of what it cannot measure, at the levels .025, .5 and .975."""
+
+    gain: Array
+    """(3,): unmeasured heat [W] into the first measured node over the last step; NaN without a model of it."""
+    probability_on: float
+    """That there is such heat; NaN without a model of it."""
+    measurement_sd: Array
+    """(n_y, 3): sigma_y [K] of every output."""
+
+
 class Posterior(NamedTuple):
     """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,)."""
 
@@ -65,6 +76,8 @@ class Posterior(NamedTuple):
     """Whether the parameter covariance had collapsed and was held at its floor."""
     parameters: Array
     """(n_theta,): posterior mean of each log parameter, exponentiated; fixed ones at their value."""
+    disturbance: Disturbance | None = None
+    """None for an estimator that has no model of disturbances."""
 
 
 class ParameterSummary(NamedTuple):

@@ -1,8 +1,8 @@
 """The bank: members that trust different things, mixed for every horizon by what they have proved to be worth.
 
 A model of a building is never true: what tracks best over one step drifts over a day, and what simulates a day best is
-poor over one step. So each member keeps its own settings for itself, and the bank, itself an estimator, learns whom to
-trust at which horizon (`estimator.bank.weights`). The spread that it publishes is scaled, horizon by horizon, so that its
+poor over one step. So each member keeps its own settings for itself, and the bank, itself an estimator, learns whom
+to trust at which horizon (`estimator.bank.weights`). The spread that it publishes is scaled, horizon by horizon, so that its
 interval covers as often as it claims (adaptive conformal inference, Gibbs and Candes 2021).
 """
 
@@ -183,7 +183,7 @@ class Bank:
         parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
         means = np.array([part.mean() for part in parts])
         sds = np.array([part.sd() for part in parts])
-        measured = np.flatnonzero(np.isfinite(outputs))
+        measured = np.flatnonzero(np.isfinite(outputs)).tolist()
         scores = np.mean([gaussian_crps(means[:, i], sds[:, i], outputs[i]) for i in measured], axis=0)
         losses, log_scale = state.losses, state.log_scale.copy()
         log_scale[0] = self._kept(log_scale[0], self._mixed(state, parts, 1), outputs)
@@ -203,7 +203,7 @@ class Bank:
     def _kept(self, log_scale: float, mixture: Mixture, outputs: Array) -> float:
         """The log scale after a verified forecast: up where the published interval missed, down where it did not."""
         tail = 0.5 - self.options.coverage / 2.0
-        for i in np.flatnonzero(np.isfinite(outputs)):
+        for i in np.flatnonzero(np.isfinite(outputs)).tolist():
             lower, upper = self.quantiles(mixture, np.array([tail, 1.0 - tail]), i)
             missed = float(not lower <= outputs[i] <= upper)
             log_scale += self.options.feedback * (missed - (1.0 - self.options.coverage))

@@ -59,6 +59,14 @@ class Purpose(IntEnum):
     REJUVENATE = 6
     FORECAST = 8
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
+    PRIOR_NOISE = 16
+    PRIOR_GAIN = 17
+    MIXTURE_WALK = 18
+    MIXTURE_SWITCH = 19
+    SCENARIO_START = 20
+    SCENARIO = 21
+    SCENARIO_SWITCH = 22
+    SUMMARY = 23
 
 
 def _philox(builder: ir.IRBuilder, seed: ir.Value, step: ir.Value, counter: list[ir.Value]) -> list[ir.Value]:

@@ -99,7 +99,7 @@ class Hindsight:
             "inputs": pending.inputs,
             "issued": np.array([issue.step for issue in pending.issues], dtype=np.int64),
         }
-        for place, member in enumerate(self._members):
+        for place in range(len(self._members)):
             packed = [issue.samples[place]._asdict() for issue in pending.issues]
             for name in packed[0] if packed else ():
                 arrays[f"{place}.{name}"] = np.stack([one[name] for one in packed])

@@ -9,9 +9,10 @@ from estimator.network.presets import PRESETS, network
 from estimator.registry import ESTIMATORS, build
 
 PERIOD = 300.0
-SMALL = {"rbpf": {"particles": 120}}
+SMALL = {"rbpf": {"particles": 120}, "mkf": {"particles": 40, "scenarios": 30}}
 VARIANTS = [(name, SMALL.get(name, {})) for name in ESTIMATORS]
-VARIANTS += [(name, SMALL.get(name, {}) | {"preset": "paper"}) for name in ESTIMATORS]
+VARIANTS += [(name, SMALL.get(name, {}) | {"preset": "paper"}) for name in ESTIMATORS if name != "mkf"]
+VARIANTS += [("mkf", SMALL["mkf"] | {"preset": preset}) for preset in ("drift", "free", "output-error-0.6")]
 
 
 def make(name, options, preset="ecolar-6r4c"):
