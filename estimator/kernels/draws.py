@@ -57,16 +57,15 @@ class Purpose(IntEnum):
     WALK = 2
     RESAMPLE = 5
     REJUVENATE = 6
+    PRIOR_NOISE = 17
+    PRIOR_GAIN = 18
+    MIXTURE_WALK = 19
+    MIXTURE_SWITCH = 20
+    MIXTURE_SAMPLE = 21
+    SCENARIO = 22
+    SCENARIO_SWITCH = 23
     FORECAST = 8
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
-    PRIOR_NOISE = 16
-    PRIOR_GAIN = 17
-    MIXTURE_WALK = 18
-    MIXTURE_SWITCH = 19
-    SCENARIO_START = 20
-    SCENARIO = 21
-    SCENARIO_SWITCH = 22
-    SUMMARY = 23
 
 
 def _philox(builder: ir.IRBuilder, seed: ir.Value, step: ir.Value, counter: list[ir.Value]) -> list[ir.Value]:

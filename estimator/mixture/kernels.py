@@ -294,6 +294,10 @@ def assimilate(shape, outputs, old, mean, covariance, log_likelihood):  # type: 
                     for j in range(i + 1):
                         put(s, t, get(s, t) - gain * get(s, at_column + j))
                         t += 1
+                # P - P P / (P + R) is P R / (P + R), which keeps its digits where P is far above R.
+                for i in range(size):
+                    row = i * (i + 1) // 2 + node if i >= node else node * (node + 1) // 2 + i
+                    put(s, row, get(s, at_column + i) * (noise * precision))
         store(log_likelihood, (first,), inside, whole)
         _confine(shape, size, free, at_mean, s)
         for row in range(size):

@@ -256,7 +256,7 @@ class MKF:
         The draws belong to the state: equal states have equal quantiles.
         """
         draws = Draws(int(state.seed), int(state.step))
-        z = self._sample(state, draws, Purpose.SUMMARY, _SUMMARY_DRAWS)[1]
+        z = self._sample(state, draws, _SUMMARY_DRAWS)[1]
         theta = self._model.space.parameters(z[self._model.size - self._model.free :])
         matrices = assemble(self.network, theta)
         return ParameterSummary(
@@ -283,17 +283,17 @@ class MKF:
             for j in range(min(i + 1, states)):
                 covariance[packed_index(i, j)] = sds[i] ** 2 if i == j else 0.0
 
-    def _sample(self, state: MKFState, draws: Draws, purpose: Purpose, count: int) -> tuple[Indices, Array]:
+    def _sample(self, state: MKFState, draws: Draws, count: int) -> tuple[Indices, Array]:
         """Indices (K,) of particles, drawn by weight, and draws (n_z, K) from their Gaussians."""
         place = float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0])
         index = self._moves.systematic(np.exp(state.log_weights), place, count)
-        normals = draws.normals(purpose, (self._model.size, count))
+        normals = draws.normals(Purpose.MIXTURE_SAMPLE, (self._model.size, count))
         return index, self._moves.sample(state.particles(), index, normals)
 
     def _scenario_starts(self, state: MKFState, count: int) -> Scenarios:
         # Streams of their own: asking for a forecast changes nothing in what the filter will draw.
         draws = Draws(int(state.seed), int(state.step), forecast=True)
-        index, z = self._sample(state, draws, Purpose.SCENARIO_START, count)
+        index, z = self._sample(state, draws, count)
         return Scenarios(z, *(np.take(rows, index, axis=1) for rows in state.particles()[2:]))
 
     def _learn(self, state: MKFState, weighted: Weighted) -> Posterior:

@@ -69,7 +69,11 @@ class ReferenceMixture:
         with np.errstate(over="ignore", invalid="ignore"):
             for row, (node, y) in enumerate(zip(self._model.topology.measured.tolist(), outputs, strict=True)):
                 if not np.isnan(y):
-                    step = kalman_update(mean, covariance, node, y, np.exp(2 * particles.log_noise[row]))
+                    noise = np.exp(2 * particles.log_noise[row])
+                    step = kalman_update(mean, covariance, node, y, noise)
+                    # P - P P / (P + R) is P R / (P + R), which keeps its digits where P is far above R.
+                    rows = [packed_index(i, node) for i in range(self._model.size)]
+                    step.covariance[rows] = covariance[rows] * (noise / (covariance[packed_index(node, node)] + noise))
                     mean, covariance = step.mean, step.covariance
                     log_likelihood = log_likelihood + step.log_likelihood
             return particles._replace(mean=self._confined(mean, covariance), covariance=covariance), log_likelihood
