@@ -1,9 +1,9 @@
 """The bank: members that trust different things, mixed for every horizon by what they have proved to be worth.
 
 A model of a building is never true: what tracks best over one step drifts over a day, and what simulates a day best is
-poor over one step. So each member keeps its own settings for itself, and the bank, itself an estimator, learns whom
-to trust at which horizon (`estimator.bank.weights`). The spread that it publishes is scaled, horizon by horizon, so that its
-interval covers as often as it claims (adaptive conformal inference, Gibbs and Candes 2021).
+poor over one step. So each member keeps its own settings, and the bank, itself an estimator, learns which of them to
+trust at which horizon (`estimator.bank.weights`). The spread that it publishes is scaled, horizon by horizon, so that
+its interval covers as often as it claims (adaptive conformal inference, Gibbs and Candes 2021).
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ class BankState(NamedTuple):
 class Bank:
     """The bank of one zone. See `estimator.types.Estimator` for the moves."""
 
+    physical = True
+
     def __init__(self, network: Network, period: float, options: BankOptions, members: Mapping[str, Estimator]) -> None:
         self.network = network.validate()
         self.period = period
@@ -63,6 +65,11 @@ class Bank:
         """Steps ahead of the horizons at which weights and scales are learned."""
         self._hours = period / 3600.0
         self._reach = float(ndtri(0.5 + options.coverage / 2.0))
+
+    @property
+    def issue_type(self) -> type[BankState]:
+        """The state: a bank is no member of a bank, and verifies its forecasts itself."""
+        return BankState
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> BankState:
         """Every member at the first sample: its outputs (n_y,) and inputs (n_u,)."""
@@ -104,25 +111,22 @@ class Bank:
 
     def update(self, state: BankState, outputs: Array) -> Posterior:
         """Let every member learn from `outputs` (n_y,), and the bank from what they had forecast for it."""
-        learned = self._verified(state, outputs) if np.isfinite(outputs).any() else state
-        posteriors = [member.update(own, outputs) for member, own in zip(self.members, learned.members, strict=True)]
-        outcomes = [posterior.outcome for posterior in posteriors]
-        lost = np.where([outcome is Outcome.VANISHED for outcome in outcomes], state.lost + 1.0, 0.0)
-        everybody = all(outcome is Outcome.VANISHED for outcome in outcomes)
-        members = [posterior.state for posterior in posteriors]
-        if not everybody and len(state.pending.inputs):
-            for place in np.flatnonzero(lost >= _LOST):
-                members[place] = self.members[place].restart(members[place], outputs, state.pending.inputs[-1])
-                lost[place] = 0.0
-        voice, now = posteriors[self._voice], weights(learned.losses, self.options)
-        shares = np.array([posterior.log_likelihood for posterior in posteriors])
-        known = np.isfinite(shares)
-        likelihood = np.logaddexp.reduce(shares[known] + np.log(now[known, 0])) if known.any() else float("nan")
+        posteriors = [member.update(own, outputs) for member, own in zip(self.members, state.members, strict=True)]
+        vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
+        state = (
+            state._replace(
+                members=tuple(posterior.state for posterior in posteriors),
+                lost=np.where(vanished, state.lost + 1.0, 0.0),
+            )
+            if vanished.all()
+            else self._learned(state, posteriors, vanished, outputs)
+        )
+        now = weights(state.losses, self.options)
         best = self._physical(now)
-        return voice._replace(
-            state=learned._replace(members=tuple(members), lost=lost),
-            outcome=Outcome.VANISHED if everybody else next(o for o in outcomes if o is not Outcome.VANISHED),
-            log_likelihood=float(likelihood),
+        return posteriors[self._voice]._replace(
+            state=state,
+            outcome=next((p.outcome for p in posteriors if p.outcome is not Outcome.VANISHED), Outcome.VANISHED),
+            log_likelihood=_mixed_likelihood(now[:, 0], posteriors),
             parameters=self._own_parameters(best, posteriors[best].parameters),
             disturbance=next((p.disturbance for p in posteriors if p.disturbance is not None), None),
         )
@@ -156,6 +160,10 @@ class Bank:
         """What the issue forecasts under `plan` (h, n_u)."""
         return self.forecast(issue, plan)
 
+    def verified(self, state: BankState, lead: int, errors: Array) -> BankState:
+        """The state itself: the bank has seen its errors."""
+        return state
+
     def pack(self, state: BankState) -> dict[str, Array]:
         """The arrays of a state, by name."""
         arrays = {"loss": state.losses.loss, "hours": state.losses.hours}
@@ -178,27 +186,30 @@ class Bank:
             phase=arrays["phase"],
         )
 
-    def _verified(self, state: BankState, outputs: Array) -> BankState:
-        """With losses, scales and members that know how their forecasts for now turned out."""
-        parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
-        means = np.array([part.mean() for part in parts])
-        sds = np.array([part.sd() for part in parts])
-        measured = np.flatnonzero(np.isfinite(outputs)).tolist()
-        scores = np.mean([gaussian_crps(means[:, i], sds[:, i], outputs[i]) for i in measured], axis=0)
+    def _learned(self, state: BankState, posteriors: Sequence[Posterior], vanished: Array, outputs: Array) -> BankState:
+        """The state after a sample that some members, with these posteriors, could explain."""
+        members = [posterior.state for posterior in posteriors]
+        lost = np.where(vanished, state.lost + 1.0, 0.0)
         losses, log_scale = state.losses, state.log_scale.copy()
-        log_scale[0] = self._kept(log_scale[0], self._mixed(state, parts, 1), outputs)
-        losses = with_loss(losses, 0, scores, self._hours, self.options)
-        members = list(state.members)
-        for due in self._hindsight.due(state.pending):
-            horizon = due.horizon + 1
-            log_scale[horizon] = self._kept(log_scale[horizon], self._mixed(state, due.mixtures, due.lead), outputs)
-            scores = np.array([np.mean([crps(mixture, i, outputs[i]) for i in measured]) for mixture in due.mixtures])
-            losses = with_loss(losses, horizon, scores, 1.0, self.options)
-            for place, (member, mixture) in enumerate(zip(self.members, due.mixtures, strict=True)):
-                learn = getattr(member, "verified", None)
-                if learn is not None:
-                    members[place] = learn(members[place], due.lead, outputs - mixture.mean())
-        return state._replace(members=tuple(members), losses=losses, log_scale=log_scale)
+        measured = np.flatnonzero(np.isfinite(outputs)).tolist()
+        if measured:
+            parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
+            means, sds = np.array([part.mean() for part in parts]), np.array([part.sd() for part in parts])
+            scores = np.mean([gaussian_crps(means[:, i], sds[:, i], outputs[i]) for i in measured], axis=0)
+            log_scale[0] = self._kept(log_scale[0], self._mixed(state, parts, 1), outputs)
+            losses = with_loss(losses, 0, scores, self._hours, self.options)
+            for due in self._hindsight.due(state.pending):
+                place = due.horizon + 1
+                log_scale[place] = self._kept(log_scale[place], self._mixed(state, due.mixtures, due.lead), outputs)
+                scores = np.array([np.mean([crps(part, i, outputs[i]) for i in measured]) for part in due.mixtures])
+                losses = with_loss(losses, place, scores, 1.0, self.options)
+                for index, (member, part) in enumerate(zip(self.members, due.mixtures, strict=True)):
+                    members[index] = member.verified(members[index], due.lead, outputs - part.mean())
+        for index in np.flatnonzero(lost >= _LOST).tolist():
+            if len(state.pending.inputs):
+                members[index] = self.members[index].restart(members[index], outputs, state.pending.inputs[-1])
+                lost[index] = 0.0
+        return state._replace(members=tuple(members), lost=lost, losses=losses, log_scale=log_scale)
 
     def _kept(self, log_scale: float, mixture: Mixture, outputs: Array) -> float:
         """The log scale after a verified forecast: up where the published interval missed, down where it did not."""
@@ -238,3 +249,12 @@ class Bank:
 
 def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
     return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+
+
+def _mixed_likelihood(shares: Array, posteriors: Sequence[Posterior]) -> float:
+    """log p(y_k | y_1:k-1) of the members' mixture; NaN where nothing was assimilated."""
+    likelihoods = np.array([posterior.log_likelihood for posterior in posteriors])
+    known = np.isfinite(likelihoods) & (shares > 0.0)
+    if not known.any():
+        return float("nan")
+    return float(np.logaddexp.reduce(likelihoods[known] + np.log(shares[known])))

@@ -2,8 +2,8 @@
 
 The weight of member e at a horizon is proportional to exp(-r n (L_e - L_b) / L_b): L_e its mean loss, discounted over
 time, L_b that of the best member, n the number of hours that the losses stand for and r the learning rate. This is
-exponentially weighted aggregation of probabilistic forecasts by their CRPS (Berrisch and Ziel 2021). The best member's loss
-as the unit makes it quick where members differ by much, and slow where they hardly differ.
+exponentially weighted aggregation of probabilistic forecasts by their CRPS (Berrisch and Ziel 2021). With the best
+member's loss as the unit it is quick where members differ by much, and slow where they hardly differ.
 """
 
 from __future__ import annotations

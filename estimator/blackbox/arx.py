@@ -134,8 +134,11 @@ class ARX:
         measured = ~np.isnan(outputs)
         if not measured.any():
             return self._posterior(state, Outcome.MISSING)
+        sds = self._theory(state)
+        if not (np.abs(outputs - state.outputs[:, 0])[measured] < _FARTHEST + 10.0 * sds[measured]).all():
+            return self._posterior(state, Outcome.VANISHED)
         learned = ARXState(*(array.copy() for array in state))
-        sds, regressors, log_likelihood = self._theory(state), self._scaled(state.inputs), 0.0
+        regressors, log_likelihood = self._scaled(state.inputs), 0.0
         for i in np.flatnonzero(measured):
             error = outputs[i] - state.outputs[i, 0]
             log_likelihood -= 0.5 * (error / sds[i]) ** 2 + float(np.log(sds[i] * np.sqrt(2.0 * np.pi)))
@@ -232,7 +235,7 @@ class ARX:
             effective_sample_size=float("nan"),
             resampled=False,
             floored=False,
-            parameters=np.array([np.nan if p.free else p.nominal for p in self.network.parameters], dtype=np.float64),
+            parameters=np.full(len(self.network.parameters), np.nan),
         )
 
 
