@@ -15,7 +15,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
@@ -216,8 +216,7 @@ class Daemon:
             runtime.start_zones()
             try:
                 await server.started(serving)
-                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in sinks))
-                if not await _before(stop, settling):
+                if not await _before(stop, asyncio.ensure_future(asyncio.to_thread(_settle, sinks))):
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
@@ -252,6 +251,11 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
+
+
+def _settle(sinks: Iterable[Sink]) -> None:
+    for sink in sinks:
+        sink.settle()
 
 
 async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
