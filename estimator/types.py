@@ -54,6 +54,15 @@ class Disturbance(NamedTuple):
     """(n_y, 3): sigma_y [K] of every output."""
 
 
+class Verified(NamedTuple):
+    """What had been forecast for a sample."""
+
+    lead: int
+    """How many steps before."""
+    mixture: Mixture
+    """The distribution of the outputs."""
+
+
 class Posterior(NamedTuple):
     """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,)."""
 
@@ -78,6 +87,8 @@ class Posterior(NamedTuple):
     """(n_theta,): posterior mean of each log parameter, exponentiated; fixed ones at their value."""
     disturbance: Disturbance | None = None
     """None for an estimator that has no model of disturbances."""
+    verified: tuple[Verified, ...] = ()
+    """Forecasts of this very sample whose time has come, of an estimator that verifies itself."""
 
 
 class ParameterSummary(NamedTuple):
@@ -103,6 +114,8 @@ class Estimator(Protocol):
 
     physical: bool
     """Whether its parameters are those of a building."""
+    verifies_itself: bool
+    """Whether `update` tells how the estimator's own forecasts hours ahead have turned out."""
 
     @property
     def issue_type(self) -> type[Any]:
@@ -140,6 +153,9 @@ class Estimator(Protocol):
 
     def verified(self, state: Any, lead: int, errors: Array) -> Any:
         """`state` after the errors (n_y,) [K] of a forecast `lead` steps ahead became known; NaN: not measured."""
+
+    def member_weights(self, state: Any) -> Mapping[str, Array]:
+        """What each member weighs at each horizon, (H,) by name; nothing where there are no members."""
 
     def pack(self, state: Any) -> dict[str, Array]:
         """The arrays of a state, by name."""

@@ -81,6 +81,7 @@ class ARX:
         self._verified_forgetting = exp(-3600.0 / (options.verified_memory_days * _DAY))
 
     physical = False
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[ARXState]:
@@ -187,6 +188,10 @@ class ARX:
             time_constants=np.tile(none, (len(self.network.nodes), 1)),
             heat_loss=none,
         )
+
+    def member_weights(self, state: ARXState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
 
     def pack(self, state: ARXState) -> dict[str, Array]:
         """The arrays of a state, by name."""

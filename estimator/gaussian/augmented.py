@@ -66,6 +66,7 @@ class AugmentedFilter:
         self._prior_sd = (self._space.upper - self._space.lower) / np.sqrt(12.0)
 
     physical = True
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[AugmentedState]:
@@ -159,6 +160,10 @@ class AugmentedFilter:
     def verified(self, state: AugmentedState, lead: int, errors: Array) -> AugmentedState:
         """The state itself: the filter learns from its innovations alone."""
         return state
+
+    def member_weights(self, state: AugmentedState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
 
     def pack(self, state: AugmentedState) -> dict[str, Array]:
         """The arrays of a state, by name."""

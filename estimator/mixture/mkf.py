@@ -122,6 +122,7 @@ class MKF:
         self._moves: CompiledMixture | ReferenceMixture = moves(self._model)
 
     physical = True
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[MKFIssue]:
@@ -241,6 +242,10 @@ class MKF:
     def verified(self, state: MKFState, lead: int, errors: Array) -> MKFState:
         """The state itself: the filter learns from its likelihood alone."""
         return state
+
+    def member_weights(self, state: MKFState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
 
     def pack(self, state: MKFState) -> dict[str, Array]:
         """The arrays of a state, by name."""

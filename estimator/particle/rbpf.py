@@ -73,6 +73,7 @@ class RBPF:
         self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period, block, options.process_sd)
 
     physical = True
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[ParticleState]:
@@ -178,6 +179,10 @@ class RBPF:
     def verified(self, state: ParticleState, lead: int, errors: Array) -> ParticleState:
         """The state itself: the filter learns from its likelihood alone."""
         return state
+
+    def member_weights(self, state: ParticleState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
 
     def pack(self, state: ParticleState) -> dict[str, Array]:
         """The arrays of a state, by name."""

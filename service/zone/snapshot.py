@@ -26,6 +26,7 @@ from service.zone.worker import Held, Progress, Standing, ZoneWorker
 _HELD_VALUES = "held_values"
 _HELD_TIMES = "held_times"
 _ESTIMATOR = "estimator."
+_VERIFIED = "verified."
 
 
 @dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
@@ -68,6 +69,7 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     if standing is None:
         return None
     arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
+    arrays |= {_VERIFIED + name: value for name, value in worker.verification.pack(standing.verified).items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
     meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update)))
     about = {
@@ -88,11 +90,18 @@ def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Put a fresh `worker` where the checkpoint was taken."""
     meta = _META.validate_json(json.dumps(checkpoint.meta))
-    stored: dict[str, Any] = {
-        name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
-    }
-    worker.resume(
-        Standing(worker.estimator.unpack(stored), meta.latest),
-        Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
-        meta.progress,
+    held = Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities)
+    state = worker.estimator.unpack(_under(_ESTIMATOR, checkpoint))
+    stored = _under(_VERIFIED, checkpoint)
+    # Before version 0.2 no forecast was verified: what is pending then begins with this start.
+    outputs = np.array(meta.latest.y)
+    verified = (
+        worker.verification.unpack(stored)
+        if stored
+        else worker.verification.start(worker.settings.seed, outputs, held.values)
     )
+    worker.resume(Standing(state, meta.latest, verified), held, meta.progress)
+
+
+def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
+    return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}
