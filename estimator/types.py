@@ -11,6 +11,9 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.network.network import Network
 
+ALPHA_LEVELS = (0.025, 0.5, 0.975)
+"""Levels of the quantiles of the volatility alpha."""
+
 
 class Outcome(StrEnum):
     """What an update did with its sample."""

@@ -12,6 +12,7 @@ from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Source
 from service.sources.routing import Delivery, Router
 from service.zone.clock import Clock
+from service.zone.pauses import GrowingPause
 from service.zone.zone import Zone
 
 FIRST_PAUSE = 1.0
@@ -37,7 +38,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
     """
-    pause, position = FIRST_PAUSE, start
+    pause, position = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start
     while True:
         try:
             async for batch in source.batches(position):
@@ -45,7 +46,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
                 if isfinite(batch.now):
                     # Were it asked again, it is for what comes after this.
                     position = nextafter(batch.now, inf)
-                    pause = FIRST_PAUSE
+                    pause.reset()
             break
         except SourceConfigError as error:
             _log.error("%s; it stays off", error)
@@ -58,11 +59,11 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
             reason = f"sources.{source.name} failed: {error!r}"
             _log.debug("%s", reason, exc_info=error)
         # Many daemons behind one switch must not all come back at the same moment.
-        wait = pause * random.uniform(0.5, 1.0)
+        wait = pause.seconds * random.uniform(0.5, 1.0)
         _log.error("%s; trying again in %.1f s", reason, wait)
         await _tell(zones, router, source.name, reason)
         await asyncio.sleep(wait)
-        pause = min(2 * pause, LONGEST_PAUSE)
+        pause.grow()
     for name in router.zones:
         await zones[name].end(source.name)
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)

@@ -27,6 +27,7 @@ from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
+from service.zone.pauses import GrowingPause
 from service.zone.plumbing import Plumbing
 from service.zone.recovery import Recovery
 from service.zone.timeliness import Timeliness
@@ -205,12 +206,12 @@ class Zone:
 
     async def run(self) -> None:
         """Serve the mailbox, in order, until it is closed; then write a checkpoint."""
-        pause, failed_on, attempts = FIRST_PAUSE, None, 0
+        pause, failed_on, attempts = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), None, 0
         while True:
             try:
                 if self._failure is not None:
                     await self._recover()
-                    pause = FIRST_PAUSE
+                    pause.reset()
                 await self._serve()
                 return
             except StateMismatch:
@@ -218,12 +219,12 @@ class Zone:
             except Exception as error:
                 attempts = attempts + 1 if failed_on == self._at else 1
                 failed_on, self._at = self._at, None
-                self._fail(error, pause)
+                self._fail(error, pause.seconds)
                 if failed_on is not None and attempts >= ATTEMPTS:
                     await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
-                if await self._intake.mailbox.closed_within(pause):
+                if await self._intake.mailbox.closed_within(pause.seconds):
                     return
-                pause = min(2 * pause, LONGEST_PAUSE)
+                pause.grow()
 
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
