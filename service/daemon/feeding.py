@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
@@ -23,9 +23,6 @@ TICK = 0.5
 
 NOTABLE_JUMP = 2.0
 """What the wall clock may be set by without a word, in s."""
-
-_AGAIN_SECONDS = 0.5
-"""How long a cancelled task may take to clean up before it is cancelled again, in s."""
 
 TOGETHER = 32
 """Zones that take in their shares in one turn of the event loop: some ms of it at most."""
@@ -87,20 +84,6 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) ->
 async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
     for name in router.zones:
         await zones[name].source_failed(source, reason)
-
-
-async def end(tasks: Collection[asyncio.Task[None]]) -> None:
-    """Cancel `tasks` and wait until they are over, whatever comes of them.
-
-    One cancellation may not be enough: `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its
-    answers, passes over one that meets an answer.
-    """
-    pending = set(tasks)
-    while pending:
-        for task in pending:
-            task.cancel()
-        _, pending = await asyncio.wait(pending, timeout=_AGAIN_SECONDS)
-    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def keep_time(zones: Mapping[str, Zone]) -> None:

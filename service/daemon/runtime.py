@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from service.config.fitting import fingerprint, make_alignment, make_worker
 from service.config.site import Config, ZoneConfig
-from service.daemon.feeding import end, keep_time, watch_clock
+from service.daemon.feeding import keep_time, watch_clock
 from service.daemon.feeds import Feed, Tally
 from service.daemon.reload import Changes, compare, obstacles
+from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
 from service.zone.plumbing import Plumbing
