@@ -136,9 +136,9 @@ class Runtime:
         lasts = await asyncio.gather(*(zone.prepare() for zone in zones.values()))
         self._last |= dict(zip(zones, lasts, strict=True))
         for table in tables:
-            live = config.goes_live(table)
-            pace = config.pace_of(table)
-            zones[table.id].align(make_alignment(table, self._last[table.id], live), live, pace)
+            live, zone = config.goes_live(table), zones[table.id]
+            alignment = make_alignment(table, self._last[table.id], live, zone.empty_samples)
+            zone.align(alignment, live, config.pace_of(table))
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]

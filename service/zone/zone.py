@@ -59,6 +59,9 @@ class Zone:
         """How many samples were assimilated, or could not be."""
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
+        self.empty_samples = 0
+        """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
+        that is not known."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -186,6 +189,8 @@ class Zone:
         leaves the zone failed, to be retried by `run`."""
         try:
             last = await self.restore()
+            if last == self._worker.progress.last_time:
+                self.empty_samples = self._worker.empty_samples
             if self._replayed:
                 # The next start need not replay the same samples again.
                 await self._recovery.save(self._worker)
