@@ -69,7 +69,7 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
         return None
     arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
-    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update)))
+    meta = _META.dump_python(_Meta(held.qualities, progress, standing.update), mode="json")
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -82,12 +82,12 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
 
 def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
     """The posterior means of the parameters in a checkpoint, in the network's order and each in its own unit."""
-    return _META.validate_json(json.dumps(checkpoint.meta)).latest.parameters
+    return _META.validate_python(checkpoint.meta).latest.parameters
 
 
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Put a fresh `worker` where the checkpoint was taken."""
-    meta = _META.validate_json(json.dumps(checkpoint.meta))
+    meta = _META.validate_python(checkpoint.meta)
     stored: dict[str, Any] = {
         name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
     }
