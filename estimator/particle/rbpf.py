@@ -230,8 +230,6 @@ class RBPF:
             gate=0.0,
             regime=regime(max(counted), self.options),
             effective_sample_size=effective_sample_size(weights),
-            resampled=False,
-            floored=False,
             parameters=self._point_estimate(self._steps.mean_log_parameters(state.coordinates, weights)),
         )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
@@ -19,7 +20,7 @@ from pydantic.dataclasses import dataclass
 
 from adapters.reading import Quality
 from estimator.network.network import Network
-from service.records.update import Update
+from service.records.update import CONSTANT, Update
 from service.store.checkpoint import Checkpoint
 from service.zone.worker import Held, Progress, Standing, ZoneWorker
 
@@ -69,7 +70,9 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
         return None
     arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
-    meta = _META.dump_python(_Meta(held.qualities, progress, standing.update), mode="json")
+    update = standing.update
+    stated = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
+    meta = _META.dump_python(_Meta(held.qualities, progress, stated), mode="json")
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -88,11 +91,16 @@ def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Put a fresh `worker` where the checkpoint was taken."""
     meta = _META.validate_python(checkpoint.meta)
+    update = meta.latest
+    if update.gate is not None and update.gate.regime == CONSTANT:
+        update = update._replace(gate=None)
+    if update.effective_sample_size is not None and math.isnan(update.effective_sample_size):
+        update = update._replace(effective_sample_size=None)
     stored: dict[str, Any] = {
         name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
     }
     worker.resume(
-        Standing(worker.estimator.state_type(**stored), meta.latest),
+        Standing(worker.estimator.state_type(**stored), update),
         Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
         meta.progress,
     )

@@ -249,7 +249,7 @@ class ZoneWorker:
             y=tuple(map(float, sample.outputs)),
             score=score,
             volatility=Volatility(self.estimator.blocks, lower, median, upper, tuple(map(float, posterior.cdf))),
-            gate=Gate(posterior.gate, posterior.regime),
+            gate=None if posterior.gate is None or posterior.regime is None else Gate(posterior.gate, posterior.regime),
             effective_sample_size=posterior.effective_sample_size,
             resampled=posterior.resampled,
             floored=posterior.floored,
