@@ -14,6 +14,8 @@ from support.certificates import Pair, make_pair
 from support.served import Client, ask, config, serving
 
 from service.errors import CertificateError
+from service.publish.metrics import Metrics
+from service.web.app import create_app
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
 
@@ -58,7 +60,8 @@ def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp_path:
             with pytest.raises(CertificateError):
                 server.reload()
             assert (await ask(server, context=knowing)).status == 200
-            (expiry,) = [measure.read() for measure in http_measures(server, app()) if "expiry" in measure.name]
+            measures = http_measures(server, create_app("site", {}, Metrics({}).registry))
+            (expiry,) = [measure.read() for measure in measures if "expiry" in measure.name]
             assert expiry == (((), new.issued.not_valid_after_utc.timestamp()),)
             for client in (kept, fresh):
                 await client.close()
