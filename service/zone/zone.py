@@ -101,6 +101,11 @@ class Zone:
         return self._recovery.fingerprint
 
     @property
+    def worker(self) -> ZoneWorker:
+        """What it has learned with; another one after a failure."""
+        return self._worker
+
+    @property
     def live(self) -> bool:
         """Whether the zone goes by the wall clock."""
         return self._intake.live
@@ -183,6 +188,12 @@ class Zone:
     async def accept(self, samples: Iterable[Sample]) -> None:
         """Make samples durable and hand them to the worker."""
         await self._intake.accept(samples)
+
+    async def settled(self) -> None:
+        """Wait until everything that has been accepted is assimilated, while `run` is under way."""
+        async with self._intake.accepting:
+            pass
+        await self._intake.mailbox.emptied()
 
     async def prepare(self) -> int | None:
         """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch

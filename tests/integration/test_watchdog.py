@@ -82,6 +82,10 @@ class Manager:
                 return heard
         raise AssertionError(f"{wanted} was not heard in {heard[-20:]}; {self.log.read_text()}")
 
+    def leave(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
     def silence(self, seconds: float) -> bool:
         """Whether nothing is heard for so long."""
         self._socket.settimeout(seconds)
@@ -131,7 +135,7 @@ def test_a_zone_that_hangs_is_not_hidden_by_those_that_work(tmp_path: Path) -> N
 def test_a_reload_of_a_daemon_without_a_manager_is_no_matter(tmp_path: Path, signum: int) -> None:
     with Manager(tmp_path) as manager:
         manager.hear("READY=1")
-        manager._socket.close()
+        manager.leave()
         manager.process.send_signal(signal.SIGHUP)
         deadline = time.monotonic() + 30
         while "configuration reloaded" not in manager.log.read_text():

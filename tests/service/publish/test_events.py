@@ -31,7 +31,7 @@ class Client:
     async def events(self, count):
         """Read until `count` events have come; (event, id, data) of every one of them."""
         async with asyncio.timeout(20):
-            while len(found := self._parsed()) < count:
+            while len(found := self.parsed()) < count:
                 chunk = await self.reader.read(65536)
                 assert chunk, f"ended after {self.text}"
                 self.text += chunk.decode()
@@ -50,7 +50,7 @@ class Client:
             self.text += (await self.reader.read()).decode()
         return self.text
 
-    def _parsed(self):
+    def parsed(self):
         events = []
         for block in self.text.replace("\r\n", "\n").split("\n\n"):
             lines = block.split("\n")
@@ -207,7 +207,7 @@ def test_a_silent_zone_sends_comments(monkeypatch):
             async with asyncio.timeout(10):
                 while client.text.count(": ping") < 3:
                     client.text += (await client.reader.read(1000)).decode()
-            assert len(client._parsed()) == 4
+            assert len(client.parsed()) == 4
 
     asyncio.run(scenario())
 

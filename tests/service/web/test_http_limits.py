@@ -140,9 +140,9 @@ def test_who_never_reads_is_cut_off(path: str) -> None:
             await deaf.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
             for _ in range(200):
                 await asyncio.sleep(0.05)
-                if not server._server.server_state.connections:
+                if not server.open_connections:
                     break
-            assert not server._server.server_state.connections, "nothing is held for it any more"
+            assert not server.open_connections, "nothing is held for it any more"
             assert app.state.ended == (path == "/endless"), "the stream has ended too"
             assert (await ask(server)).status == 200
             await deaf.close()
@@ -176,9 +176,9 @@ def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
                 await client.send(b"GET /large?megabytes=8 HTTP/1.1\r\nHost: localhost\r\n\r\n")
             for _ in range(100):
                 await asyncio.sleep(0.05)
-                if len(server._server.server_state.connections) <= 2:
+                if len(server.open_connections) <= 2:
                     break
-            connections = server._server.server_state.connections
+            connections = server.open_connections
             assert 1 <= len(connections) <= 3, "the slowest were let go, no more than needed"
             assert sum(one.transport.get_write_buffer_size() for one in connections) <= 16 * 2**20
             for client in deaf:
@@ -209,7 +209,7 @@ def test_too_many_connections_are_told_so_and_then_shut_out(monkeypatch: pytest.
             await asyncio.sleep(0.05)
             assert (await ask(server)).status == 200, "places are given back"
             await asyncio.sleep(0.05)
-            assert not server._door._peers
+            assert server.connections == 0
 
     run(scenario())
 
@@ -325,7 +325,7 @@ def test_a_client_that_goes_in_the_middle_of_its_body_leaves_nothing(caplog: pyt
             await asyncio.sleep(0.1)
             assert (await ask(server, "/healthz")).status == 200
             await asyncio.sleep(0.05)
-            assert not server._door._peers
+            assert server.connections == 0
 
     run(scenario())
     assert not caplog.records

@@ -106,10 +106,10 @@ def test_who_does_not_finish_the_handshake_is_let_go(
             await client.send(greeting)
             await asyncio.sleep(0.05)
             if greeting != b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n":
-                assert server._door._peers.total() == 1, "counted before it is encrypted"
+                assert server.connections == 1, "counted before it is encrypted"
             await client.ended()
             await asyncio.sleep(0.05)
-            assert not server._door._peers
+            assert server.connections == 0
             await client.close()
             assert (await ask(server, context=trusting(pair))).status == 200
 
@@ -133,9 +133,9 @@ def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path) -> No
             await deaf.send(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
             for _ in range(100):
                 await asyncio.sleep(0.05)
-                if not server._door._peers:
+                if server.connections == 0:
                     break
-            assert not server._door._peers
+            assert server.connections == 0
             deaf.writer.transport.abort()
 
     run(scenario())
