@@ -12,6 +12,7 @@ import pytest
 from fastapi import FastAPI, Response
 from support.certificates import Pair, make_pair
 from support.served import Client, ask, config, serving
+from support.waiting import until
 
 from service.errors import CertificateError
 from service.publish.metrics import Metrics
@@ -100,16 +101,15 @@ def test_who_does_not_finish_the_handshake_is_let_go(
     async def scenario() -> None:
         pair = make_pair(tmp_path)
         settings = {"certificate": pair.certificate, "private_key": pair.private_key}
-        limits = {"receive_timeout": 0.3, "connections": 2}
+        limits = {"receive_timeout": 1.0, "connections": 2}
         async with serving(app(), config(**settings, limits=limits)) as server:
             client = await Client.to(server)
             await client.send(greeting)
-            await asyncio.sleep(0.05)
             if greeting != b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n":
-                assert server.connections == 1, "counted before it is encrypted"
+                # Counted before it is encrypted.
+                await until(lambda: server.connections == 1)
             await client.ended()
-            await asyncio.sleep(0.05)
-            assert server.connections == 0
+            await until(lambda: server.connections == 0)
             await client.close()
             assert (await ask(server, context=trusting(pair))).status == 200
 
@@ -131,11 +131,7 @@ def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path) -> No
             deaf = await Client.to(server, trusting(pair), limit=1024)
             deaf.writer.transport.pause_reading()
             await deaf.send(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            for _ in range(100):
-                await asyncio.sleep(0.05)
-                if server.connections == 0:
-                    break
-            assert server.connections == 0
+            await until(lambda: server.cut_off["slow to read"] and server.connections == 0)
             deaf.writer.transport.abort()
 
     run(scenario())
