@@ -233,13 +233,6 @@ class ARX:
             state=state,
             outcome=outcome,
             log_likelihood=log_likelihood,
-            alpha_quantiles=np.empty((0, 3)),
-            cdf=np.empty(0),
-            gate=1.0 if outcome is Outcome.ASSIMILATED else 0.0,
-            regime="constant",
-            effective_sample_size=float("nan"),
-            resampled=False,
-            floored=False,
             parameters=np.full(len(self.network.parameters), np.nan),
         )
 

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
+from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.mixture.compiled import CompiledMixture
 from estimator.mixture.model import WATTS, MixtureModel, Particles, Scenarios, Walk
@@ -27,11 +28,8 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
 from estimator.particle.gate import learning_gate, regime
-from estimator.particle.kalman import packed_index
 from estimator.particle.resampling import Weighted, effective_sample_size
-from estimator.types import Disturbance, Mixture, Outcome, ParameterSummary, Posterior
-
-LEVELS = np.array([0.025, 0.5, 0.975])
+from estimator.types import ALPHA_LEVELS, Disturbance, Mixture, Outcome, ParameterSummary, Posterior
 
 CONSTANT = "constant"
 """The regime of a filter without volatility."""
@@ -146,9 +144,9 @@ class MKF:
         mean, covariance = np.zeros((model.size, count)), np.zeros((model.size * (model.size + 1) // 2, count))
         mean[model.size - model.free :] = model.space.from_uniform(shrunk)
         for d, variance in enumerate(model.prior_variance, model.size - model.free):
-            covariance[packed_index(d, d)] = _START_SHARE**2 * variance
+            covariance[packed(d, d)] = _START_SHARE**2 * variance
         for i in range(model.states, model.states + model.gains):
-            covariance[packed_index(i, i)] = (gain_on * np.exp(2.0 * _between(size, model.gain_sd_bounds)))[0]
+            covariance[packed(i, i)] = (gain_on * np.exp(2.0 * _between(size, model.gain_sd_bounds)))[0]
         self._set_temperatures(mean, covariance, outputs, inputs)
         return MKFState(
             seed=np.array(seed, dtype=np.uint64),
@@ -286,7 +284,7 @@ class MKF:
         mean[:states] = start[:, None]
         for i in range(self._model.size):
             for j in range(min(i + 1, states)):
-                covariance[packed_index(i, j)] = sds[i] ** 2 if i == j else 0.0
+                covariance[packed(i, j)] = sds[i] ** 2 if i == j else 0.0
 
     def _sample(self, state: MKFState, draws: Draws, count: int) -> tuple[Indices, Array]:
         """Indices (K,) of particles, drawn by weight, and draws (n_z, K) from their Gaussians."""
@@ -363,14 +361,14 @@ class MKF:
         phi = (state.mean[self._model.size - self._model.free :] * weights).sum(axis=1)
         theta = self._model.space.fixed.copy()
         theta[self._model.space.free] = np.exp(phi)
-        alpha = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
-        noise = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
+        alpha = [self._moves.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha]
+        noise = [self._moves.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_noise]
         gain, probability = self._gain(state, weights)
         return Posterior(
             state=state,
             outcome=Outcome.MISSING,
             log_likelihood=float("nan"),
-            alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(LEVELS))),
+            alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(ALPHA_LEVELS))),
             cdf=np.empty(0),
             gate=0.0,
             regime=CONSTANT,
@@ -384,16 +382,16 @@ class MKF:
     def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:
         """Quantiles (3,) of the gain [W], which is 0 for certain where it is off, and the probability that it is on."""
         if not self._model.gains:
-            return np.full(len(LEVELS), np.nan), float("nan")
+            return np.full(len(ALPHA_LEVELS), np.nan), float("nan")
         shares = weights * state.gain_on[0]
         on = float(shares.sum())
-        quantiles = np.zeros(len(LEVELS))
+        quantiles = np.zeros(len(ALPHA_LEVELS))
         if on > 0.0:
             at = self._model.states
-            means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed_index(at, at)], _OFF_SD**2))
+            means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed(at, at)], _OFF_SD**2))
             below = float((shares * ndtr(-means / sds)).sum())
-            begin, above = below > LEVELS, LEVELS - (1.0 - on)
-            levels = np.where(begin, LEVELS, above) / on
+            begin, above = below > ALPHA_LEVELS, ALPHA_LEVELS - (1.0 - on)
+            levels = np.where(begin, ALPHA_LEVELS, above) / on
             # The other levels fall on the share 1 - on of the mixture that stands at 0.
             elsewhere = begin | (above > below)
             if elsewhere.any():

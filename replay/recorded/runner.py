@@ -13,7 +13,6 @@ import math
 import resource
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -27,6 +26,7 @@ from service.config.fitting import make_alignment, make_worker
 from service.config.recording import Part, recorded
 from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
+from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.update import Update
 
@@ -106,7 +106,7 @@ class Run:
         row = HistoryRow.of(update)
         self._rows.append(row)
         self._seconds.append(update.step_seconds)
-        when = rfc3339(update.time)
+        when = written_time(update.time)
         self._updates.writerow([when, *(_cell(value) for value in row[1:])])
         self._parameters.writerow([when, *(_cell(value) for value in update.parameters)])
 
@@ -130,8 +130,8 @@ class Run:
             "convention": "one_step",
             "samples": len(rows),
             "segments": self._worker.progress.segment,
-            "first": rfc3339(rows[0].time) if rows else None,
-            "last": rfc3339(rows[-1].time) if rows else None,
+            "first": written_time(rows[0].time) if rows else None,
+            "last": written_time(rows[-1].time) if rows else None,
             **_scores(rows, table.levels[0]),
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
             "faults": self.faults,
@@ -195,11 +195,6 @@ async def _feed(config: Config, runs: dict[str, Run], start: float | None, end: 
             if part.zone in runs:
                 samples = runs[part.zone].deliver(part, start, end)
                 bar.update(samples)
-
-
-def rfc3339(when: float) -> str:
-    """UTC seconds as RFC 3339."""
-    return datetime.fromtimestamp(when, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def _cell(value: float | bool | int) -> str:

@@ -23,7 +23,6 @@ from typing import Any, TypeVar
 
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
-from service.daemon.feeding import end
 from service.daemon.instruments import instrument
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
@@ -31,6 +30,7 @@ from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
+from service.daemon.tasks import end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError

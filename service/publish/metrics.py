@@ -6,7 +6,6 @@ What happens is counted here by the one who sees it (`publish`, ...). What there
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Iterable, Mapping
 
@@ -124,8 +123,8 @@ class Metrics:
         self._seconds.labels(zone).observe(update.step_seconds)
         for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
             self._alpha.labels(zone, block).set(median)
-        self._gate.labels(zone).set(update.gate.value)
-        if not math.isnan(update.effective_sample_size):
+        self._gate.labels(zone).set(update.shown_gate.value)
+        if update.effective_sample_size is not None:
             self._n_eff.labels(zone).set(update.effective_sample_size)
         for interval in update.forecast.outputs[0].intervals[:1]:
             self._width.labels(zone).set(interval.upper - interval.lower)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import UTC, datetime
 
 from adapters.reading import Quality
-from estimator.types import Outcome
+from estimator.types import ALPHA_LEVELS, Outcome
+from service.fields.times import utc
 from service.publish.payloads import (
     AlphaPayload,
     BlockPayload,
@@ -26,16 +26,8 @@ from service.records.fan import Fan
 from service.records.status import ZoneStatus
 from service.records.update import InputUsed, OutputForecast, Update
 
-ALPHA_LEVELS = (0.025, 0.5, 0.975)
-"""Levels of the volatility quantiles in an `Update`."""
-
 _WORST_LAST = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
 _OUTCOME_QUALITY: Mapping[str, Quality] = {Outcome.MISSING: Quality.UNCERTAIN, Outcome.VANISHED: Quality.BAD}
-
-
-def utc(seconds: float) -> datetime:
-    """`seconds` since 1970 as an aware UTC time; JSON shows it with Z."""
-    return datetime.fromtimestamp(seconds, UTC)
 
 
 def forecast_payload(site: str, zone: str, update: Update, levels: Sequence[float] | None = None) -> ForecastPayload:
@@ -89,9 +81,9 @@ def gate_payload(site: str, zone: str, update: Update) -> GatePayload:
         zone=zone,
         sample_time=utc(update.time),
         issue_time=utc(update.forecast.issue_time),
-        gate=update.gate.value,
-        regime=update.gate.regime,
-        n_eff=update.effective_sample_size,
+        gate=update.shown_gate.value,
+        regime=update.shown_gate.regime,
+        n_eff=update.shown_sample_size,
         resampled=update.resampled,
         floored=update.floored,
         log_likelihood=update.log_likelihood,
@@ -159,9 +151,9 @@ def _forecast(
         **dict(described[0]),
         outputs=described,
         volatility=_alpha(update),
-        gate=update.gate.value,
-        regime=update.gate.regime,
-        n_eff=update.effective_sample_size,
+        gate=update.shown_gate.value,
+        regime=update.shown_gate.regime,
+        n_eff=update.shown_sample_size,
         inputs=[
             InputPayload(
                 channel=used.channel,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from adapters.reading import Quality
+from estimator.types import Outcome
 
 
 class Interval(NamedTuple):
@@ -62,6 +64,10 @@ class Volatility(NamedTuple):
     cdf: tuple[float, ...]
 
 
+CONSTANT = "constant"
+"""The regime where the estimator has no volatility."""
+
+
 class Gate(NamedTuple):
     """The learning gate g_k and the regime it follows from: low, transitional or high volatility, or constant."""
 
@@ -94,8 +100,10 @@ class Update(NamedTuple):
     y: tuple[float, ...]
     score: Score | None
     volatility: Volatility
-    gate: Gate
-    effective_sample_size: float
+    gate: Gate | None
+    """None where the estimator has none."""
+    effective_sample_size: float | None
+    """None where the estimator has no particles."""
     resampled: bool
     floored: bool
     log_likelihood: float
@@ -103,3 +111,17 @@ class Update(NamedTuple):
     forecast: Forecast
     step_seconds: float
     """Wall time of the step; not part of what must be reproducible."""
+
+    @property
+    def shown_gate(self) -> Gate:
+        """The gate as everything that leaves the daemon or is stored states it: an estimator without one learns fully
+        from what it assimilates."""
+        if self.gate is not None:
+            return self.gate
+        return Gate(1.0 if self.outcome == Outcome.ASSIMILATED else 0.0, CONSTANT)
+
+    @property
+    def shown_sample_size(self) -> float:
+        """The effective sample size as everything that leaves the daemon or is stored states it: NaN where there are
+        no particles."""
+        return math.nan if self.effective_sample_size is None else self.effective_sample_size

@@ -11,8 +11,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from estimator.types import ParameterSummary
+from service.fields.times import utc
 from service.publish.payloads import FanPayload, ForecastPayload, Payload, to_json
-from service.publish.rendering import fan_payload, forecast_payload, refined_payload, status_payload, utc, vouched
+from service.publish.rendering import fan_payload, forecast_payload, refined_payload, status_payload, vouched
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.update import Update

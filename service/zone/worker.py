@@ -109,6 +109,14 @@ class ZoneWorker:
         """The newest update; None before the first sample."""
         return None if self.standing is None else self.standing.update
 
+    @property
+    def empty_samples(self) -> int:
+        """How many samples in a row, up to the last one, had no reading of any channel."""
+        progress, measured = self.progress, self.held.times[~np.isnan(self.held.times)]
+        if progress.last_time is None or not measured.size:
+            return progress.missing
+        return min(progress.missing, int(progress.last_time + self.period - measured.max()) // self.period)
+
     def anew(self) -> ZoneWorker:
         """A worker of the same zone that has seen nothing."""
         return ZoneWorker(self.estimator, self.settings)
@@ -259,7 +267,7 @@ class ZoneWorker:
             y=tuple(map(float, sample.outputs)),
             score=score,
             volatility=Volatility(self.estimator.blocks, lower, median, upper, tuple(map(float, posterior.cdf))),
-            gate=Gate(posterior.gate, posterior.regime),
+            gate=None if posterior.gate is None or posterior.regime is None else Gate(posterior.gate, posterior.regime),
             effective_sample_size=posterior.effective_sample_size,
             resampled=posterior.resampled,
             floored=posterior.floored,
