@@ -6,10 +6,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+from estimator.bank.bank import Bank
+from estimator.bank.options import BankOptions, resolver
+from estimator.blackbox import options as arx_options
+from estimator.blackbox.arx import ARX
 from estimator.errors import OptionsError
 from estimator.gaussian import options as gaussian_options
 from estimator.gaussian.ekf import ekf
 from estimator.gaussian.ukf import ukf
+from estimator.mixture import options as mkf_options
+from estimator.mixture.mkf import MKF
 from estimator.network.network import Network
 from estimator.particle import options as rbpf_options
 from estimator.particle.rbpf import RBPF
@@ -27,6 +33,14 @@ class EstimatorKind(NamedTuple):
     """Options that decide what the arrays of a stored state mean; the others may change between two starts."""
 
 
+def _build_bank(network: Network, period: float, options: BankOptions) -> Estimator:
+    members = {
+        name: construct(member.estimator, member.network, period, member.options)
+        for name, member in options.members.items()
+    }
+    return Bank(network, period, options, members)
+
+
 ESTIMATORS: dict[str, EstimatorKind] = {
     "rbpf": EstimatorKind(
         rbpf_options.resolve,
@@ -35,6 +49,13 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     ),
     "ekf": EstimatorKind(gaussian_options.resolve_ekf, ekf),
     "ukf": EstimatorKind(gaussian_options.resolve_ukf, ukf),
+    "mkf": EstimatorKind(
+        mkf_options.resolve,
+        MKF,
+        ("particles", "volatility_blocks", "alpha_min", "alpha_max", "histogram_bins", "volatility", "gain"),
+    ),
+    "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank, ("members",)),
+    "arx": EstimatorKind(arx_options.resolve, ARX, ("past_outputs", "past_inputs")),
 }
 
 

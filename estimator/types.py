@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
@@ -43,6 +43,17 @@ class Mixture(NamedTuple):
         return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
 
 
+class Disturbance(NamedTuple):
+    """What an estimator knows of what it cannot measure, at the levels .025, .5 and .975."""
+
+    gain: Array
+    """(3,): unmeasured heat [W] into the first measured node over the last step; NaN without a model of it."""
+    probability_on: float
+    """That there is such heat; NaN without a model of it."""
+    measurement_sd: Array
+    """(n_y, 3): sigma_y [K] of every output."""
+
+
 class Posterior(NamedTuple):
     """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,)."""
 
@@ -65,6 +76,8 @@ class Posterior(NamedTuple):
     """Whether the parameter covariance had collapsed and was held at its floor."""
     parameters: Array
     """(n_theta,): posterior mean of each log parameter, exponentiated; fixed ones at their value."""
+    disturbance: Disturbance | None = None
+    """None for an estimator that has no model of disturbances."""
 
 
 class ParameterSummary(NamedTuple):
@@ -88,9 +101,12 @@ class Estimator(Protocol):
     blocks: tuple[str, ...]
     """Names of the volatility blocks; none where the noise covariance is fixed."""
 
+    physical: bool
+    """Whether its parameters are those of a building."""
+
     @property
-    def state_type(self) -> type[Any]:
-        """The NamedTuple of arrays that is the estimator's state."""
+    def issue_type(self) -> type[Any]:
+        """The NamedTuple of arrays that `issue` makes."""
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> Any:
         """State at the first sample: outputs (n_y,) and inputs (n_u,) measured there."""
@@ -115,3 +131,18 @@ class Estimator(Protocol):
 
     def parameters(self, state: Any, levels: Array) -> ParameterSummary:
         """Posterior quantiles of the parameters and of what follows from them."""
+
+    def issue(self, state: Any, count: int) -> Any:
+        """What is needed to forecast from `state` later on: an `issue_type` that stands for at most `count` draws."""
+
+    def unfold(self, issue: Any, plan: Array) -> Iterator[Mixture]:
+        """What `issue` forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
+
+    def verified(self, state: Any, lead: int, errors: Array) -> Any:
+        """`state` after the errors (n_y,) [K] of a forecast `lead` steps ahead became known; NaN: not measured."""
+
+    def pack(self, state: Any) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Any:
+        """The state of packed arrays, with the same bits."""

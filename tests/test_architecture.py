@@ -18,7 +18,10 @@ PACKAGES = {
 LEVELS = {
     "estimator": (
         {"registry"},
-        {"particle", "gaussian", "offline"},
+        {"bank"},
+        {"verification"},
+        {"mixture"},
+        {"particle", "gaussian", "offline", "blackbox"},
         {"option_checks"},
         {"types"},
         {"network"},

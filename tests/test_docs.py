@@ -21,6 +21,7 @@ from support.harness import EXAMPLES, Daemon, free_port
 from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
 from estimator.gaussian import options as augmented_options
+from estimator.mixture import options as mkf_options
 from estimator.network import presets
 from estimator.particle import options
 from estimator.types import Outcome
@@ -304,6 +305,17 @@ def test_every_option_of_ekf_and_ukf_is_documented_with_its_values() -> None:
         resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
     ]
     assert_values_as_documented(values, shown)
+
+
+def test_every_option_of_mkf_is_documented_with_its_values() -> None:
+    described, values, meanings = tables(section("configuration.md", "Options of `mkf`"))
+    known = {field.name for field in fields(mkf_options.MKFOptions)}
+    assert {name for row in meanings[1:] for name in names(row[0])} == known
+    assert set(first_names(values)) == known - {"preset", "volatility_blocks"}
+    assert {name for row in described[1:] for name in names(row[0])} == set(mkf_options.PRESETS)
+    columns = [names(heading)[0] for heading in values[0][2:-1]]
+    resolve, plain = mkf_options.resolve, presets.network("titeth")
+    assert_values_as_documented(values, [resolve(plain, 600, {"preset": preset}) for preset in columns])
 
 
 def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:

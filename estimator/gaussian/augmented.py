@@ -11,7 +11,7 @@ NaN.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -65,9 +65,11 @@ class AugmentedFilter:
         # Variance of the log-uniform prior (23).
         self._prior_sd = (self._space.upper - self._space.lower) / np.sqrt(12.0)
 
+    physical = True
+
     @property
-    def state_type(self) -> type[AugmentedState]:
-        """The NamedTuple that is the filter's state."""
+    def issue_type(self) -> type[AugmentedState]:
+        """The filter's state."""
         return AugmentedState
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> AugmentedState:
@@ -145,6 +147,26 @@ class AugmentedFilter:
             time_constants=np.quantile(constants, levels, axis=0).T,
             heat_loss=np.quantile(losses, levels),
         )
+
+    def issue(self, state: AugmentedState, count: int) -> AugmentedState:
+        """The state itself: one Gaussian."""
+        return state
+
+    def unfold(self, issue: AugmentedState, plan: Array) -> Iterator[Mixture]:
+        """What the issue forecasts under `plan` (h, n_u)."""
+        return self.forecast(issue, plan)
+
+    def verified(self, state: AugmentedState, lead: int, errors: Array) -> AugmentedState:
+        """The state itself: the filter learns from its innovations alone."""
+        return state
+
+    def pack(self, state: AugmentedState) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        return state._asdict()
+
+    def unpack(self, arrays: Mapping[str, Array]) -> AugmentedState:
+        """The state of packed arrays."""
+        return AugmentedState(**arrays)
 
     def _confined(self, gaussian: Gaussian) -> Gaussian:
         """With the parameters inside their box.

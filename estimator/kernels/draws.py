@@ -57,6 +57,13 @@ class Purpose(IntEnum):
     WALK = 2
     RESAMPLE = 5
     REJUVENATE = 6
+    PRIOR_NOISE = 17
+    PRIOR_GAIN = 18
+    MIXTURE_WALK = 19
+    MIXTURE_SWITCH = 20
+    MIXTURE_SAMPLE = 21
+    SCENARIO = 22
+    SCENARIO_SWITCH = 23
     FORECAST = 8
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
 

@@ -230,15 +230,15 @@ def rejuvenate(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, **JIT)
 def systematic(weights, uniform, index):  # type: ignore[no-untyped-def]
-    """Indices of systematic resampling from `weights` (N,) with one `uniform` draw in [0, 1) (line 14)."""
-    particles = weights.shape[0]
+    """`index` (any length) by systematic resampling from `weights` (N,) with one `uniform` draw in [0, 1) (line 14)."""
+    particles, count = weights.shape[0], index.shape[0]
     whole = 0.0
     for n in range(particles):
         whole += weights[n]
     cumulated = weights[0]
     source = 0
-    for n in range(particles):
-        position = (n + uniform) / particles * whole
+    for n in range(count):
+        position = (n + uniform) / count * whole
         while cumulated <= position and source < particles - 1:
             source += 1
             cumulated += weights[source]

@@ -52,8 +52,8 @@ class Assimilated(NamedTuple):
     log_likelihood: Array
 
 
-def kalman_update(mean: Array, covariance: Array, node: int, y: float, variance: float) -> Assimilated:
-    """Assimilate one scalar output `y` of state `node` with measurement `variance` R."""
+def kalman_update(mean: Array, covariance: Array, node: int, y: float, variance: float | Array) -> Assimilated:
+    """Assimilate one scalar output `y` of state `node` with measurement `variance` R, one for all or (N,)."""
     column = covariance[[packed_index(i, node) for i in range(len(mean))]]
     innovation = y - mean[node]
     total = column[node] + variance

@@ -147,12 +147,13 @@ def _checked(name: str, value: object, network: Network) -> object:
             raise OptionsError(f"{name} = {value!r} must be true or false", name)
         return value
     if name == "volatility_blocks":
-        return _blocks(value, network)
+        return checked_blocks(value, network)
     low, high = _RANGES.get(name, (-inf, inf))
     return checked_number(name, value, low, high, whole=name in ("particles", "histogram_bins"))
 
 
-def _blocks(value: object, network: Network) -> dict[str, tuple[str, ...]] | None:
+def checked_blocks(value: object, network: Network) -> dict[str, tuple[str, ...]] | None:
+    """Volatility blocks by name, which together name every state node once; None stays None."""
     if value is None:
         return None
     if not isinstance(value, Mapping) or not value:

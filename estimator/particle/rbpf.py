@@ -8,7 +8,7 @@ forecasts is what the next update scores. Every method is pure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -72,9 +72,11 @@ class RBPF:
         steps = CompiledSteps if options.implementation == "compiled" else ReferenceSteps
         self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period, block, options.process_sd)
 
+    physical = True
+
     @property
-    def state_type(self) -> type[ParticleState]:
-        """The NamedTuple that is the filter's state."""
+    def issue_type(self) -> type[ParticleState]:
+        """A filter of fewer particles."""
         return ParticleState
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> ParticleState:
@@ -153,6 +155,37 @@ class RBPF:
             time_constants=np.array([weighted_quantiles(row, weights, levels) for row in constants]),
             heat_loss=weighted_quantiles(losses, weights, levels),
         )
+
+    def issue(self, state: ParticleState, count: int) -> ParticleState:
+        """At most `count` particles that stand for all, at even steps of the cumulated weights."""
+        if len(state.log_weights) <= count:
+            return state
+        cumulated = np.cumsum(np.exp(state.log_weights))
+        places = (np.arange(count) + 0.5) / count * cumulated[-1]
+        index = np.minimum(np.searchsorted(cumulated, places), len(cumulated) - 1)
+        return state._replace(
+            coordinates=state.coordinates[:, index],
+            log_alpha=state.log_alpha[:, index],
+            mean=state.mean[:, index],
+            covariance=state.covariance[:, index],
+            log_weights=np.full(count, -np.log(count)),
+        )
+
+    def unfold(self, issue: ParticleState, plan: Array) -> Iterator[Mixture]:
+        """What the issue forecasts under `plan` (h, n_u)."""
+        return self.forecast(issue, plan)
+
+    def verified(self, state: ParticleState, lead: int, errors: Array) -> ParticleState:
+        """The state itself: the filter learns from its likelihood alone."""
+        return state
+
+    def pack(self, state: ParticleState) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        return state._asdict()
+
+    def unpack(self, arrays: Mapping[str, Array]) -> ParticleState:
+        """The state of packed arrays."""
+        return ParticleState(**arrays)
 
     def _initial_temperatures(self, outputs: Array, inputs: Array, count: int) -> tuple[Array, Array]:
         """Means (n_x, N) and packed covariances of all particles at a first sample."""

@@ -36,9 +36,9 @@ def effective_sample_size(weights: Array) -> float:
     return float(1.0 / np.sum(weights**2))
 
 
-def systematic(weights: Array, uniform: float) -> Indices:
-    """Indices (N,) of systematic resampling from `weights` (N,) with one `uniform` draw in [0, 1)."""
-    count = len(weights)
+def systematic(weights: Array, uniform: float, count: int | None = None) -> Indices:
+    """Indices (`count`,), N by default, of systematic resampling from `weights` (N,) with one `uniform` in [0, 1)."""
+    count = len(weights) if count is None else count
     cumulated = np.cumsum(weights)
     positions = (np.arange(count) + uniform) / count * cumulated[-1]
-    return np.minimum(np.searchsorted(cumulated, positions, side="right"), count - 1)
+    return np.minimum(np.searchsorted(cumulated, positions, side="right"), len(weights) - 1)

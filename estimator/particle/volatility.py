@@ -17,6 +17,11 @@ def propagate_volatility(log_alpha: Array, options: Options, draws: Draws) -> Ar
     # Every block has four rows of draws: steps, sizes of jumps, whether to jump, and one that is not used.
     shape = 4 * log_alpha.shape[0], log_alpha.shape[1]
     normals, uniforms = draws.normals(Purpose.WALK, shape), draws.uniforms(Purpose.WALK, shape)
-    walked = log_alpha + options.volatility_sd * normals[0::4]
-    walked = np.where(uniforms[2::4] < options.jump_probability, walked + options.jump_sd * normals[1::4], walked)
+    return walked_volatility(log_alpha, normals[0::4], normals[1::4], uniforms[2::4], options)
+
+
+def walked_volatility(log_alpha: Array, steps: Array, jumps: Array, places: Array, options: Options) -> Array:
+    """`propagate_volatility` by given standard normal `steps` and `jumps` and uniform `places`, all (B, N)."""
+    walked = log_alpha + options.volatility_sd * steps
+    walked = np.where(places < options.jump_probability, walked + options.jump_sd * jumps, walked)
     return np.clip(walked, np.log(options.alpha_min), np.log(options.alpha_max))

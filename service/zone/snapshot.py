@@ -92,7 +92,7 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
     }
     worker.resume(
-        Standing(worker.estimator.state_type(**stored), meta.latest),
+        Standing(worker.estimator.unpack(stored), meta.latest),
         Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
         meta.progress,
     )
