@@ -49,6 +49,8 @@ _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 _OFF_SD = 1e-9
 """Standard deviation [kW] that stands for none."""
 
+LEVELS = np.array(ALPHA_LEVELS)
+
 
 class MKFState(NamedTuple):
     """N particles; n_z, B, G and n_y as in `Particles`."""
@@ -361,14 +363,14 @@ class MKF:
         phi = (state.mean[self._model.size - self._model.free :] * weights).sum(axis=1)
         theta = self._model.space.fixed.copy()
         theta[self._model.space.free] = np.exp(phi)
-        alpha = [self._moves.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha]
-        noise = [self._moves.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_noise]
+        alpha = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
+        noise = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
         gain, probability = self._gain(state, weights)
         return Posterior(
             state=state,
             outcome=Outcome.MISSING,
             log_likelihood=float("nan"),
-            alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(ALPHA_LEVELS))),
+            alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(LEVELS))),
             cdf=np.empty(0),
             gate=0.0,
             regime=CONSTANT,
@@ -382,16 +384,16 @@ class MKF:
     def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:
         """Quantiles (3,) of the gain [W], which is 0 for certain where it is off, and the probability that it is on."""
         if not self._model.gains:
-            return np.full(len(ALPHA_LEVELS), np.nan), float("nan")
+            return np.full(len(LEVELS), np.nan), float("nan")
         shares = weights * state.gain_on[0]
         on = float(shares.sum())
-        quantiles = np.zeros(len(ALPHA_LEVELS))
+        quantiles = np.zeros(len(LEVELS))
         if on > 0.0:
             at = self._model.states
             means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed(at, at)], _OFF_SD**2))
             below = float((shares * ndtr(-means / sds)).sum())
-            begin, above = below > ALPHA_LEVELS, ALPHA_LEVELS - (1.0 - on)
-            levels = np.where(begin, ALPHA_LEVELS, above) / on
+            begin, above = below > LEVELS, LEVELS - (1.0 - on)
+            levels = np.where(begin, LEVELS, above) / on
             # The other levels fall on the share 1 - on of the mixture that stands at 0.
             elsewhere = begin | (above > below)
             if elsewhere.any():
