@@ -15,14 +15,21 @@ from service.publish.payloads import (
     FanPayload,
     FanStepPayload,
     ForecastPayload,
+    GainPayload,
     GatePayload,
+    HorizonSkillPayload,
     InputPayload,
     IntervalPayload,
+    MemberPayload,
+    NoisePayload,
     OutputPayload,
+    SkillPayload,
+    SkillWindowPayload,
     StatusPayload,
     VolatilityPayload,
 )
 from service.records.fan import Fan
+from service.records.skill import HorizonSkill, Skill
 from service.records.status import ZoneStatus
 from service.records.update import InputUsed, OutputForecast, Update
 
@@ -87,6 +94,59 @@ def gate_payload(site: str, zone: str, update: Update) -> GatePayload:
         resampled=update.resampled,
         floored=update.floored,
         log_likelihood=update.log_likelihood,
+    )
+
+
+def gain_payload(site: str, zone: str, update: Update) -> GainPayload | None:
+    """What `update` knows of what nobody measures; None where the estimator has no model of it."""
+    known = update.disturbance
+    if known is None:
+        return None
+    lower, median, upper = known.gain
+    return GainPayload(
+        site=site,
+        zone=zone,
+        sample_time=utc(update.time),
+        issue_time=utc(update.forecast.issue_time),
+        levels=list(ALPHA_LEVELS),
+        lower=lower,
+        median=median,
+        upper=upper,
+        probability_on=known.probability_on,
+        measurement_sd=[
+            NoisePayload(output=forecast.output, lower=noise[0], median=noise[1], upper=noise[2])
+            for forecast, noise in zip(update.forecast.outputs, known.measurement_sd, strict=True)
+        ],
+    )
+
+
+def skill_payload(site: str, zone: str, skill: Skill) -> SkillPayload:
+    """What a zone's forecasts were worth."""
+    return SkillPayload(
+        site=site,
+        zone=zone,
+        sample_time=utc(skill.time),
+        level=skill.level,
+        windows=[
+            SkillWindowPayload(days=days, horizons=[_horizon(one) for one in horizons])
+            for days, horizons in skill.windows.items()
+        ],
+        members=[MemberPayload(member=name, weights=list(weights)) for name, weights in skill.weights.items()],
+    )
+
+
+def _horizon(one: HorizonSkill) -> HorizonSkillPayload:
+    return HorizonSkillPayload(
+        lead_s=one.lead,
+        forecasts=one.forecasts,
+        coverage=one.coverage,
+        crps=one.crps,
+        rmse=one.rmse,
+        width=one.width,
+        persistence_rmse=one.persistence_rmse,
+        arx_rmse=one.arx_rmse,
+        skill_against_persistence=one.against_persistence,
+        skill_against_arx=one.against_arx,
     )
 
 

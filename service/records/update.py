@@ -87,6 +87,18 @@ class Score(NamedTuple):
     level: float
 
 
+class Disturbance(NamedTuple):
+    """What the estimator knows of what nobody measures, at the levels of `Volatility`.
+
+    `gain` is unmeasured heat [W] into the first measured node, NaN without a model of it, `probability_on` that there
+    is any; `measurement_sd` is sigma_y [K] of every output.
+    """
+
+    gain: tuple[float, float, float]
+    probability_on: float
+    measurement_sd: tuple[tuple[float, float, float], ...]
+
+
 class Update(NamedTuple):
     """What one sample brought: the score of its forecast, the posterior summary and the next forecast.
 
@@ -111,6 +123,8 @@ class Update(NamedTuple):
     forecast: Forecast
     step_seconds: float
     """Wall time of the step; not part of what must be reproducible."""
+    disturbance: Disturbance | None = None
+    """None for an estimator without a model of disturbances."""
 
     @property
     def shown_gate(self) -> Gate:

@@ -21,7 +21,17 @@ from service.errors import ServiceError
 from service.records.fan import Fan, FanStep
 from service.records.sample import Sample
 from service.records.skill import Skill
-from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
+from service.records.update import (
+    Disturbance,
+    Forecast,
+    Gate,
+    InputUsed,
+    Interval,
+    OutputForecast,
+    Score,
+    Update,
+    Volatility,
+)
 from service.zone.verification import Verification, Verified
 
 VANISHED_LIMIT = 6
@@ -275,6 +285,7 @@ class ZoneWorker:
             parameters=tuple(map(float, posterior.parameters)),
             forecast=self._forecast(sample.time, state),
             step_seconds=time.perf_counter() - began,
+            disturbance=_disturbance(posterior),
         )
 
     def _forecast(self, sample_time: int, state: Any) -> Forecast:
@@ -302,6 +313,14 @@ class ZoneWorker:
             intervals = tuple(map(Interval, levels, lower, upper))
             forecasts.append(OutputForecast(name, float(mean[index]), median, float(sd[index]), intervals))
         return tuple(forecasts)
+
+
+def _disturbance(posterior: Posterior) -> Disturbance | None:
+    known = posterior.disturbance
+    if known is None:
+        return None
+    lower, median, upper = known.gain.tolist()
+    return Disturbance((lower, median, upper), known.probability_on, tuple(map(tuple, known.measurement_sd.tolist())))
 
 
 def _nothing_held(width: int) -> Held:

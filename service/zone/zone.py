@@ -21,6 +21,7 @@ from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.sample import Sample
+from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
 from service.records.update import Update
 from service.zone.alignment import Alignment
@@ -34,6 +35,8 @@ from service.zone.timeliness import Timeliness
 from service.zone.worker import ZoneWorker
 
 ATTEMPTS = 3
+
+_HOUR = 3600
 
 _log = logging.getLogger(__name__)
 
@@ -62,6 +65,8 @@ class Zone:
         self.empty_samples = 0
         """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
         that is not known."""
+        self._skilled: int | None = None
+        """The hour in which the skill was last announced."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -129,6 +134,10 @@ class Zone:
         """Posterior quantiles of the parameters."""
         worker = self._worker
         return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+
+    async def skill(self) -> Skill | None:
+        """What the zone's forecasts have been worth."""
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, self._worker.skill)
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
@@ -309,7 +318,10 @@ class Zone:
 
     def _announce(self, occasion: Occasion) -> None:
         """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
-        announcement = Announcement(self._plumbing.site, self.id, self.status(), self._worker.latest, occasion)
+        update, skill = self._worker.latest, None
+        if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
+            self._skilled, skill = update.time // _HOUR, self._worker.skill()
+        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill)
         for sink in self._plumbing.sinks:
             try:
                 sink.publish(announcement)
