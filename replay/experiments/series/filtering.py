@@ -141,10 +141,12 @@ def _blank(samples: int, parameters: int) -> Trace:
 def _keep(kept: Trace, k: int, posterior: Posterior) -> None:
     if len(posterior.alpha_quantiles):
         kept.alpha[k] = posterior.alpha_quantiles[np.argmax(posterior.alpha_quantiles[:, 1])]
-    if posterior.regime in REGIMES:
+    if posterior.regime is not None:
         kept.regime[k] = REGIMES.index(posterior.regime)
-    kept.gate[k] = posterior.gate
-    kept.effective_sample_size[k] = posterior.effective_sample_size
+    if posterior.gate is not None:
+        kept.gate[k] = posterior.gate
+    if posterior.effective_sample_size is not None:
+        kept.effective_sample_size[k] = posterior.effective_sample_size
     kept.log_likelihood[k] = posterior.log_likelihood
     kept.theta[k] = posterior.parameters
 

@@ -546,7 +546,7 @@ def test_probe_says_what_was_heard_instead() -> None:
 def test_cancelling_while_the_session_opens_leaves_nothing_behind() -> None:
     async def run() -> float:
         async def first() -> None:
-            await anext(aiter(source(Connection(connect=(endpoint(),), timeout=20.0)).batches(None)))
+            await anext(aiter(source(Connection(connect=(endpoint(),), timeout=3600.0)).batches(None)))
 
         task = asyncio.create_task(first())
         await asyncio.sleep(0.2)
@@ -555,4 +555,4 @@ def test_cancelling_while_the_session_opens_leaves_nothing_behind() -> None:
         return time.monotonic()
 
     cancelled = asyncio.run(run())
-    assert time.monotonic() - cancelled < 5
+    assert time.monotonic() - cancelled < 60
