@@ -163,11 +163,12 @@ class RBPF:
         cumulated = np.cumsum(np.exp(state.log_weights))
         places = (np.arange(count) + 0.5) / count * cumulated[-1]
         index = np.minimum(np.searchsorted(cumulated, places), len(cumulated) - 1)
+        # `take` keeps rows contiguous, which the kernels count on; indexing would not.
         return state._replace(
-            coordinates=state.coordinates[:, index],
-            log_alpha=state.log_alpha[:, index],
-            mean=state.mean[:, index],
-            covariance=state.covariance[:, index],
+            coordinates=np.take(state.coordinates, index, axis=1),
+            log_alpha=np.take(state.log_alpha, index, axis=1),
+            mean=np.take(state.mean, index, axis=1),
+            covariance=np.take(state.covariance, index, axis=1),
             log_weights=np.full(count, -np.log(count)),
         )
 

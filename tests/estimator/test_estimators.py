@@ -123,6 +123,7 @@ def check_an_issue_forecasts_what_the_state_does(estimator):
     assert len(later) == 5
     for own, whole in zip(later, estimator.forecast(state, plan), strict=True):
         assert abs(own.mean()[0] - whole.mean()[0]) < 3.0 * whole.sd()[0]
+        assert 0.2 * whole.sd()[0] < own.sd()[0] < 5.0 * whole.sd()[0]
     assert estimator.verified(state, 6, np.array([np.nan])) is not None
 
 
