@@ -13,6 +13,7 @@ PACKAGES = {
     "adapters": set(),
     "service": {"estimator", "adapters"},
     "replay": {"estimator", "service"},
+    "thermogate": {"estimator", "adapters", "service"},
 }
 """Which other packages each one may import."""
 
@@ -54,6 +55,13 @@ LEVELS = {
         {"recorded"},
         {"scores"},
         {"errors", "localtime"},
+    ),
+    "thermogate": (
+        {"model"},
+        {"files"},
+        {"session"},
+        {"settings", "plans"},
+        {"frames", "rows"},
     ),
 }
 """The rooms of each package, from the top floor down. A room imports only from floors below its own."""

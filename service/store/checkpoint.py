@@ -78,7 +78,7 @@ class CheckpointStore:
         """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
         folder = self.path / zone
         target = folder / f"{checkpoint.step:012d}.npz"
-        content = _encode(checkpoint)
+        content = encode(checkpoint)
         temporary = target.with_name(f"{target.name}{_TEMPORARY}")
         try:
             make_folder(folder)
@@ -175,7 +175,8 @@ class CheckpointStore:
             return None
 
 
-def _encode(checkpoint: Checkpoint) -> bytes:
+def encode(checkpoint: Checkpoint) -> bytes:
+    """The bytes of a checkpoint's file; CheckpointError for an array of Python objects."""
     for name, array in checkpoint.arrays.items():
         if array.dtype.hasobject:
             raise CheckpointError(f"array '{name}' of a checkpoint holds Python objects, which are never stored")
