@@ -97,7 +97,7 @@ class _Keeper:
                 self._keep(target, places[lead], mixture)
                 self._due.setdefault(target, []).append((lead, mixture.mean()))
         if isinstance(self._estimator, Bank):
-            self._weights[step.row] = self._estimator.weights(step.state)
+            self._weights[step.row] = np.array(list(self._estimator.member_weights(step.state).values()))
 
     def arrays(self) -> Arrays:
         """The forecasts, and the weights of a bank."""
