@@ -138,6 +138,6 @@ def test_a_recording_that_vanishes_under_the_daemon_is_reported_and_retried(conf
         daemon.wait(lambda zones: "trying again" in daemon.log(), timeout=60)
         assert daemon.get("/zones/clean")[1]["status"]["samples"] == 60
         (tmp_path / "later.csv").write_text(checked)
-        daemon.wait_until_ended(60)
+        daemon.wait_until_ended()
         assert "later.csv" in daemon.log()
         assert "Traceback" not in daemon.log()

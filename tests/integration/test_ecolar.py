@@ -32,7 +32,7 @@ def test_a_recorded_period_streams_through_the_daemon(case, tmp_path):
         "zones.0.estimator_options.particles": 1000,
     }
     with Daemon(EXAMPLES / "ecolar.toml", tmp_path / "log", settings) as daemon:
-        daemon.wait_until_ended(timeout=240)
+        daemon.wait_until_ended()
         rows = daemon.history("living")
         status, parameters = daemon.get("/zones/living/parameters")
         code = daemon.terminate()

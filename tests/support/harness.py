@@ -110,9 +110,16 @@ class Daemon:
             time.sleep(0.1)
         raise AssertionError(f"waited {timeout} s in vain; {zones}; {self.log()}")
 
-    def wait_until_ended(self, timeout: float = 120) -> dict:
-        """Until every zone's recording has come to its end."""
-        return self.wait(lambda zones: all("come to an end" in zone["reason"] for zone in zones.values()), timeout)
+    def wait_until_ended(self) -> dict:
+        """Until every zone's recording has come to its end, which takes as long as it takes while zones go on."""
+        samples = -1
+        while True:
+            zones = self.wait(
+                lambda zones, before=samples: ended(zones) or sum(zone["samples"] for zone in zones.values()) > before
+            )
+            if ended(zones):
+                return zones
+            samples = sum(zone["samples"] for zone in zones.values())
 
     def terminate(self, signum: int = signal.SIGTERM) -> int:
         """Exit code after an orderly stop, which may take as long as on a very busy machine."""
@@ -128,6 +135,11 @@ class Daemon:
         status, body = self.get(f"/zones/{zone}/history?limit=20000")
         assert status == 200, body
         return body["rows"]
+
+
+def ended(zones: dict) -> bool:
+    """Whether the recordings of `zones` have come to their ends."""
+    return all("come to an end" in zone["reason"] for zone in zones.values())
 
 
 def reload(daemon: Daemon, expected: str, timeout: float = 60) -> None:

@@ -175,8 +175,9 @@ def test_checkpoints_are_written_while_running(tmp_path):
             async with asyncio.timeout(60):
                 while zone.status().samples < 10:
                     await asyncio.sleep(0.01)
-            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) == 3
+            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) >= 3
             await finished(zone, running)
+            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) == 3
 
     asyncio.run(scenario())
 
