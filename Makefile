@@ -23,7 +23,7 @@ lint: $(VENV)/.ready
 unit: $(VENV)/.ready
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
-coverage: $(VENV)/.ready  ## the tests with line coverage of the four packages, daemon processes included
+coverage: $(VENV)/.ready  ## the tests with line coverage of the packages, daemon processes included
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -m "not slow"
 	$(BIN)/coverage combine -q

@@ -60,8 +60,8 @@ LEVELS = {
         {"fitting"},
         {"model"},
         {"files", "learning"},
-        {"session"},
-        {"settings", "plans"},
+        {"session", "plans"},
+        {"settings"},
         {"frames"},
     ),
 }

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import inspect
 import json
+import os
 import re
 import subprocess
 import sys
@@ -18,6 +20,7 @@ from pydantic import BaseModel
 from support.all_metrics import exposed
 from support.harness import EXAMPLES, Daemon, free_port
 
+import thermogate
 from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
 from estimator.gaussian import options as augmented_options
@@ -397,7 +400,11 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]
         yield running.url(), endpoint
 
 
-@pytest.mark.parametrize("block", blocks("python"))
+def in_python_page(block: Any) -> bool:
+    return str(block.id).startswith("python.md:")
+
+
+@pytest.mark.parametrize("block", [block for block in blocks("python") if not in_python_page(block)])
 def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
     url, endpoint = daemon
     code = block.text.replace("http://127.0.0.1:8080", url).replace("tcp/127.0.0.1:7447", endpoint)
@@ -407,6 +414,47 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     assert len(done.stdout.splitlines()) >= 3
     assert re.search(r"2021-02-\d\dT\d\d:\d\d:00Z", done.stdout)
+
+
+def test_the_python_page_runs_from_top_to_bottom(tmp_path: Path) -> None:
+    """As a notebook would: one block after the other. Numbers in what is printed may differ between processors."""
+    (tmp_path / "deploy").symlink_to(ROOT / "deploy")
+    page = [block.values[0] for block in blocks("python") if in_python_page(block)]
+    ends = '\nprint("<<end>>")\n'
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", "".join(block.text + ends for block in page)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Error" not in done.stderr
+    printed = done.stdout.split("<<end>>\n")
+    shown = {block.text: block.after for block in page if block.after.startswith("Thermogate model")}
+    assert shown
+    for block, text in zip(page, printed, strict=False):
+        if block.text in shown:
+            assert re.sub(r"[\d.]+|\((low|transitional|high)\)", "#", text) == re.sub(
+                r"[\d.]+|\((low|transitional|high)\)", "#", shown[block.text]
+            )
+    assert 'no column "Raum" for T_i [degC]; its columns are Raumtemperatur' in printed[-2]
+
+
+def test_the_python_page_lists_the_whole_interface() -> None:
+    options, model = (tables(section("python.md", heading))[0] for heading in ("Options of fit", "The model"))
+    listed = {name for row in options[1:] for name in names(row[0])}
+    assert listed == inspect.signature(thermogate.fit).parameters.keys() - {"df"}
+    for row in model[1:]:
+        for name in names(row[0]):
+            function, _, arguments = name.rstrip(")").partition("(")
+            if arguments:
+                given = inspect.signature(getattr(thermogate.Model, function)).parameters
+                assert arguments.split(", ") == [one for one in given if one not in ("self", "progress")]
+    described = {name.partition("(")[0] for row in model[1:] for name in names(row[0])}
+    assert described == {name for name in vars(thermogate.Model) if not name.startswith("_")}
 
 
 def test_every_metric_is_documented() -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import tzinfo
+from datetime import timedelta, timezone, tzinfo
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ Frame = Any
 
 _ROWS_AT_ONCE = 512
 _MOST_NAMES = 30
+_OFFSET = re.compile(r"UTC([+-])([01]\d|2[0-3]):([0-5]\d)")
 
 
 class Clock(NamedTuple):
@@ -67,11 +69,8 @@ def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
     if frame.index.isna().any():
         row = int(frame.index.isna().argmax())
         raise DataError(f"row {row} of {what} has no time (NaT); leave such rows out with df[df.index.notna()]")
-    given = None if zone is None else str(zone)
-    try:
-        local = None if given is None else time_zone(given)
-    except SourceError as error:
-        raise DataError(f"tz: {error}") from None
+    given = None if zone is None else _zone_name(zone)
+    local = None if given is None else _zone(given)
     seconds = frame.index.as_unit("us").asi8 / 1e6
     if frame.index.tz is not None:
         return Clock(seconds, given or _zone_name(frame.index.tz))
@@ -82,14 +81,23 @@ def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
     return Clock(local_to_utc(seconds, local), given)
 
 
-def _zone_name(zone: tzinfo) -> str:
+def _zone_name(zone: str | tzinfo) -> str:
     """The name by which pandas finds `zone` again; UTC for a zone that has none."""
+    if isinstance(zone, str | timezone):
+        return str(zone)
+    # zoneinfo has a key, pytz a zone.
+    return getattr(zone, "key", None) or getattr(zone, "zone", None) or "UTC"
+
+
+def _zone(name: str) -> Any:
+    """The time zone called `name`, an IANA name or UTC+hh:mm; DataError if there is none."""
+    if offset := _OFFSET.fullmatch(name):
+        span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
+        return timezone(-span if offset[1] == "-" else span)
     try:
-        pandas().Timestamp(0, tz=str(zone))
-    except Exception:
-        # pandas, pytz and zoneinfo each have an error of their own for an unknown name.
-        return "UTC"
-    return str(zone)
+        return time_zone(name)
+    except SourceError as error:
+        raise DataError(f"tz: {error}") from None
 
 
 def spacing(seconds: Array) -> float:

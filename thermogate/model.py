@@ -248,15 +248,14 @@ class Model:
         write_model(Path(path), self._session, self._faults)
 
     def __repr__(self) -> str:
-        rows, zone = self._session.columns(), self._settings.zone
-        first, last = self._moments(rows["time"][[0, -1]])
+        zone, worker = self._settings.zone, self._session.worker
+        first, last = self._moments(self._session.span())
         lines = [
             f"Thermogate model: network {self.network.name}, estimator {self.estimator}, a sample every "
             f"{format_duration(zone.period)}",
-            f"  learned from {_count(len(rows['time']), 'sample')} in {_count(int(rows['segment'][-1]), 'segment')}, "
+            f"  learned from {_count(len(self._session), 'sample')} in {_count(worker.progress.segment, 'segment')}, "
             f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} ({self._settings.tz})",
         ]
-        worker = self._session.worker
         if worker.progress.stalled or worker.latest is None:
             lines.append(f"  no forecast: {worker.progress.stalled}")
         else:

@@ -51,6 +51,10 @@ class Session:
     def updates(self, rows: Array) -> None:
         self._rows = rows.tolist()
 
+    def span(self) -> tuple[float, float]:
+        """Times of the first and the last of them, UTC seconds."""
+        return self._rows[0][0], self._rows[-1][0]
+
     def columns(self) -> dict[str, Array]:
         """The updates as columns (K,) by name."""
         return dict(zip(self.names, self.updates.T, strict=True))

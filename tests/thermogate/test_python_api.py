@@ -7,9 +7,10 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from datetime import timedelta
+from datetime import timedelta, timezone
 from pathlib import Path
 from typing import Any
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pandas as pd
@@ -131,6 +132,11 @@ def test_times_mean_the_same_in_every_zone(model: tg.Model) -> None:
     elsewhere = tg.fit(room().tz_convert("America/New_York"), "tite", **FEW)
     assert_same(elsewhere, model)
     assert str(elsewhere.forecast(horizon="1h").index.tz) == "America/New_York"
+    fixed = tg.fit(room().tz_convert("UTC+02:00"), "tite", **FEW)
+    assert_same(fixed, model)
+    assert_same(tg.fit(room().tz_convert(timezone(timedelta(hours=-3))), "tite", **FEW), model)
+    zone = ZoneInfo("Asia/Kolkata")
+    assert_same(tg.fit(room().tz_convert(zone).tz_localize(None), "tite", tz=zone, **FEW), model)
     naive = tg.fit(room().tz_convert("Europe/Berlin").tz_localize(None), "tite", tz="Europe/Berlin", **FEW)
     assert_same(naive, model)
     assert str(tg.fit(room(), "tite", tz="Europe/Berlin", **FEW).gate.index.tz) == "Europe/Berlin"
