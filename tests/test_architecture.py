@@ -57,11 +57,12 @@ LEVELS = {
         {"errors", "localtime"},
     ),
     "thermogate": (
+        {"fitting"},
         {"model"},
-        {"files"},
+        {"files", "learning"},
         {"session"},
         {"settings", "plans"},
-        {"frames", "rows"},
+        {"frames"},
     ),
 }
 """The rooms of each package, from the top floor down. A room imports only from floors below its own."""

@@ -19,7 +19,8 @@ from service.daemon.process import prepare_process
 from service.errors import ConfigError, DataError, ServiceError
 
 if TYPE_CHECKING:
-    from thermogate.model import Model, fit, load
+    from thermogate.fitting import fit, load
+    from thermogate.model import Model
 
 __all__ = ["ConfigError", "DataError", "Model", "ServiceError", "fit", "load"]
 
@@ -31,8 +32,8 @@ def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f"module 'thermogate' has no attribute '{name}'")
     prepare_process()
-    model = import_module("thermogate.model")
-    globals().update({later: getattr(model, later) for later in _LATER})
+    fitting = import_module("thermogate.fitting")
+    globals().update({later: getattr(fitting, later) for later in _LATER})
     return globals()[name]
 
 

@@ -17,6 +17,7 @@ from estimator.network.network import Network
 from service.errors import CheckpointError, DataError
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
 from service.store.durable_files import write_file
+from service.zone import snapshot
 from thermogate.session import Session
 from thermogate.settings import Settings, settings_of
 
@@ -24,10 +25,14 @@ _KIND = "thermogate model"
 _NETWORK = TypeAdapter(Network)
 
 
-def write_model(path: Path, session: Session, faults: Mapping[Fault, int], resume_after: int) -> None:
+_UPDATES = "updates"
+
+
+def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> None:
     """Write what `read_model` reads; DataError if the file cannot be written."""
-    arrays, metas = session.pack()
     settings = session.settings
+    worker = snapshot.take(session.worker, session.mark, settings.zone.estimator)
+    assert worker is not None, "a model has learned something before anybody can save it"
     meta = {
         "kind": _KIND,
         "network": asdict(settings.network),
@@ -35,9 +40,10 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int], resum
         "tz": settings.tz,
         "other_columns": settings.other_columns,
         "faults": {str(fault): count for fault, count in faults.items()},
-        "workers": metas,
+        "worker": worker.meta,
     }
-    content = encode(Checkpoint(session.mark, resume_after, arrays, meta, {"kind": _KIND}))
+    arrays = {**worker.arrays, _UPDATES: session.updates}
+    content = encode(Checkpoint(session.mark, worker.step, arrays, meta, worker.about))
     temporary = path.with_name(f"{path.name}.tmp")
     try:
         write_file(temporary, content)
@@ -46,12 +52,11 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int], resum
         raise DataError(f"the model cannot be written to {path} ({error.strerror}); choose another file") from None
 
 
-def read_model(path: Path) -> tuple[Session, Counter[Fault], int]:
-    """The session of a saved model, its refused readings and the time of its last interval; DataError if the file is
-    no such model or damaged."""
+def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
+    """The session of a saved model and its refused readings; DataError if the file is no such model or damaged."""
     try:
         found = decode(path.read_bytes(), path)
-        if found.meta["kind"] != _KIND:
+        if found.meta.get("kind") != _KIND:
             raise ValueError("it is a checkpoint of the daemon")
     except FileNotFoundError:
         raise DataError(f"there is no file {path}; give the path that save was given") from None
@@ -63,8 +68,9 @@ def read_model(path: Path) -> tuple[Session, Counter[Fault], int]:
     session = Session(_settings(meta))
     if session.mark != found.fingerprint:
         raise DataError(f"{path} was saved by a Thermogate with other defaults; fit the model again")
-    session.unpack(found.arrays, meta["workers"])
-    return session, Counter({Fault(name): count for name, count in meta["faults"].items()}), found.step
+    snapshot.restore(session.worker, found._replace(meta=meta["worker"]))
+    session.updates = found.arrays[_UPDATES]
+    return session, Counter({Fault(name): count for name, count in meta["faults"].items()})
 
 
 def _settings(meta: Mapping[str, Any]) -> Settings:

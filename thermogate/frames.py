@@ -178,8 +178,10 @@ class Reader:
             yield Part(readings, times[-1])
 
     def span(self) -> tuple[float, float]:
-        """The first and the last time, UTC seconds."""
+        """The first and the last time, UTC seconds; DataError where no row has one."""
         found = self._seconds[self._order]
+        if not len(found):
+            raise DataError("the clock change in spring skips every time of the table; is tz the right one?")
         return float(found[0]), float(found[-1])
 
     def refused(self, faults: Counter[Fault]) -> list[str]:

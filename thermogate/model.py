@@ -1,107 +1,41 @@
-"""`fit`, `load` and what they return: a model that forecasts, explains itself and goes on learning."""
+"""A fitted model: it forecasts, explains itself and goes on learning."""
 
 from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from datetime import timedelta, tzinfo
-from math import ceil
+from collections.abc import Sequence
+from datetime import timedelta
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from adapters.reading import Fault
 from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
-from estimator.verification.skill import persistence_crps, skill
-from service.config.fitting import make_alignment
-from service.errors import ConfigError, DataError
-from service.fields.durations import format_duration, parse_duration
-from service.records.sample import Sample
-from thermogate.files import read_model, write_model
-from thermogate.frames import Frame, Reader, check_columns, clock, moments, pandas, spacing, table
+from estimator.verification.scores import gaussian_crps
+from service.errors import DataError
+from service.fields.durations import format_duration
+from service.records.skill import Skill
+from thermogate.files import write_model
+from thermogate.frames import Frame, moments, pandas, table
+from thermogate.learning import learn
 from thermogate.plans import plan_rows, steps_in
-from thermogate.session import OUTCOMES, REGIMES, Session, horizon_names
-from thermogate.settings import ZONE, Settings, network_of, settings_of
+from thermogate.session import ALPHA, BOUNDS, OUTCOMES, REGIMES, Session
+from thermogate.settings import Settings
 
 QUANTILES = (0.025, 0.5, 0.975)
-
-_SLOW = 2.0
-"""Seconds after which a fit shows its progress."""
-
-FileName = str | PathLike[str]
-
-
-def fit(
-    df: Frame,
-    network: str | Mapping[str, Any] | Network,
-    *,
-    columns: Mapping[str, Any] | None = None,
-    tz: str | tzinfo | None = None,
-    period: str | float | timedelta | None = None,
-    estimator: str | None = None,
-    estimator_options: Mapping[str, Any] | None = None,
-    seed: int = 0,
-    levels: Sequence[float] | None = None,
-    max_gap: int | None = None,
-    hold_inputs: str | float | timedelta | None = None,
-    progress: bool = True,
-) -> Model:
-    """Learn the thermal model of a zone from a table of measurements, as the daemon would have learned it online.
-
-    Args:
-        df: a DataFrame with a DatetimeIndex; rows need no order and no even spacing.
-        network: a preset such as "titeth", a table as in [zones.network], or a `Network`.
-        columns: what a channel is read from, where the column does not have its name and unit: the name of a column, a
-            pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels].
-        tz: the time zone of an index without one, such as "Europe/Berlin"; otherwise that of the results.
-        period: the sampling period, such as "15min"; None takes the usual distance of the rows.
-        estimator, estimator_options, levels, max_gap, hold_inputs: as in [[zones]]; None is the daemon's default.
-        seed: of the random numbers; the same seed gives the same bits.
-        progress: whether a fit of more than two seconds shows a progress bar.
-
-    Raises ConfigError for arguments and DataError for a table that cannot be used.
-    """
-    pandas()
-    resolved = network_of(network)
-    times = clock(df, tz, "the table")
-    given: dict[str, Any] = {
-        "period": spacing(times.seconds) if period is None else _plain(period),
-        "estimator": estimator,
-        "estimator_options": dict(estimator_options) if estimator_options is not None else None,
-        "seed": seed,
-        "levels": [levels] if isinstance(levels, float) else None if levels is None else list(levels),
-        "max_gap": max_gap,
-        "hold_inputs": _plain(hold_inputs),
-    }
-    known = {name: value for name, value in given.items() if value is not None}
-    settings = settings_of(resolved, columns or {}, times.zone, known)
-    used = {name for names in settings.source_columns.values() for name in names}
-    others = tuple(name for name in map(str, df.columns) if name not in used)
-    model = Model(Session(settings._replace(other_columns=others)))
-    model._learn(df, None, progress, "fit")
-    return model
-
-
-def load(path: FileName) -> Model:
-    """The model that `Model.save` wrote to `path`; it goes on with the same bits. DataError for any other file."""
-    session, faults, last = read_model(Path(path))
-    return Model(session, faults, last)
 
 
 class Model:
     """A fitted model. `fit` and `load` make it."""
 
-    def __init__(self, session: Session, faults: Counter[Fault] | None = None, last: int | None = None) -> None:
+    def __init__(self, session: Session, faults: Counter[Fault] | None = None) -> None:
         self._session = session
         self._faults: Counter[Fault] = faults or Counter()
-        self._last = last
-        """Time of the last closed interval, UTC s."""
 
     @property
     def network(self) -> Network:
@@ -129,7 +63,10 @@ class Model:
         The columns are those of `fit`. Rows up to the last interval that the model has seen are passed over, as the
         daemon does after a restart. DataError where there is no later row.
         """
-        self._learn(df, self._last, progress, "update")
+        learned = learn(self._session, df, progress, "update")
+        self._faults += learned.faults
+        for sentence in learned.warnings:
+            warnings.warn(sentence, stacklevel=2)
         return self
 
     def forecast(
@@ -219,14 +156,14 @@ class Model:
         By time: y, mean, sd, the interval at the first of the levels, residual and crps [degC, K], then log_likelihood,
         outcome and segment. With several measured temperatures every column is a pair (output, quantity).
         """
-        rows, level = self._session.updates.columns(), f"{self._settings.zone.levels[0]:g}"
+        rows, level = self._session.columns(), f"{self._settings.zone.levels[0]:g}"
         names = {"y": "y", "mean": "mean", "sd": "sd", "lower": f"lower_{level}", "upper": f"upper_{level}"}
-        names |= {"residual": "residual", "crps": "crps"}
-        columns = {
-            self._key(output, shown): rows[f"{quantity}.{output}"]
-            for output in self.network.measured
-            for quantity, shown in names.items()
-        }
+        names |= {"residual": "residual"}
+        columns: dict[Any, Array] = {}
+        for output in self.network.measured:
+            own = {quantity: rows[f"{quantity}.{output}"] for quantity in names}
+            columns |= {self._key(output, shown): own[quantity] for quantity, shown in names.items()}
+            columns[self._key(output, "crps")] = gaussian_crps(-own["residual"], own["sd"], 0.0)
         columns[self._key("", "log_likelihood")] = rows["log_likelihood"]
         columns[self._key("", "outcome")] = np.array(OUTCOMES)[rows["outcome"].astype(int)]
         columns[self._key("", "segment")] = rows["segment"].astype(int)
@@ -237,73 +174,81 @@ class Model:
         """The volatility alpha after every sample: lower and upper bound of its 95 % interval, median, and cdf, its
         place in its own history. With several blocks every column is a pair (block, quantity); without volatility
         there is no column."""
-        rows, blocks = self._session.updates.columns(), self._session.worker.estimator.blocks
+        rows, blocks = self._session.columns(), self._session.worker.estimator.blocks
         columns = {
-            (block, quantity) if len(blocks) > 1 else quantity: rows[f"alpha.{block}.{quantity}"]
+            (block, quantity) if len(blocks) > 1 else quantity: rows[f"alpha.{quantity}.{block}"]
             for block in blocks
-            for quantity in ("lower", "median", "upper", "cdf")
+            for quantity in ALPHA
         }
         return table(columns, self._moments(rows["time"]))
 
     @property
     def gate(self) -> Frame:
         """The learning gate after every sample, and the regime that it follows from."""
-        rows = self._session.updates.columns()
+        rows = self._session.columns()
         columns = {"gate": rows["gate"], "regime": np.array(REGIMES)[rows["regime"].astype(int)]}
         return table(columns, self._moments(rows["time"]))
 
     @property
     def parameter_history(self) -> Frame:
         """The posterior mean of every parameter after every sample."""
-        rows = self._session.updates.columns()
+        rows = self._session.columns()
         columns = {parameter.name: rows[f"theta.{parameter.name}"] for parameter in self.network.parameters}
         return table(columns, self._moments(rows["time"]))
 
     @property
-    def verified(self) -> Frame:
-        """Every forecast of `skill` one by one, by the time that it was for: horizon, output, y, mean, lower, upper,
-        crps, and what persistence and ARX were wrong by."""
-        rows, horizons = self._session.verified.columns(), horizon_names(self._settings.zone.period)
-        index = self._moments(rows.pop("time"))
-        columns: dict[str, Any] = dict(rows)
-        columns["horizon"] = [horizons[int(place)] for place in rows["horizon"]]
-        columns["output"] = [self.network.measured[int(place)] for place in rows["output"]]
-        return table(columns, index)
-
-    def skill(self, *, skip: str | float | timedelta = 0.0, last: str | float | timedelta | None = None) -> Frame:
-        """How good the forecasts were, horizon by horizon, while the model learned.
-
-        A forecast of hours is issued every hour and held to the measurement that came, under the inputs that really
-        followed. `skip` leaves out so much at the beginning, and `last` takes so much at the end alone.
-
-        Columns: forecasts (their number), coverage of the interval at the first level, width [K], rmse [K], crps [K],
-        and the skill in CRPS against persistence and against an online ARX model: 1 is perfect, 0 as good, below 0
-        worse.
-        With several measured temperatures every row is a pair (output, horizon).
-        """
-        rows = self._session.verified.columns()
-        times = self._session.updates.columns()["time"]
-        begin = times[0] + _seconds(skip)
-        if last is not None:
-            begin = max(begin, times[-1] + self._settings.zone.period - _seconds(last))
-        found = {
-            (output, name): _scored({key: values[chosen] for key, values in rows.items()})
-            for i, output in enumerate(self.network.measured)
-            for place, name in horizon_names(self._settings.zone.period).items()
-            for chosen in [(rows["output"] == i) & (rows["horizon"] == place) & (rows["time"] >= begin)]
+    def disturbance(self) -> Frame:
+        """What the estimator knows of what nobody measures, after every sample: unmeasured heat [W] into the first
+        measured node with its 95 % interval, the probability that there is any, and the same bounds of the measurement
+        noise [K] of every output. NaN for an estimator without a model of it."""
+        rows = self._session.columns()
+        columns = {f"gain_{bound}": rows[f"gain.{bound}"] for bound in BOUNDS}
+        columns["probability_on"] = rows["gain.probability_on"]
+        columns |= {
+            f"measurement_sd_{output}_{bound}": rows[f"sd.{bound}.{output}"]
+            for output in self.network.measured
+            for bound in BOUNDS
         }
-        pd = pandas()
-        index = pd.MultiIndex.from_tuples(list(found), names=["output", "horizon"])
-        frame = pd.DataFrame(list(found.values()), index=index)
-        return frame if len(self.network.measured) > 1 else frame.droplevel("output")
+        return table(columns, self._moments(rows["time"]))
 
-    def save(self, path: FileName) -> None:
+    def skill(self, days: int = 30) -> Frame:
+        """How good the model's forecasts were over the last 1, 7 or 30 `days`, horizon by horizon.
+
+        Every forecast was made while the model learned, before the measurement that it is held to: one step ahead at
+        every sample, and hours ahead once an hour under the inputs that really followed. These are the figures of the
+        daemon, for the first measured temperature.
+
+        Columns: forecasts (their number), coverage and width [K] of the 95 % interval, crps and rmse [K], the rmse [K]
+        of persistence (nothing changes) and of an online ARX model, and the skill against both, the share by which the
+        model's rmse is smaller: 1 is perfect, 0 as good, below 0 worse.
+        """
+        found = self._skill()
+        if days not in found.windows:
+            known = ", ".join(map(str, found.windows))
+            raise DataError(f"days must be one of {known}, not {days}")
+        period = self._settings.zone.period
+        rows: dict[str, dict[str, float]] = {}
+        for one in found.windows[days]:
+            # A horizon that is no longer than one step is that step.
+            if not rows or one.lead > period:
+                against = {"skill_persistence": one.against_persistence, "skill_arx": one.against_arx}
+                rows[_horizon(one.lead, period)] = {**one._asdict(), **against}
+        index = pandas().Index(list(rows), name="horizon")
+        return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead")
+
+    @property
+    def weights(self) -> Frame:
+        """What each member of a bank weighs, horizon by horizon; no rows for another estimator."""
+        found, period = self._skill(), self._settings.zone.period
+        names = [_horizon(one.lead, period) for one in next(iter(found.windows.values()))]
+        return pandas().DataFrame.from_dict(dict(found.weights), orient="index", columns=names).rename_axis("member")
+
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the model to one file, which `load` reads. It is NumPy's npz and holds no Python objects."""
-        assert self._last is not None
-        write_model(Path(path), self._session, self._faults, self._last)
+        write_model(Path(path), self._session, self._faults)
 
     def __repr__(self) -> str:
-        rows, zone = self._session.updates.columns(), self._settings.zone
+        rows, zone = self._session.columns(), self._settings.zone
         first, last = self._moments(rows["time"][[0, -1]])
         lines = [
             f"Thermogate model: network {self.network.name}, estimator {self.estimator}, a sample every "
@@ -323,7 +268,7 @@ class Model:
                 for one in forecast.outputs
             ]
             medians = ", ".join(f"{value:.2g}" for value in worker.latest.volatility.median)
-            gate = worker.latest.gate
+            gate = worker.latest.shown_gate
             lines.append(f"  volatility {medians or 'none'} ({gate.regime}), learning gate {gate.value:.2f}")
         if self._faults:
             lines.append("  not used: " + ", ".join(f"{count} {fault}" for fault, count in self.faults.items()))
@@ -332,42 +277,6 @@ class Model:
     @property
     def _settings(self) -> Settings:
         return self._session.settings
-
-    def _learn(self, df: Frame, resume_after: int | None, progress: bool, what: str) -> None:
-        """Align a table as the daemon would and take every sample; warn of readings that were not used."""
-        settings, before = self._settings, len(self._session.updates)
-        times = clock(df, settings.tz, "the table")
-        check_columns(df, settings.source_columns, settings.units, "the table")
-        reader = Reader(df, times, settings.zone.channels, settings.units, ZONE)
-        alignment = make_alignment(settings.zone, resume_after)
-        first, last = reader.span()
-        period = settings.zone.period
-        if resume_after is not None and last < resume_after + period:
-            until, newest = self._moments([resume_after + period, last])
-            raise DataError(f"the table ends at {newest}, and the model has learned up to {until}; give later rows")
-        since = first if resume_after is None else max(first, resume_after + period)
-        with tqdm(
-            total=max(1, ceil((last - since) / period)), unit=" samples", desc=what, delay=_SLOW, disable=not progress
-        ) as bar:
-            for part in reader.parts():
-                self._take(alignment.add(ZONE, part.readings, part.now), bar)
-            self._take(alignment.end(ZONE), bar)
-        faults = alignment.faults + reader.faults
-        self._last = alignment.closed_until - period
-        self._faults += faults
-        sentences = reader.refused(faults)
-        if before == len(self._session.updates) == 0:
-            why = self._session.worker.progress.stalled or "there is no reading"
-            raise DataError("; ".join([f"no row of the table could be used: {why}", *sentences]))
-        for sentence in sentences:
-            warnings.warn(sentence, stacklevel=3)
-
-    def _take(self, samples: Sequence[Sample], bar: Any) -> None:
-        for sample in samples:
-            # Whoever interrupts a fit can go on after the last sample.
-            self._last = sample.time
-            self._session.take(sample)
-            bar.update()
 
     def _planned(self, plan: Any, horizon: str | float | timedelta) -> tuple[Any, list[dict[str, float]]]:
         """What stands, and the planned inputs of every step; DataError where nothing stands."""
@@ -380,10 +289,15 @@ class Model:
         begin = worker.standing.update.forecast.valid_time
         return worker.standing, plan_rows(plan, self._settings, begin, steps)
 
+    def _skill(self) -> Skill:
+        found = self._session.worker.skill()
+        assert found is not None
+        return found
+
     def _summary(self, levels: Sequence[float]) -> ParameterSummary:
         _check_levels(levels)
         estimator = self._session.worker.estimator
-        if not getattr(estimator, "physical", True):
+        if not estimator.physical:
             raise DataError(
                 f"the estimator {self.estimator} has no parameters of a building; fit with another estimator"
             )
@@ -399,22 +313,6 @@ class Model:
         return (output, quantity) if len(self.network.measured) > 1 else quantity
 
 
-def _scored(rows: Mapping[str, Array]) -> dict[str, float]:
-    """Scores of forecasts that are rows of `Session.verified`."""
-    count, y = len(rows["y"]), rows["y"]
-    mean = np.mean if count else lambda _: float("nan")
-    persisted = persistence_crps(rows["persistence_error"])
-    return {
-        "forecasts": count,
-        "coverage": float(mean((rows["lower"] <= y) & (y <= rows["upper"]))),
-        "width": float(mean(rows["upper"] - rows["lower"])),
-        "rmse": float(np.sqrt(mean((y - rows["mean"]) ** 2))),
-        "crps": float(mean(rows["crps"])),
-        "skill_persistence": skill(rows["crps"], persisted),
-        "skill_arx": skill(rows["crps"], rows["arx_crps"]),
-    }
-
-
 def _quantiles(levels: Sequence[float], values: Array) -> dict[str, Any]:
     return {f"q{level:g}": values[:, place] for place, level in enumerate(levels)}
 
@@ -424,12 +322,8 @@ def _plain(duration: Any) -> Any:
     return duration.total_seconds() if isinstance(duration, timedelta) else duration
 
 
-def _seconds(duration: Any) -> float:
-    """A duration as in the configuration, or a timedelta, in s; ConfigError for anything else."""
-    try:
-        return parse_duration(_plain(duration))
-    except ValueError as error:
-        raise ConfigError([str(error)]) from None
+def _horizon(lead: float, period: float) -> str:
+    return "1 step" if lead == period else f"{lead / 3600:g}h"
 
 
 def _check_levels(levels: Sequence[float]) -> None:

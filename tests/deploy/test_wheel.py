@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-PACKAGES = ("estimator", "adapters", "service", "replay")
+PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
 LEFT_OUT = "replay/measuring/"
 
 
