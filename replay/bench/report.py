@@ -26,7 +26,8 @@ def page(results: Mapping[str, Any], path: Path) -> None:
     if results["size"] != "full":
         lines += [f"**Size `{results['size']}`: these figures only show that the measurements run.**", ""]
     lines += _machine(results["machine"]) + _targets(sections)
-    for name, write in {"stages": _stages, "growth": _growth, "comparisons": _comparisons, "fleet": _fleet}.items():
+    written = {"stages": _stages, "growth": _growth, "comparisons": _comparisons, "plain": _plain, "fleet": _fleet}
+    for name, write in written.items():
         found = sections.get(name, {})
         if found and "failed" not in found and "skipped" not in found:
             lines += write(found)
@@ -178,6 +179,31 @@ def _comparisons(found: Mapping[str, Any]) -> list[str]:
         "of the others takes the exponential of the augmented matrix. It is the core of an update, not all of it.",
         "",
         *_rows(("implementation", "particles", "ns a particle", "times ours"), rows),
+    ]
+
+
+def _plain(found: Mapping[str, Any]) -> list[str]:
+    labels = {"host": "this machine", "avx2": "compiled for AVX2 (`x86-64-v3`)"}
+    return [
+        "",
+        "## The kernels and plain Numba",
+        "",
+        f"A complete update of {found['host']['particles']:,} particles on one thread, by the estimator's kernels and "
+        "by scalar loops that LLVM turns into vector instructions by itself (`replay/bench/plain`), in turn from the "
+        "same states. The ratio is the median over pairs.",
+        "",
+        *_rows(
+            ("processor", "kernels", "plain Numba", "ratio"),
+            [
+                (
+                    label,
+                    *(f"{1e3 * one[way]['median_s']:.2f} ms" for way in ("kernels", "plain")),
+                    f"{one['ratio']:.2f}",
+                )
+                for name, label in labels.items()
+                for one in [found[name]]
+            ],
+        ),
     ]
 
 

@@ -22,6 +22,7 @@ def _sections() -> dict[str, Callable[[Sizes], Mapping[str, Any]]]:
     from replay.bench.growth import growth
     from replay.bench.memory import memory
     from replay.bench.months import months
+    from replay.bench.plain.measure import plain
     from replay.bench.stages import stages
     from replay.bench.start import start
     from replay.bench.update import one_thread, two_threads
@@ -35,11 +36,12 @@ def _sections() -> dict[str, Callable[[Sizes], Mapping[str, Any]]]:
         "memory": memory,
         "start": start,
         "comparisons": comparisons,
+        "plain": plain,
         "fleet": fleet,
     }
 
 
-SECTIONS = ("update", "threads", "stages", "growth", "months", "memory", "start", "comparisons", "fleet")
+SECTIONS = ("update", "threads", "stages", "growth", "months", "memory", "start", "comparisons", "plain", "fleet")
 
 
 def measure(name: str, size: str, out: Path) -> None:
