@@ -94,7 +94,7 @@ prepare, predict = operation(_prepare, WIDTH), operation(_predict, WIDTH)
 small_exponential, double = operation(_exponential, GROUP), operation(_double, GROUP)
 
 
-@njit(**JIT)
+@njit(forceinline=True, **JIT)
 def row_of(memory, row):  # type: ignore[no-untyped-def]
     """A scratch row."""
     return memory[row * WIDTH : (row + 1) * WIDTH]
@@ -163,7 +163,7 @@ def decay_of(size, at, period, s):  # type: ignore[no-untyped-def]
             double(size, s, np.uint64(first))
 
 
-@njit(**JIT)
+@njit(forceinline=True, **JIT)
 def copied(source, target):  # type: ignore[no-untyped-def]
     """`target` becomes `source`, as far as both go."""
     for w in range(min(source.shape[0], target.shape[0])):
