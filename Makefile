@@ -30,7 +30,7 @@ coverage: $(VENV)/.ready  ## the tests with line coverage of the four packages, 
 	$(BIN)/coverage report
 
 replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's 20,000 particles, minutes each
-	$(BIN)/python -m replay.ecolar var/ecolar
+	$(BIN)/python -m replay.simulated.ecolar var/ecolar
 	for period in spring autumn; do \
 	  $(BIN)/thermogate replay deploy/examples/ecolar.toml --out var/ecolar/$$period \
 	    --set "sources.recording.files=[\"$(CURDIR)/var/ecolar/ecolar-$$period-SYNTHETIC.csv\"]" || exit 1; \
@@ -45,7 +45,7 @@ load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each se
 	$(BIN)/python tests/integration/modbus_load.py --seconds 600
 
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
-	$(BIN)/python -m replay.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
+	$(BIN)/python -m replay.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
 
 KILLS ?= 500
 
@@ -53,16 +53,16 @@ kill-loop: $(VENV)/.ready  ## the daemon killed KILLS=500 times at random moment
 	$(BIN)/python tests/integration/kill_loop.py --kills $(KILLS) --out var/kill-loop.json
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
-	$(BIN)/python -m replay.fleet $(FLEET)
+	$(BIN)/python -m replay.measuring.fleet $(FLEET)
 
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
 
 overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
-	$(BIN)/python -m replay.overload
+	$(BIN)/python -m replay.measuring.overload
 
 soak: $(VENV)/.bench  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
-	$(BIN)/python -m replay.soak --picture var/soak/soak.svg $(SOAK)
+	$(BIN)/python -m replay.measuring.soak --picture var/soak/soak.svg $(SOAK)
 
 fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it
 	$(BIN)/python tests/fuzz/run.py --inputs $(FUZZ_INPUTS) --out var/fuzz

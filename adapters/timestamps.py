@@ -1,18 +1,18 @@
-"""Timestamps of recorded telemetry to UTC, with the clock changes of local time."""
+"""Written times to UTC seconds, with the clock changes of local time."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from typing import NamedTuple
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 import numpy.typing as npt
 
-from adapters.cells import Array, Cells, Status
 from adapters.errors import SourceConfigError
+
+Array = npt.NDArray[np.float64]
 
 EARLIEST = 0.0
 LATEST = datetime(2100, 1, 1, tzinfo=UTC).timestamp()
@@ -20,16 +20,6 @@ LATEST = datetime(2100, 1, 1, tzinfo=UTC).timestamp()
 
 _EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - wall-clock time counts from a wall-clock epoch
 _DAY = 86400.0
-
-
-class Moments(NamedTuple):
-    """Parsed timestamps, parallel arrays of shape (n,).
-
-    `seconds` since 1970 are UTC, or wall-clock time where `naive`; NaN where a timestamp could not be parsed.
-    """
-
-    seconds: Array
-    naive: npt.NDArray[np.bool_]
 
 
 Parser = Callable[[str], tuple[float, bool]]
@@ -73,32 +63,6 @@ def time_zone(name: str) -> ZoneInfo:
         raise SourceConfigError(
             f"time zone '{name}' is unknown; use an IANA name such as 'Europe/Berlin' or 'UTC'"
         ) from None
-
-
-def parse_timestamps(cells: Sequence[str], parser: Parser) -> Moments:
-    """Parse every cell; one that is no timestamp becomes NaN."""
-    seconds, naive = np.full(len(cells), np.nan), np.zeros(len(cells), dtype=np.bool_)
-    for i, cell in enumerate(cells):
-        try:
-            seconds[i], naive[i] = parser(cell.strip())
-        except (ValueError, OverflowError):
-            continue
-    return Moments(seconds, naive)
-
-
-def to_utc(moments: Moments, zone: ZoneInfo | None) -> Cells:
-    """UTC seconds of the timestamps of one file, in file order, with status GOOD, NAIVE_TIMESTAMP or BAD_TIMESTAMP."""
-    times = moments.seconds.copy()
-    plausible = (times >= EARLIEST - _DAY) & (times < LATEST + _DAY)
-    local = moments.naive & plausible
-    if zone is not None:
-        times[local] = local_to_utc(times[local], zone)
-    status = np.zeros(times.size, dtype=np.uint8)
-    status[~((times >= EARLIEST) & (times < LATEST))] = Status.BAD_TIMESTAMP
-    if zone is None:
-        status[local] = Status.NAIVE_TIMESTAMP
-    times[status != Status.GOOD] = np.nan
-    return Cells(times, status)
 
 
 def local_to_utc(local: Array, zone: ZoneInfo) -> Array:

@@ -1,0 +1,1 @@
+"""Mathematics only: networks, online estimators, offline fits. No I/O, clock, thread or logging."""

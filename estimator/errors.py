@@ -10,4 +10,9 @@ class NetworkError(EstimatorError):
 
 
 class OptionsError(EstimatorError):
-    """An estimator option that does not exist or does not make sense."""
+    """An estimator option that does not exist or does not make sense. `options` are those that the sentence is about,
+    the first of them the one to look at; empty where it is about the estimator itself."""
+
+    def __init__(self, sentence: str, *options: str) -> None:
+        super().__init__(sentence)
+        self.options = options

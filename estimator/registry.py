@@ -1,69 +1,92 @@
-"""The online estimators by name. A new one is one file and one line here."""
+"""The online estimators by name. A new one is one file, and one entry in `ESTIMATORS`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
-from estimator import augmented_options
-from estimator import options as rbpf_options
-from estimator.ekf import ekf
+from estimator.bank.bank import Bank
+from estimator.bank.options import BankOptions, resolver
+from estimator.blackbox import options as arx_options
+from estimator.blackbox.arx import ARX
 from estimator.errors import OptionsError
-from estimator.network import Network
-from estimator.rbpf import RBPF
+from estimator.gaussian import options as gaussian_options
+from estimator.gaussian.ekf import ekf
+from estimator.gaussian.ukf import ukf
+from estimator.mixture import options as mkf_options
+from estimator.mixture.mkf import MKF
+from estimator.network.network import Network
+from estimator.particle import options as rbpf_options
+from estimator.particle.rbpf import RBPF
 from estimator.types import Estimator
-from estimator.ukf import ukf
 
 
-class _Entry(NamedTuple):
-    resolve: Callable[[Network, float, Mapping[str, object]], Mapping[str, object]]
-    build: Callable[[Network, float, Mapping[str, object]], Estimator]
+class EstimatorKind(NamedTuple):
+    """How an estimator is told what to do, and how it is built."""
+
+    resolve: Callable[[Network, float, Mapping[str, object]], Any]
+    """The options in force, as a frozen dataclass, for a network at a period in s; OptionsError if they are wrong."""
+    build: Callable[[Network, float, Any], Estimator]
+    """The estimator of a network at a period in s, from resolved options."""
+    structural: tuple[str, ...] = ()
+    """Options that decide what the arrays of a stored state mean; the others may change between two starts."""
 
 
-def _resolve_rbpf(network: Network, period: float, given: Mapping[str, object]) -> Mapping[str, object]:
-    return rbpf_options.as_mapping(rbpf_options.resolve(network, period, given))
+def _build_bank(network: Network, period: float, options: BankOptions) -> Estimator:
+    members = {
+        name: construct(member.estimator, member.network, period, member.options)
+        for name, member in options.members.items()
+    }
+    return Bank(network, period, options, members)
 
 
-def _build_rbpf(network: Network, period: float, given: Mapping[str, object]) -> Estimator:
-    return RBPF(network, period, rbpf_options.resolve(network, period, given))
-
-
-def _resolve_ekf(network: Network, period: float, given: Mapping[str, object]) -> Mapping[str, object]:
-    return augmented_options.as_mapping(augmented_options.resolve_ekf(network, period, given))
-
-
-def _build_ekf(network: Network, period: float, given: Mapping[str, object]) -> Estimator:
-    return ekf(network, period, augmented_options.resolve_ekf(network, period, given))
-
-
-def _resolve_ukf(network: Network, period: float, given: Mapping[str, object]) -> Mapping[str, object]:
-    return augmented_options.as_mapping(augmented_options.resolve_ukf(network, period, given))
-
-
-def _build_ukf(network: Network, period: float, given: Mapping[str, object]) -> Estimator:
-    return ukf(network, period, augmented_options.resolve_ukf(network, period, given))
-
-
-ESTIMATORS: dict[str, _Entry] = {
-    "rbpf": _Entry(_resolve_rbpf, _build_rbpf),
-    "ekf": _Entry(_resolve_ekf, _build_ekf),
-    "ukf": _Entry(_resolve_ukf, _build_ukf),
+ESTIMATORS: dict[str, EstimatorKind] = {
+    "rbpf": EstimatorKind(
+        rbpf_options.resolve,
+        RBPF,
+        ("particles", "coordinates", "volatility_blocks", "alpha_min", "alpha_max", "histogram_bins"),
+    ),
+    "ekf": EstimatorKind(gaussian_options.resolve_ekf, ekf),
+    "ukf": EstimatorKind(gaussian_options.resolve_ukf, ukf),
+    "mkf": EstimatorKind(
+        mkf_options.resolve,
+        MKF,
+        ("particles", "volatility_blocks", "alpha_min", "alpha_max", "histogram_bins", "volatility", "gain"),
+    ),
+    "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank, ("members",)),
+    "arx": EstimatorKind(arx_options.resolve, ARX, ("past_outputs", "past_inputs")),
 }
 
 
-def resolve_options(
-    estimator: str, network: Network, period: float, given: Mapping[str, object]
-) -> Mapping[str, object]:
-    """The options in force, defaults filled; OptionsError names the estimator or option that does not exist or fit."""
-    return _entry(estimator).resolve(network, period, given)
+def resolve(estimator: str, network: Network, period: float, given: Mapping[str, object]) -> Any:
+    """The options in force, defaults filled, as the frozen dataclass of the estimator; OptionsError names the estimator
+    or the options that do not exist or fit."""
+    return _kind(estimator).resolve(network, period, given)
+
+
+def construct(estimator: str, network: Network, period: float, options: Any) -> Estimator:
+    """The estimator called `estimator` for `network` at `period` s, with options that `resolve` returned."""
+    return _kind(estimator).build(network, period, options)
 
 
 def build(estimator: str, network: Network, period: float, given: Mapping[str, object]) -> Estimator:
-    """The estimator called `estimator` for `network` at `period` s with options `given`."""
-    return _entry(estimator).build(network, period, given)
+    """The estimator called `estimator` for `network` at `period` s with the options `given`; OptionsError if wrong."""
+    return construct(estimator, network, period, resolve(estimator, network, period, given))
 
 
-def _entry(estimator: str) -> _Entry:
+def as_mapping(options: Any) -> dict[str, object]:
+    """Resolved options by name, without those that are not set."""
+    return {name: value for name, value in asdict(options).items() if value is not None}
+
+
+def structure(estimator: str, options: Any) -> dict[str, object]:
+    """The structural ones among resolved options, by name."""
+    named, structural = as_mapping(options), _kind(estimator).structural
+    return {name: named[name] for name in structural if name in named}
+
+
+def _kind(estimator: str) -> EstimatorKind:
     if estimator not in ESTIMATORS:
         raise OptionsError(f"unknown estimator '{estimator}'; the estimators are {', '.join(ESTIMATORS)}")
     return ESTIMATORS[estimator]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from estimator.network import Network
+from estimator.arrays import Array
+from estimator.network.network import Network
 
-Array = npt.NDArray[np.float64]
+ALPHA_LEVELS = (0.025, 0.5, 0.975)
+"""Levels of the quantiles of the volatility alpha."""
 
 
 class Outcome(StrEnum):
@@ -45,28 +46,55 @@ class Mixture(NamedTuple):
         return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
 
 
+class Disturbance(NamedTuple):
+    """What an estimator knows of what it cannot measure, at the levels .025, .5 and .975."""
+
+    gain: Array
+    """(3,): unmeasured heat [W] into the first measured node over the last step; NaN without a model of it."""
+    probability_on: float
+    """That there is such heat; NaN without a model of it."""
+    measurement_sd: Array
+    """(n_y, 3): sigma_y [K] of every output."""
+
+
+class Verified(NamedTuple):
+    """What had been forecast for a sample."""
+
+    lead: int
+    """How many steps before."""
+    mixture: Mixture
+    """The distribution of the outputs."""
+
+
 class Posterior(NamedTuple):
-    """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,)."""
+    """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,).
+
+    What not every estimator has comes last and need not be given.
+    """
 
     state: Any
     outcome: Outcome
     log_likelihood: float
     """log p(y_k | y_1:k-1); NaN when nothing was assimilated."""
-    alpha_quantiles: Array
-    """(B, 3): .025, .5 and .975 quantiles of alpha_k; B is 0 where the estimator has no volatility."""
-    cdf: Array
-    """(B,): F_k, where the median of alpha_k stands in its own history."""
-    gate: float
-    """g_k, the smallest over blocks, 1 if there are none; 0 where nothing was learned."""
-    regime: str
-    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks; else "constant"."""
-    effective_sample_size: float
-    """N_eff; NaN for an estimator without particles."""
-    resampled: bool
-    floored: bool
-    """Whether the parameter covariance had collapsed and was held at its floor."""
     parameters: Array
     """(n_theta,): posterior mean of each log parameter, exponentiated; fixed ones at their value."""
+    alpha_quantiles: Array = np.empty((0, len(ALPHA_LEVELS)))
+    """(B, 3): quantiles of alpha_k at ALPHA_LEVELS; B is 0 where the estimator has no volatility."""
+    cdf: Array = np.empty(0)
+    """(B,): F_k, where the median of alpha_k stands in its own history."""
+    gate: float | None = None
+    """g_k, the smallest over blocks, 0 where nothing was learned; None for an estimator without a gate."""
+    regime: str | None = None
+    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks."""
+    effective_sample_size: float | None = None
+    """N_eff; None for an estimator without particles."""
+    resampled: bool = False
+    floored: bool = False
+    """Whether the parameter covariance had collapsed and was held at its floor."""
+    disturbance: Disturbance | None = None
+    """None for an estimator that has no model of disturbances."""
+    verified: tuple[Verified, ...] = ()
+    """Forecasts of this very sample whose time has come, of an estimator that verifies itself."""
 
 
 class ParameterSummary(NamedTuple):
@@ -90,9 +118,14 @@ class Estimator(Protocol):
     blocks: tuple[str, ...]
     """Names of the volatility blocks; none where the noise covariance is fixed."""
 
+    physical: bool
+    """Whether its parameters are those of a building."""
+    verifies_itself: bool
+    """Whether `update` tells how the estimator's own forecasts hours ahead have turned out."""
+
     @property
-    def state_type(self) -> type[Any]:
-        """The NamedTuple of arrays that is the estimator's state."""
+    def issue_type(self) -> type[Any]:
+        """The NamedTuple of arrays that `issue` makes."""
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> Any:
         """State at the first sample: outputs (n_y,) and inputs (n_u,) measured there."""
@@ -117,3 +150,21 @@ class Estimator(Protocol):
 
     def parameters(self, state: Any, levels: Array) -> ParameterSummary:
         """Posterior quantiles of the parameters and of what follows from them."""
+
+    def issue(self, state: Any, count: int) -> Any:
+        """What is needed to forecast from `state` later on: an `issue_type` that stands for at most `count` draws."""
+
+    def unfold(self, issue: Any, plan: Array) -> Iterator[Mixture]:
+        """What `issue` forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
+
+    def verified(self, state: Any, lead: int, errors: Array) -> Any:
+        """`state` after the errors (n_y,) [K] of a forecast `lead` steps ahead became known; NaN: not measured."""
+
+    def member_weights(self, state: Any) -> Mapping[str, Array]:
+        """What each member weighs at each horizon, (H,) by name; nothing where there are no members."""
+
+    def pack(self, state: Any) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Any:
+        """The state of packed arrays, with the same bits."""

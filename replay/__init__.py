@@ -1,0 +1,1 @@
+"""Recorded and simulated periods: replay, testbeds, scores, experiments, measuring."""

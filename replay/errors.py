@@ -1,7 +1,9 @@
 """Errors of the recorded and simulated periods, one tree with one base."""
 
+from service.errors import ServiceError
 
-class ReplayError(Exception):
+
+class ReplayError(ServiceError):
     """Base of every error replay raises on purpose; its text is one sentence naming the place and the remedy."""
 
 

@@ -1,5 +1,7 @@
 """Errors of the daemon, one tree with one base."""
 
+from collections.abc import Sequence
+
 
 class ServiceError(Exception):
     """Base of every error the service raises on purpose; its text is one sentence naming the place and the remedy."""
@@ -11,6 +13,14 @@ class ConfigError(ServiceError):
     def __init__(self, problems: list[str]) -> None:
         self.problems = [_one_line(problem) for problem in problems]
         super().__init__("\n".join(self.problems))
+
+
+class ReloadRefused(ServiceError):
+    """Nothing was changed. `problems` holds one sentence for every obstacle."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("; ".join(problems))
+        self.problems = list(problems)
 
 
 class KeyFileError(ServiceError):

@@ -1,3 +1,5 @@
 """What all tests share: the daemon's choice of a kernel cache, made before anything imports Numba."""
 
-import service  # noqa: F401
+from service.daemon.process import prepare_process
+
+prepare_process()

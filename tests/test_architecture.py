@@ -1,18 +1,63 @@
 """The rooms of the house and who may import whom."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("estimator", "adapters", "service", "replay")
-MAY_IMPORT = {
+
+PACKAGES = {
     "estimator": set(),
     "adapters": set(),
     "service": {"estimator", "adapters"},
     "replay": {"estimator", "service"},
 }
+"""Which other packages each one may import."""
+
+LEVELS = {
+    "estimator": (
+        {"registry"},
+        {"bank"},
+        {"verification"},
+        {"mixture"},
+        {"particle", "gaussian", "offline", "blackbox"},
+        {"option_checks"},
+        {"types"},
+        {"network"},
+        {"kernels"},
+        {"arrays", "errors"},
+    ),
+    "adapters": (
+        {"csv", "modbus", "zenoh"},
+        {"payload"},
+        {"edge", "stuck"},
+        {"reading", "units", "timestamps"},
+        {"errors"},
+    ),
+    "service": (
+        {"__main__"},
+        {"cli"},
+        {"daemon"},
+        {"web"},
+        {"config"},
+        {"zone"},
+        {"sources", "publish", "store"},
+        {"records", "fields", "errors"},
+    ),
+    "replay": (
+        {"commands", "measuring"},
+        {"experiments"},
+        {"bms"},
+        {"simulated"},
+        {"recorded"},
+        {"scores"},
+        {"errors", "localtime"},
+    ),
+}
+"""The rooms of each package, from the top floor down. A room imports only from floors below its own."""
+
 MATHEMATICS_ONLY = {
     "logging",
     "threading",
@@ -26,13 +71,8 @@ MATHEMATICS_ONLY = {
     "os",
 }
 
-
-def imports(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name.split(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module.split(".")[0]
+CROWDED = 16
+"""Modules that one room may hold: more is a hall, in which nobody finds anything."""
 
 
 def modules(package):
@@ -41,22 +81,77 @@ def modules(package):
     return found
 
 
+def dotted(path):
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imports(path):
+    """Every module that the file imports, as its full name; `from a import b` as a.b where that is a module."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} imports relatively"
+            for alias in node.names:
+                name = f"{node.module}.{alias.name}"
+                is_module = any((ROOT / name.replace(".", "/")).with_suffix(suffix).exists() for suffix in ("", ".py"))
+                yield name if is_module else node.module
+
+
+def room_of(name):
+    return name.split(".")[1] if "." in name else ""
+
+
 @pytest.mark.parametrize("package", PACKAGES)
-def test_arrows_point_one_way(package):
+def test_packages_import_one_way(package):
     for path in modules(package):
-        name = str(path.relative_to(ROOT))
-        allowed = MAY_IMPORT[package] | {package} | ({"replay"} if name.startswith("service/cli") else set())
-        wrong = (set(imports(path)) & set(PACKAGES)) - allowed
-        assert not wrong, f"{name} imports {wrong}"
+        named = {name.split(".")[0] for name in imports(path)}
+        wrong = (named & set(PACKAGES)) - PACKAGES[package] - {package}
+        assert not wrong, f"{dotted(path)} imports {wrong}"
+
+
+@pytest.mark.parametrize("package", LEVELS)
+def test_rooms_import_only_from_floors_below(package):
+    floor = {room: index for index, rooms in enumerate(LEVELS[package]) for room in rooms}
+    wrong = []
+    for path in modules(package):
+        own = room_of(dotted(path))
+        assert own == "" or own in floor, f"{dotted(path)} is in no room that is listed here"
+        for name in imports(path):
+            room = room_of(name)
+            if name.split(".")[0] == package and room and own not in ("", room) and floor[room] <= floor[own]:
+                wrong.append(f"{dotted(path)} imports {name}")
+    assert not wrong
+
+
+def test_the_http_server_knows_no_route():
+    for path in modules("service/web/server"):
+        wrong = [name for name in imports(path) if name.startswith("service.web.") and ".server" not in name]
+        assert not wrong, f"{dotted(path)} imports {wrong}"
 
 
 def test_the_estimator_is_mathematics_only():
     for path in modules("estimator"):
-        wrong = set(imports(path)) & MATHEMATICS_ONLY
-        assert not wrong, f"{path.name} imports {wrong}"
+        wrong = {name.split(".")[0] for name in imports(path)} & MATHEMATICS_ONLY
+        assert not wrong, f"{dotted(path)} imports {wrong}"
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_files_have_one_reason_to_exist(package):
+def test_every_room_says_what_lives_in_it(package):
     for path in modules(package):
-        assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
+        if path.name == "__init__.py":
+            assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), f"{path} has no docstring"
+            rooms = len([module for module in path.parent.glob("*.py") if module != path])
+            assert rooms <= CROWDED, f"{path.parent} holds {rooms} modules"
+
+
+@pytest.mark.parametrize("package", LEVELS)
+def test_the_map_of_the_architecture_shows_every_room_on_its_floor(package):
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    cells = [cell.strip() for line in page.split("```")[1].splitlines() for cell in line.split("│")]
+    drawn = [room for cell in cells for room in re.split(r"\s{2,}", cell)[0].split(", ")]
+    # Several packages have a room for their errors, always on the lowest floor.
+    floors = [(room, index) for index, rooms in enumerate(LEVELS[package]) for room in rooms - {"errors", "__main__"}]
+    assert {room for room, _ in floors} <= set(drawn)
+    from_above = sorted(floors, key=lambda entry: drawn.index(entry[0]))
+    assert [index for _, index in from_above] == sorted(index for _, index in floors)

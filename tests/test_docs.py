@@ -14,35 +14,52 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from integration.all_metrics import exposed
-from integration.harness import EXAMPLES, Daemon, free_port
 from pydantic import BaseModel
+from support.all_metrics import exposed
+from support.harness import EXAMPLES, Daemon, free_port
 
 from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
-from estimator import augmented_options, options, presets
+from estimator.gaussian import options as augmented_options
+from estimator.mixture import options as mkf_options
+from estimator.network import presets
+from estimator.particle import options
 from estimator.types import Outcome
-from service import (
-    api_models,
-    api_problems,
-    config_models,
-    http_models,
-    log_models,
-    modbus_models,
-    network_models,
-    payloads,
-    source_models,
-    zenoh_models,
-    zenoh_session_models,
+from service.cli.main import main
+from service.config import (
+    http as http_models,
 )
-from service.aggregation import AGGREGATES, default_aggregate
-from service.cli import main
-from service.config import load
+from service.config import (
+    log as log_models,
+)
+from service.config import (
+    network_tables as network_models,
+)
+from service.config import (
+    site as config_models,
+)
+from service.config.load import load
+from service.config.networks import resolve
+from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.networks import resolve
-from service.show import effective_toml
-from service.view import STATES
-from service.worker import STARTED
+from service.fields import zenoh_session as zenoh_session_models
+from service.publish import payloads
+from service.publish import zenoh as publish_zenoh
+from service.records.status import STATES
+from service.sources import (
+    channel as source_models,
+)
+from service.sources import csv
+from service.sources import (
+    modbus as modbus_models,
+)
+from service.sources import (
+    zenoh as zenoh_models,
+)
+from service.web import models as api_models
+from service.web import problems as api_problems
+from service.zone.aggregation import AGGREGATES, default_aggregate
+from service.zone.worker import STARTED
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
@@ -54,17 +71,17 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[log]`": log_models.LogConfig,
     "`[http]`": http_models.HttpConfig,
     "`[http.limits]`": http_models.LimitsConfig,
-    "`[zenoh]`": config_models.ZenohConfig,
-    "Recorded files": source_models.CsvConfig,
+    "`[zenoh]`": publish_zenoh.ZenohConfig,
+    "Recorded files": csv.CsvConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
     "Zenoh sessions": zenoh_session_models.SessionConfig,
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
     "`tls`": zenoh_session_models.TlsConfig,
-    "`timestamp`": source_models.TimestampConfig,
-    "`[[zones]]`": config_models.ZoneConfig,
+    "`timestamp`": csv.TimestampConfig,
+    "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
-    "Channels of recorded files": source_models.CsvChannelConfig,
+    "Channels of recorded files": csv.CsvChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
     "A preset with changes": network_models.PresetConfig,
@@ -159,7 +176,7 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert load(with_recordings(block.text, tmp_path)).site.id == raw["site"]["id"]
     elif raw.keys() == {"zenoh", "sources"}:
         context = {"folder": tmp_path}
-        assert config_models.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
+        assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
         for source in raw["sources"].values():
             zenoh_models.ZenohSourceConfig.model_validate(source, context=context)
     else:
@@ -204,7 +221,7 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
-    described = {config_models.Config, source_models.UnboundChannel, *TABLES.values()}
+    described = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel, *TABLES.values()}
     for module in (
         config_models,
         http_models,
@@ -288,6 +305,17 @@ def test_every_option_of_ekf_and_ukf_is_documented_with_its_values() -> None:
         resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
     ]
     assert_values_as_documented(values, shown)
+
+
+def test_every_option_of_mkf_is_documented_with_its_values() -> None:
+    described, values, meanings = tables(section("configuration.md", "Options of `mkf`"))
+    known = {field.name for field in fields(mkf_options.MKFOptions)}
+    assert {name for row in meanings[1:] for name in names(row[0])} == known
+    assert set(first_names(values)) == known - {"preset", "volatility_blocks"}
+    assert {name for row in described[1:] for name in names(row[0])} == set(mkf_options.PRESETS)
+    columns = [names(heading)[0] for heading in values[0][2:-1]]
+    resolve, plain = mkf_options.resolve, presets.network("titeth")
+    assert_values_as_documented(values, [resolve(plain, 600, {"preset": preset}) for preset in columns])
 
 
 def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:

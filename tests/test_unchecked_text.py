@@ -12,7 +12,7 @@ import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.config_types import identifier
+from service.fields.values import identifier
 
 ROOT = Path(__file__).parents[1]
 FILES = [path for package in ("estimator", "adapters", "service", "replay") for path in (ROOT / package).rglob("*.py")]

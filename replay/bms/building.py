@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.network import Conductance, HeatInput, Network, Parameter
+from estimator.network.network import Conductance, HeatInput, Network, Parameter
 from replay.bms.thermostats import PiValve, Relay, Thermostat
 
 AIR, ENVELOPE, HEATER = range(3)

@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.types import Array
-from replay.ecolar import WEEKDAYS
-from replay.events import Habit, habitual
-from replay.home import EVERY_DAY, WEEKEND
+from estimator.arrays import Array
 from replay.localtime import DAY, HOUR, midnight, wall_clock
-from replay.weather import KONSTANZ, weather
+from replay.simulated.ecolar import WEEKDAYS
+from replay.simulated.events import Habit, habitual
+from replay.simulated.home import EVERY_DAY, WEEKEND
+from replay.simulated.weather import KONSTANZ, weather
 
 ZONE = "Europe/Berlin"
 FIRST_MIDNIGHT = midnight(2025, 1, 13, ZONE)

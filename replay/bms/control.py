@@ -13,11 +13,13 @@ from pydantic import BaseModel, Field
 from replay.bms.faults import MENU, Fault, FaultError, FaultSpec
 from replay.bms.register_map import as_csv
 from replay.bms.simulation import Simulation
-from service import api_pages, api_problems
-from service.api_guard import Guard
-from service.api_problems import RequestRefused, documented, invalid
-from service.http_models import HttpConfig
-from service.rendering import utc
+from service.config.http import HttpConfig
+from service.fields.times import utc
+from service.web import pages as api_pages
+from service.web import problems as api_problems
+from service.web.guard import Guard
+from service.web.problems import documented, invalid
+from service.web.server.refusal import RequestRefused
 
 
 class RoomState(BaseModel):

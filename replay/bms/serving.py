@@ -15,9 +15,9 @@ from replay.bms.modbus_server import ModbusServer
 from replay.bms.simulation import Simulation
 from replay.bms.written_config import write_config
 from replay.bms.zenoh_publisher import ZenohPublisher
-from service.config_models import HttpConfig
-from service.http_server import HttpServer
-from service.logs import configure_logging
+from service.config.site import HttpConfig
+from service.daemon.logs import configure_logging
+from service.web.server.server import HttpServer
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.types import Array
+from estimator.arrays import Array
 from replay.bms.building import AIR, ENVELOPE, HEATER, NODES, Building, whole_network
 from replay.bms.calendar import FIRST_MIDNIGHT, Calendar
 from replay.localtime import HOUR
-from replay.simulate import dynamics
+from replay.simulated.simulate import dynamics
 
 STEP = 5.0
 """Simulated seconds per step."""

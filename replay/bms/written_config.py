@@ -15,14 +15,14 @@ from typing import Any
 
 import tomli_w
 
-from estimator.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
-from estimator.options import Options, resolve
+from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
+from estimator.particle.options import Options, resolve
 from replay.bms.building import NODES, Building
 from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
-from service.durations import format_duration
-from service.overrides import apply_overrides
-from service.show import network_table
+from service.config.overrides import apply_overrides
+from service.config.written import network_table
+from service.fields.durations import format_duration
 
 SIMULATED_PERIOD = 600.0
 """Length of a zone's step in simulated s, as near as whole seconds of real time allow."""

@@ -16,24 +16,26 @@ class Entry(NamedTuple):
 # Names of modules, not modules: `thermogate --help` lists these without waiting for the compiler.
 EXPERIMENTS = {
     "semi-synthetic": Entry(
-        "replay.experiments.semi_synthetic",
+        "replay.experiments.semi_synthetic.experiment",
         "a simulated building with a known truth and heat gains that nobody measures (Tables 4 to 6)",
     ),
     "ecolar": Entry(
-        "replay.experiments.ecolar",
+        "replay.experiments.ecolar.experiment",
         "a lived-in zone whose truth nobody knows: forecasts, and nights without measurements (Tables 7 and 8)",
     ),
     "topology": Entry(
-        "replay.experiments.topology",
+        "replay.experiments.topology.experiment",
         "which RC network to take: the paper's candidates and one's own, fitted and ranked (Tables 2 and 3)",
     ),
     "peers": Entry(
-        "replay.experiments.peers",
+        "replay.experiments.peers.experiment",
         "measured buildings that others have fitted, from the folder that --data names",
     ),
     "sensitivity": Entry(
-        "replay.experiments.sensitivity",
+        "replay.experiments.sensitivity.experiment",
         "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
     ),
-    "cost": Entry("replay.experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
+    "cost": Entry(
+        "replay.experiments.cost.experiment", "time and memory of one sample on this machine (Table 9)", alone=True
+    ),
 }

@@ -52,7 +52,7 @@ def _sources(work: str) -> str:
     digest = hashlib.sha256()
     own = Path(importlib.import_module(work).__file__ or "")
     folder = Path(estimator.__file__ or "").parent
-    for path in [*sorted(folder.glob("*.py")), *sorted({own, Path(__file__).with_name("filtering.py")})]:
+    for path in [*sorted(folder.rglob("*.py")), *sorted({own, Path(__file__).parent / "series" / "filtering.py"})]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()

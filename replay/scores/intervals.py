@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from estimator.types import Array
+from estimator.arrays import Array
 
 LEVEL = 0.95
 """Nominal coverage gamma of the paper's intervals."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import rankdata
 
-from estimator.types import Array
+from estimator.arrays import Array
 from replay.scores.intervals import Mask
 
 EPSILON = 1e-12

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.types import Array
+from estimator.arrays import Array
 
 
 def residual_autocorrelation(residual: Array, lags: int, first: int = 1) -> float:

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from estimator.assembly import assemble, topology
-from estimator.discretise import discretise
-from estimator.network import Network
-from estimator.types import Array
+from estimator.arrays import Array
+from estimator.network.assembly import assemble, topology
+from estimator.network.discretise import discretise
+from estimator.network.network import Network
 
 FREQUENCIES = 512
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.assembly import assemble, topology
-from estimator.discretise import discretise
-from estimator.network import Network
-from estimator.types import Array
+from estimator.arrays import Array
+from estimator.network.assembly import assemble, topology
+from estimator.network.discretise import discretise
+from estimator.network.network import Network
 from replay.localtime import HOUR, Seconds, wall_clock
 from replay.scores.intervals import Mask, rmse
 

@@ -6,18 +6,18 @@ import asyncio
 from contextlib import aclosing
 
 import pytest
-from integration.modbus_plant import plant, serving
-from integration.zenoh_plant import endpoint, listening, session
+from support.modbus_plant import plant, serving
+from support.zenoh_plant import endpoint, listening, session
 
 from adapters.edge import Edge
-from adapters.modbus_client import Line
-from adapters.modbus_codec import Format
-from adapters.modbus_plan import Limits
-from adapters.modbus_source import ModbusChannel, ModbusSource
+from adapters.modbus.client import Line
+from adapters.modbus.codec import Format
+from adapters.modbus.plan import Limits
+from adapters.modbus.source import ModbusChannel, ModbusSource
 from adapters.units import conversion
-from adapters.zenoh_connection import Connection
-from adapters.zenoh_points import ZenohChannel
-from adapters.zenoh_source import Intake, ZenohSource
+from adapters.zenoh.connection import Connection
+from adapters.zenoh.points import ZenohChannel
+from adapters.zenoh.source import Intake, ZenohSource
 
 METER = Edge(conversion=conversion("Wh", "W"), valid=(-1e6, 1e6), counter=True, rollover=65536.0)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from integration.harness import EXAMPLES, ROOT, THERMOGATE
+from support.harness import EXAMPLES, ROOT, THERMOGATE
 
 FOLDER = ROOT / "deploy" / "container"
 SERVICE = yaml.safe_load((FOLDER / "compose.yaml").read_text(encoding="utf-8"))["services"]["thermogate"]
@@ -60,7 +60,7 @@ def test_what_it_writes_is_in_volumes_that_are_its_own() -> None:
 
 
 def test_commands_of_the_image_are_commands(capsys: pytest.CaptureFixture[str]) -> None:
-    from service.cli import _parser
+    from service.cli.main import _parser
 
     entry, command = json.loads(given("ENTRYPOINT")[0]), json.loads(given("CMD")[0])
     assert entry == ["thermogate"]
@@ -136,7 +136,7 @@ def test_the_daemon_runs_on_a_read_only_root_without_any_capability(tmp_path: Pa
             samples = 0
             while samples == 0:
                 assert time.monotonic() < deadline
-                with urllib.request.urlopen(f"{found[1]}/zones", timeout=10) as answer:
+                with urllib.request.urlopen(f"{found[1]}/zones", timeout=60) as answer:
                     samples = json.load(answer)["zones"][0]["samples"]
                 time.sleep(0.2)
             status = Path(f"/proc/{process.pid}/status").read_text()
@@ -147,6 +147,6 @@ def test_the_daemon_runs_on_a_read_only_root_without_any_capability(tmp_path: Pa
             )
             assert (done.returncode, done.stdout[:5]) == (0, "OK - ")
             process.terminate()
-            assert process.wait(timeout=30) == 0
+            assert process.wait(timeout=60) == 0
         finally:
             process.kill()

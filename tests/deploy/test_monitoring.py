@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
-from integration.all_metrics import exposed
+from support.all_metrics import exposed
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PROMETHEUS = DEPLOY / "prometheus"

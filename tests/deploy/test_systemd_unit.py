@@ -10,7 +10,7 @@ from ctypes.util import find_library
 from pathlib import Path
 
 import pytest
-from integration.harness import EXAMPLES, THERMOGATE, free_port, overrides
+from support.harness import EXAMPLES, THERMOGATE, free_port, overrides
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "systemd"
 UNIT = FOLDER / "thermogate.service"
@@ -74,8 +74,8 @@ def test_it_is_what_the_daemon_expects() -> None:
 
 
 def test_the_daemon_looks_often_enough_and_stops_soon_enough() -> None:
-    from service.runtime import DRAIN_SECONDS, SAVE_SECONDS
-    from service.vitals import LOOK_SECONDS
+    from service.daemon.runtime import DRAIN_SECONDS, SAVE_SECONDS
+    from service.daemon.vitals import LOOK_SECONDS
 
     settings = service(UNIT)
     assert float(settings["WatchdogSec"][0].removesuffix("s")) > 4 * LOOK_SECONDS

@@ -7,14 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from fake_zones import make_update
+from support.fake_zones import make_update
 
-import service.retention
+import service.store.retention
 from adapters.reading import Quality
-from service.journal import HistoryRow, Journal
-from service.records import Sample
-from service.retention import Limits, prune
-from service.store import JOURNAL
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.store.journal import Journal
+from service.store.retention import Limits, prune
+from service.store.store import JOURNAL
 
 Content = dict[str, tuple[dict[int, bytes], dict[int, HistoryRow]]]
 """Samples in bytes and history rows by time, of every zone."""
@@ -49,8 +50,8 @@ class JournalWorkload:
         self.states: list[Content] = [self._copy()]
         """What has to be there after each number of steps."""
         self.steps: list[Callable[[], object]] = []
-        service.retention._ROWS_AT_ONCE = 3
-        service.retention._PAGES_AT_ONCE = 2
+        service.store.retention._ROWS_AT_ONCE = 3
+        service.store.retention._PAGES_AT_ONCE = 2
         self._add(self._open)
         for zone in ZONES:
             self._add(lambda zone=zone: self.journal.claim(zone, "mark"), commits=True)

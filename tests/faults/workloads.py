@@ -19,12 +19,12 @@ import numpy as np
 import pytest
 from faults.journal_workload import JournalWorkload, sample
 
-from service.backup import restore_backup, write_backup
-from service.checkpoint import Checkpoint, CheckpointStore
-from service.durable_files import sync_folder, write_file
 from service.errors import ServiceError, StateMismatch
-from service.journal import Journal
-from service.store import JOURNAL, RESTORING, Store
+from service.store.backup import restore_backup, write_backup
+from service.store.checkpoint import Checkpoint, CheckpointStore
+from service.store.durable_files import sync_folder, write_file
+from service.store.journal import Journal
+from service.store.store import JOURNAL, RESTORING, Store
 
 
 class Workload(Protocol):
@@ -173,7 +173,7 @@ class SetBackWorkload(ResetWorkload):
             assert done < 10 or state[0] == [0, 1, 2, 3]
 
 
-VERSION_1 = Path(__file__).parents[1] / "service" / "state-version-1.tar.gz"
+VERSION_1 = Path(__file__).parents[1] / "service" / "store" / "state-version-1.tar.gz"
 """A state folder of schema 1, taken from a running daemon: zone z with 40 samples, of which the 34th is skipped."""
 
 

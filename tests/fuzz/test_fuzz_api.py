@@ -12,9 +12,9 @@ import requests
 import schemathesis
 from fuzz.fuzzing import structured
 from hypothesis import strategies as st
-from integration.harness import EXAMPLES, Daemon
 from schemathesis.specs.openapi import checks
 from schemathesis.specs.openapi.schemas import OpenApiSchema
+from support.harness import EXAMPLES, Daemon
 
 CONFORMANCE = [
     checks.status_code_conformance,

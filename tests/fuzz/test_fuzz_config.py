@@ -13,11 +13,12 @@ import tomli_w
 from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
 
-from service.config import load
+from service.cli.show import summary
+from service.config.fitting import fingerprint, make_alignment
+from service.config.load import load
+from service.config.overrides import apply_overrides
+from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.fitting import fingerprint, make_alignment
-from service.overrides import apply_overrides
-from service.show import effective_toml, summary
 
 EXAMPLES = Path(__file__).parents[2] / "deploy" / "examples"
 FOLDER = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))

@@ -9,10 +9,10 @@ from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
 
 from adapters.edge import Edge
-from adapters.modbus_client import Answer
-from adapters.modbus_codec import ORDERS, TYPES, Format, decode, is_available, other_orders
-from adapters.modbus_plan import TABLES, Limits, Point, halves, plan
-from adapters.modbus_points import Channels, ModbusChannel, probed
+from adapters.modbus.client import Answer
+from adapters.modbus.codec import ORDERS, TYPES, Format, decode, is_available, other_orders
+from adapters.modbus.plan import TABLES, Limits, Point, halves, plan
+from adapters.modbus.points import Channels, ModbusChannel, probed
 from adapters.reading import Quality
 from adapters.units import Affine
 

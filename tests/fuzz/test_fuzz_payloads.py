@@ -11,13 +11,13 @@ from zoneinfo import ZoneInfo
 from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
 
-from adapters import json_pointer
 from adapters.edge import Edge
-from adapters.payload_time import TIME_FORMATS, parse_time
+from adapters.payload import json_pointer
+from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, quality_word
+from adapters.payload.times import TIME_FORMATS, parse_time
 from adapters.reading import Quality, Reading
-from adapters.zenoh_inbox import Incoming
-from adapters.zenoh_payload import Decoded, PayloadFormat, Rejected, decode, quality_word
-from adapters.zenoh_points import TIMES, Channels, Dating, ZenohChannel, probed
+from adapters.zenoh.inbox import Incoming
+from adapters.zenoh.points import TIMES, Channels, Dating, ZenohChannel, probed
 
 NOW = 1_772_000_000.0
 BERLIN = ZoneInfo("Europe/Berlin")

@@ -14,14 +14,15 @@ import numpy as np
 from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
 
-from adapters.cells import Status, parse_numbers
-from adapters.csv_source import CsvChannel, CsvSource
+from adapters.csv.cells import Status, parse_numbers
+from adapters.csv.source import CsvChannel, CsvSource
+from adapters.csv.times import parse_timestamps, to_utc
 from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Quality, Reading
-from adapters.timestamps import EARLIEST, LATEST, parse_timestamps, timestamp_parser, to_utc
+from adapters.timestamps import EARLIEST, LATEST, timestamp_parser
 from adapters.units import conversion
-from service.durations import format_duration, parse_duration
+from service.fields.durations import format_duration, parse_duration
 
 BERLIN = ZoneInfo("Europe/Berlin")
 FOLDER = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))

@@ -12,10 +12,11 @@ from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
 
 from adapters.reading import Quality
-from service.checkpoint import Checkpoint, CheckpointStore
 from service.errors import JournalError, ServiceError
-from service.journal import HistoryRow, Journal
-from service.records import Sample
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.store.checkpoint import Checkpoint, CheckpointStore
+from service.store.journal import Journal
 
 FOLDER = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))
 ARRAYS = {"means": np.arange(6.0).reshape(2, 3), "seed": np.array(7), "empty": np.empty((0, 3))}

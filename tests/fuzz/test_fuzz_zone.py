@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 from adapters.edge import Converter, Edge
 from adapters.reading import Fault, Quality, Reading
 from adapters.units import possible_range
-from estimator import presets, registry
-from service.alignment import Alignment
-from service.payloads import to_json
-from service.records import Update
-from service.rendering import forecast_payload, gate_payload, volatility_payload
-from service.worker import WorkerSettings, ZoneWorker
+from estimator import registry
+from estimator.network import presets
+from service.publish.payloads import to_json
+from service.publish.rendering import forecast_payload, gate_payload, volatility_payload
+from service.records.update import Update
+from service.zone.alignment import Alignment
+from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD = 300
 START = 1_746_230_400
@@ -51,7 +52,7 @@ def finite(update: Update) -> None:
             assert math.isfinite(interval.lower)
             assert math.isfinite(interval.upper)
             assert interval.lower <= output.median <= interval.upper
-    assert 0 <= update.gate.value <= 1
+    assert 0 <= update.shown_gate.value <= 1
     assert all(map(math.isfinite, update.parameters))
     for payload in (forecast_payload, volatility_payload, gate_payload):
         to_json(payload("site", "z", update))

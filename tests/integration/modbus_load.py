@@ -20,15 +20,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from adapters.edge import Edge
-from adapters.modbus_client import Line
-from adapters.modbus_codec import Format
-from adapters.modbus_plan import Limits
-from adapters.modbus_source import ModbusChannel, ModbusSource
+from adapters.modbus.client import Line
+from adapters.modbus.codec import Format
+from adapters.modbus.plan import Limits
+from adapters.modbus.source import ModbusChannel, ModbusSource
 
 MOST_GROWTH = 5.0
 """MB that memory may grow by; the arrival times that are kept for the report are part of it."""

@@ -5,7 +5,7 @@ import math
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from harness import Daemon, thermogate
+from support.harness import Daemon, thermogate
 
 CONFIG = """
 [site]
@@ -99,7 +99,7 @@ def test_every_kind_is_counted_and_the_zone_goes_on(config, tmp_path):
         clean = daemon.get("/zones/clean")[1]["status"]
         history, neighbour = daemon.history("dirty"), daemon.history("clean")
         status, forecast = daemon.get("/zones/dirty/forecast")
-        code, _ = daemon.terminate()
+        code = daemon.terminate()
         log = daemon.log()
     assert code == 0
     assert "Traceback" not in log

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from harness import EXAMPLES, Daemon
+from support.harness import EXAMPLES, Daemon
 
 CONFIG = EXAMPLES / "building-67.toml"
 ZONE = "building-67"
@@ -66,7 +66,7 @@ def test_a_full_disk_stops_samples_and_nothing_else_and_loses_nothing(disk: Path
         daemon.wait_until_ended(30)
         full = daemon.history(ZONE)
         assert "Traceback" not in daemon.log()
-        assert daemon.terminate()[0] == 0
+        assert daemon.terminate() == 0
     alone = settings(tmp_path, "max")
     with Daemon(CONFIG, tmp_path / "alone.log", alone) as daemon:
         daemon.wait_until_ended(30)

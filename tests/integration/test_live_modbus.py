@@ -2,96 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
-import tomli_w
 import zenoh
-from integration.harness import Daemon, free_port, thermogate
-from integration.modbus_plant import Plant, plant, serving
-
-WORDS = [215, 53, 400, 21]
-"""Tenths of the room and of the outdoor temperature, W, and another room."""
-
-
-@contextmanager
-def running(site: Plant, port: int = 0) -> Iterator[Plant]:
-    """`site` served by a thread of its own."""
-    loop = asyncio.new_event_loop()
-    ready, stop = threading.Event(), asyncio.Event()
-
-    async def serve() -> None:
-        async with serving(site, port=port):
-            ready.set()
-            await stop.wait()
-
-    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
-    thread.start()
-    try:
-        assert ready.wait(10)
-        yield site
-    finally:
-        loop.call_soon_threadsafe(stop.set)
-        thread.join()
-        loop.close()
-
-
-def configuration(folder: Path, ports: dict[str, int]) -> Path:
-    """One zone per source, one-second samples, few particles."""
-    tenths = {"type": "int16", "scale": 0.1, "unit": "degC"}
-    tables = {
-        "site": {"id": "plant", "state_dir": str(folder / "state")},
-        "sources": {
-            name: {
-                "kind": "modbus",
-                "host": "127.0.0.1",
-                "port": port,
-                "poll": 0.2,
-                "timeout": 0.5,
-                "retries": 0,
-                "first_register": 0,
-                "fill_gaps": 0,
-            }
-            for name, port in ports.items()
-        },
-        "zones": [
-            {
-                "id": f"zone-{name}",
-                "period": "1s",
-                "network": "tite",
-                "hold_inputs": "4s",
-                "estimator_options": {"particles": 50},
-                "channels": {
-                    "T_i": {"source": name, "register": 0, **tenths},
-                    "T_out": {"source": name, "register": 1, **tenths},
-                    "u_heat": {"source": name, "register": 2, "type": "uint16", "unit": "W"},
-                },
-            }
-            for name in ports
-        ],
-    }
-    path = folder / "plant.toml"
-    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
-    return path
-
-
-def until(daemon: Daemon, zone: str, done, timeout: float = 30) -> dict:
-    """Poll a zone's status until it is as wanted."""
-    deadline = time.monotonic() + timeout
-    status: dict = {}
-    while time.monotonic() < deadline:
-        status = daemon.get(f"/zones/{zone}")[1]["status"]
-        if done(status):
-            return status
-        time.sleep(0.1)
-    raise AssertionError(f"{status}; {daemon.log()}")
+from support.harness import Daemon, free_port, thermogate
+from support.live_modbus import WORDS, configuration, running, until
+from support.modbus_plant import plant
 
 
 @contextmanager
@@ -120,7 +42,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
             assert not any(one["stale"] for one in daemon.get("/zones/zone-bms")[1]["status"]["channels"])
 
             site.refused.add((1, "holding", 1))
-            status = until(daemon, "zone-bms", lambda status: channel(status, "T_out")["stale"], timeout=5)
+            status = until(daemon, "zone-bms", lambda status: channel(status, "T_out")["stale"])
             assert status["state"] == "running"
             assert not channel(status, "T_i")["stale"]
             assert status["faults"]["refused_by_device"] >= 1
@@ -130,7 +52,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
 
             status = until(daemon, "zone-bms", lambda status: status["state"] == "stalled")
             assert "T_out is" in status["reason"]
-            assert daemon.terminate()[0] == 0
+            assert daemon.terminate() == 0
         assert site.codes == {3}, "of all the frames that the daemon sent"
         assert "the device refuses zone-bms/T_out (unit 1 holding 1): exception 2" in daemon.log()
         assert "Traceback" not in daemon.log()
@@ -153,7 +75,7 @@ def test_staleness_reaches_zenoh_with_the_first_interval_that_lacks_the_channel(
             until(daemon, "zone-bms", lambda status: status["samples"] >= 2)
             refusing.set()
             site.refused.add((1, "holding", 1))
-            assert seen.wait(20), daemon.log()
+            assert seen.wait(60), daemon.log()
         subscriber.undeclare()
     last_good = datetime.fromisoformat(channel(first, "T_out")["last_good"])
     assert datetime.fromisoformat(first["last_sample_time"]) - last_good <= timedelta(seconds=1), "one period"
@@ -182,7 +104,7 @@ def test_a_device_that_goes_away_harms_no_other_zone_and_is_found_again(tmp_path
             after = daemon.get("/zones/zone-other")[1]["status"]
             assert after["samples"] > before["samples"]
             assert (after["segment"], after["faults"]) == (1, {})
-            assert daemon.terminate()[0] == 0
+            assert daemon.terminate() == 0
         assert "Traceback" not in daemon.log()
 
 

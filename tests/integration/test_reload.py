@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
 import time
 import tomllib
 import urllib.error
@@ -14,9 +13,9 @@ from typing import Any
 
 import pytest
 import tomli_w
-from integration.harness import Daemon, thermogate
+from support.harness import Daemon, reload, thermogate
 
-from replay.home import write_demo
+from replay.simulated.home import write_demo
 
 SPEED = 40_000
 
@@ -45,17 +44,6 @@ class Home:
     def add(self, like: str, name: str, **changes: Any) -> None:
         """A zone that reads what the zone `like` reads."""
         self.table["zones"].append(zone(self.table, like) | {"id": name} | changes)
-
-
-def reload(daemon: Daemon, expected: str, timeout: float = 60) -> None:
-    """Send SIGHUP and wait until the log says `expected` once more."""
-    before = daemon.log().count(expected)
-    daemon.process.send_signal(signal.SIGHUP)
-    deadline = time.monotonic() + timeout
-    while daemon.log().count(expected) == before:
-        assert daemon.process.poll() is None, daemon.log()
-        assert time.monotonic() < deadline, daemon.log()
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +88,7 @@ def test_zones_that_stay_the_same_do_so_to_the_last_bit(
         for name in undisturbed:
             assert daemon.history(name) == undisturbed[name], name
         assert [row["time"] for row in daemon.history("late")] == [row["time"] for row in undisturbed[kept]]
-        assert daemon.terminate()[0] == 0
+        assert daemon.terminate() == 0
         assert "Traceback" not in daemon.log()
 
 
@@ -139,7 +127,7 @@ def test_what_stands_against_a_reload_is_said_and_nothing_changes(tmp_path: Path
         zone(home.table, first)["period"] = "5min"
         home.write()
         reload(daemon, "not reloaded: site.checkpoint_every: this takes effect with the next start only")
-        assert daemon.terminate()[0] == 0
+        assert daemon.terminate() == 0
 
 
 def test_a_zone_that_comes_back_is_restored(tmp_path: Path, undisturbed: dict[str, list[dict[str, Any]]]) -> None:

@@ -7,10 +7,9 @@ from datetime import datetime
 from pathlib import Path
 
 import tomli_w
-from integration.harness import Daemon
-from integration.modbus_plant import plant
-from integration.test_live_modbus import WORDS, configuration, running, until
-from integration.test_reload import reload
+from support.harness import Daemon, reload
+from support.live_modbus import WORDS, configuration, running, until
+from support.modbus_plant import plant
 
 
 def test_the_connection_is_kept_and_no_sample_is_lost(tmp_path: Path) -> None:
@@ -44,4 +43,4 @@ def test_the_connection_is_kept_and_no_sample_is_lost(tmp_path: Path) -> None:
             until(daemon, "zone-bms", lambda status: status["samples"] >= samples + 3)
             assert site.connections == 2
             assert "goes on after" not in daemon.log()
-            assert daemon.terminate()[0] == 0
+            assert daemon.terminate() == 0

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import pytest
 import tomli_w
 import zenoh
-from integration.harness import Daemon, free_port
-from integration.zenoh_parties import FORGED, TRUE, opened, party
-from integration.zenoh_plant import TLS, USER, certificates, session
+from support.harness import Daemon, free_port
+from support.zenoh_parties import FORGED, TRUE, opened, party
+from support.zenoh_plant import TLS, USER, certificates, session
 
 PEOPLE = ("router", "thermogate", "bms-gateway", "reader")
 ALIVE = "thermogate/plant/room/alive"

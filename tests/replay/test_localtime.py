@@ -1,7 +1,7 @@
 import numpy as np
 
 from replay.localtime import DAY, HOUR, clock_changes, midnight, wall_clock, weekday
-from replay.tables import local_stamps, utc_stamps
+from replay.recorded.tables import local_stamps, utc_stamps
 
 BERLIN = "Europe/Berlin"
 

@@ -1,0 +1,1 @@
+"""Recorded files: cells, times, tables, and the source that plays them."""

@@ -1,0 +1,206 @@
+"""Recorded telemetry from CSV files as a source of readings (paper 4.3.1: records ordered by timestamp)."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator, Sequence
+from itertools import pairwise
+from math import inf, isfinite
+from pathlib import Path
+
+import numpy as np
+
+from adapters.csv.cells import FAULTS, Status
+from adapters.csv.table import CsvChannel, Layout, Table, column_problems, read_header, read_table
+from adapters.edge import Converter
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.reading import Batch, Probe, Reading
+from adapters.timestamps import time_zone, timestamp_parser
+
+__all__ = ["CsvChannel", "CsvSource"]
+
+# About a millisecond of work between two turns of the event loop.
+_BATCH_READINGS = 2048
+# How long a paced source may sleep without looking whether it was closed, in s.
+_LONGEST_SLEEP = 0.5
+
+
+class CsvSource:
+    """CSV files, one after the other, as fast as possible or at `pace` times real time.
+
+    Within a file rows are ordered by timestamp; files are taken in the given order, so a later one should not begin
+    before an earlier one ends. A file whose name ends in .gz is decompressed. Cells that are empty or hold "NA", "N/A",
+    "null", "none" or "-" are missing: no reading. A sum over several columns is missing where one of them is.
+
+    Timestamps are "iso8601", "epoch" or a strptime pattern. Those without UTC offset are wall-clock time in `zone`;
+    without a zone every one of them is a fault. A faulty cell or timestamp is delivered as a bad reading with its
+    fault, so that it can be counted; a refused timestamp gives one for every channel.
+
+    A batch covers the rows of one timestamp when paced, and more of them otherwise. As long as no timestamp could be
+    read, the clock `now` of the batches is -inf. Raises SourceConfigError for settings that cannot work.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        files: Sequence[Path],
+        channels: Sequence[CsvChannel],
+        *,
+        timestamp_column: str,
+        timestamp_format: str = "iso8601",
+        zone: str | None = None,
+        delimiter: str = ",",
+        decimal: str = ".",
+        encoding: str = "utf-8",
+        pace: float | None = None,
+    ) -> None:
+        self.name = name
+        self._files = tuple(files)
+        self._channels = tuple(channels)
+        self._pace = pace
+        self._closed = False
+        _check_settings(self._files, delimiter, decimal, encoding, pace)
+        self._layout = Layout(
+            timestamp_column,
+            timestamp_parser(timestamp_format),
+            None if zone is None else time_zone(zone),
+            delimiter,
+            decimal,
+            encoding,
+        )
+
+    def check(self) -> list[str]:
+        """One sentence for every file that cannot be read or lacks a column; reads headers only."""
+        problems: list[str] = []
+        for path in self._files:
+            try:
+                header = read_header(path, self._layout)
+            except SourceError as error:
+                problems.append(str(error))
+            else:
+                problems.extend(column_problems(path, header, self._channels, self._layout))
+        return [f"sources.{self.name}: {problem}" for problem in problems]
+
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """Deliver the rows from UTC second `start` on. Raises SourceUnavailable if a file cannot be read."""
+        pacer = None if self._pace is None else _Pacer(self._pace)
+        converters = [Converter(channel.id, channel.edge) for channel in self._channels]
+        clock = -inf
+        for path in self._files:
+            table = await self._read(path)
+            first = 0 if start is None else int(np.searchsorted(table.order, start))
+            for begin, end in self._groups(table, first):
+                clock = max(clock, float(table.order[end - 1]))
+                # Even a source in a hurry gives the event loop its turn.
+                await asyncio.sleep(0)
+                while not self._closed and pacer is not None and (delay := pacer.delay(clock)) > 0:
+                    await asyncio.sleep(min(delay, _LONGEST_SLEEP))
+                if self._closed:
+                    return
+                yield Batch(self._readings(table, begin, end, converters), clock)
+
+    async def close(self) -> None:
+        """End the delivery, also while a file is being read; safe to call twice."""
+        self._closed = True
+
+    async def _read(self, path: Path) -> Table:
+        abandoned = False
+        try:
+            return await asyncio.to_thread(
+                read_table, path, self._channels, self._layout, lambda: self._closed or abandoned
+            )
+        except SourceError as error:
+            raise type(error)(f"sources.{self.name}: {error}") from error
+        finally:
+            # A cancelled task leaves its thread behind; it must not go on reading for nobody and delay the exit.
+            abandoned = True
+
+    def _groups(self, table: Table, first: int) -> Iterator[tuple[int, int]]:
+        """Row ranges (begin, end) of the batches: rows of one time when paced, a fixed number of them otherwise."""
+        rows = table.order.size
+        if self._pace is None:
+            size = max(1, _BATCH_READINGS // max(1, len(self._channels)))
+            edges = [*range(first, rows, size), rows]
+        else:
+            later = table.order[first + 1 :] != table.order[first : rows - 1]
+            edges = [first, *(np.flatnonzero(later) + first + 1).tolist(), rows]
+        return ((begin, end) for begin, end in pairwise(edges) if begin < end)
+
+    def _readings(self, table: Table, begin: int, end: int, converters: Sequence[Converter]) -> list[Reading]:
+        times = table.times[begin:end].tolist()
+        block, codes = table.values[:, begin:end].tolist(), table.status[:, begin:end]
+        spoiled = (codes != Status.GOOD).any(axis=1).tolist()
+        readings: list[Reading] = []
+        for i, (channel, values) in enumerate(zip(self._channels, block, strict=True)):
+            if not channel.edge.counter and not spoiled[i]:
+                readings += [Reading(channel.id, time, value) for time, value in zip(times, values, strict=True)]
+                continue
+            for time, value, code in zip(times, values, codes[i].tolist(), strict=True):
+                if code == Status.GOOD:
+                    counter = channel.edge.counter
+                    reading = converters[i].reading(time, value) if counter else Reading(channel.id, time, value)
+                    # A counter's first row is no power yet.
+                    if reading is not None:
+                        readings.append(reading)
+                elif code != Status.MISSING:
+                    readings.append(converters[i].bad(time, FAULTS[code]))
+        return readings
+
+    async def probe(self, seconds: float) -> list[Probe]:
+        """The first and the last row of the recording, for every channel."""
+        first = await self._read(self._files[0])
+        last = first if len(self._files) == 1 else await self._read(self._files[-1])
+        for path, table in ((self._files[0], first), (self._files[-1], last)):
+            if table.order.size == 0:
+                raise SourceUnavailable(f"sources.{self.name}: file '{path}' has no rows; give one that has")
+        return [
+            _probe(channel, i, table, row)
+            for i, channel in enumerate(self._channels)
+            for table, row in ((first, 0), (last, -1))
+        ]
+
+
+def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
+    code, when, value = int(table.status[index, row]), float(table.times[row]), float(table.values[index, row])
+    place = f"{' + '.join(channel.columns)}, {'first' if row == 0 else 'last'} row"
+    time = when if isfinite(when) else None
+    if code != Status.GOOD:
+        return Probe(channel.id, place, "-", None, time, Status(code).name.lower().replace("_", " "))
+    if channel.edge.counter:
+        return Probe(channel.id, place, f"{value:g}", None, time, hints=("a counter: its differences become power",))
+    return Probe(channel.id, place, "-", value, time)
+
+
+class _Pacer:
+    """Keeps source time at `pace` times real time, counted from the first row so that sleeping adds no drift."""
+
+    def __init__(self, pace: float) -> None:
+        self._pace = pace
+        self._origin: tuple[float, float] | None = None
+
+    def delay(self, time: float) -> float:
+        """Seconds until source time `time` is due; 0 or less if it is already."""
+        if not isfinite(time):
+            return 0.0
+        real = asyncio.get_running_loop().time()
+        if self._origin is None:
+            self._origin = (real, time)
+        real_origin, source_origin = self._origin
+        return real_origin + (time - source_origin) / self._pace - real
+
+
+def _check_settings(files: Sequence[Path], delimiter: str, decimal: str, encoding: str, pace: float | None) -> None:
+    if not files:
+        raise SourceConfigError("no file is named; list at least one in 'files'")
+    if len(delimiter) != 1 or delimiter in '"\r\n':
+        raise SourceConfigError(f"delimiter {delimiter!r} is not usable; give one character such as ',' or ';'")
+    if decimal not in (".", ","):
+        raise SourceConfigError(f"decimal mark {decimal!r} is not usable; it can be '.' or ','")
+    if delimiter == decimal:
+        raise SourceConfigError(f"delimiter and decimal mark are both '{decimal}'; they must differ")
+    try:
+        "".encode(encoding)
+    except (LookupError, ValueError):
+        raise SourceConfigError(f"encoding '{encoding}' is unknown; use a name such as 'utf-8' or 'latin-1'") from None
+    if pace is not None and not 0 < pace < inf:
+        raise SourceConfigError(f"pace {pace:g} is not usable; give a multiple of real time above 0, or 'max'")

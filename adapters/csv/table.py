@@ -1,0 +1,181 @@
+"""One recorded CSV file as a table of channels over UTC time."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import gzip
+import io
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from math import inf
+from pathlib import Path
+from typing import NamedTuple
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from adapters.csv.cells import Array, Cells, Codes, Status, convert, parse_numbers, sum_cells
+from adapters.csv.times import Moments, parse_timestamps, to_utc
+from adapters.edge import PLAIN, Edge
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.timestamps import Parser
+
+# Reading a chunk holds the interpreter lock for a few milliseconds: little enough for the event loop beside it.
+_CHUNK_ROWS = 4096
+
+
+@dataclass(frozen=True)
+class CsvChannel:
+    """How columns become the readings of channel `id` ("zone/channel"): their sum is the raw value for `edge`."""
+
+    id: str
+    columns: tuple[str, ...]
+    edge: Edge = PLAIN
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the files of a source are written; all of them alike."""
+
+    timestamp_column: str
+    parser: Parser
+    zone: ZoneInfo | None
+    delimiter: str
+    decimal: str
+    encoding: str
+
+
+class Table(NamedTuple):
+    """The rows of one file in the order of time.
+
+    `order` (n,) is UTC seconds, never falling; `times` (n,) is the same but NaN where the timestamp was refused, such a
+    row standing with the one before it in the file. `values` and `status` have shape (n_channels, n); the values are
+    in the network's unit, except those of a counter, which are raw.
+    """
+
+    order: Array
+    times: Array
+    values: Array
+    status: Codes
+
+
+def read_header(path: Path, layout: Layout) -> list[str]:
+    """Column names of a file; SourceError if there are none to be had."""
+    with _opened(path, layout) as reader:
+        return _header(path, reader)
+
+
+def column_problems(path: Path, header: Sequence[str], channels: Sequence[CsvChannel], layout: Layout) -> list[str]:
+    """One sentence for every column that is bound but not in the header, or in it more than once."""
+    users = {layout.timestamp_column: "the timestamp"}
+    for channel in channels:
+        for column in channel.columns:
+            users.setdefault(column, f"channel {channel.id}")
+    problems = []
+    for column, user in users.items():
+        if header.count(column) > 1:
+            problems.append(f"file '{path}' has the column '{column}' ({user}) more than once; rename all but one")
+        elif column not in header:
+            names = ", ".join(name or "(unnamed)" for name in header)
+            hint = f"; is the delimiter '{layout.delimiter}'?" if len(header) == 1 else ""
+            problems.append(f"file '{path}' has no column '{column}' ({user}); its columns are: {names}{hint}")
+    return problems
+
+
+def read_table(
+    path: Path, channels: Sequence[CsvChannel], layout: Layout, stopped: Callable[[], bool] = lambda: False
+) -> Table:
+    """Read a whole file. Raises SourceUnavailable if it cannot be read, SourceConfigError if a column is missing.
+
+    Where `stopped` turns true on the way, what has been read so far is returned.
+    """
+    moments: list[Moments] = []
+    parts: list[list[Cells]] = [[] for _ in channels]
+    with _opened(path, layout) as reader:
+        header = _header(path, reader)
+        problems = column_problems(path, header, channels, layout)
+        if problems:
+            raise SourceConfigError("; ".join(problems))
+        position = {name: i for i, name in enumerate(header)}
+        while not stopped() and (rows := list(islice(reader, _CHUNK_ROWS))):
+            rows = [row for row in rows if row]
+            moments.append(parse_timestamps(_column(rows, position[layout.timestamp_column]), layout.parser))
+            for channel, part in zip(channels, parts, strict=True):
+                columns = [parse_numbers(_column(rows, position[name]), layout.decimal) for name in channel.columns]
+                edge = channel.edge
+                steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
+                part.append(convert(sum_cells(columns), steps, (-inf, inf) if edge.counter else edge.valid))
+    return _table(moments, parts, layout.zone)
+
+
+def _table(moments: list[Moments], parts: list[list[Cells]], zone: ZoneInfo | None) -> Table:
+    if not moments:
+        return Table(np.empty(0), np.empty(0), np.empty((len(parts), 0)), np.empty((len(parts), 0), dtype=np.uint8))
+    times, refused = to_utc(Moments(*(np.concatenate(arrays) for arrays in zip(*moments, strict=True))), zone)
+    values = np.empty((len(parts), times.size))
+    status = np.empty((len(parts), times.size), dtype=np.uint8)
+    for i, part in enumerate(parts):
+        values[i] = np.concatenate([cells.values for cells in part])
+        status[i] = np.concatenate([cells.status for cells in part])
+    bad = refused != Status.GOOD
+    values[:, bad] = np.nan
+    status[:, bad] = refused[bad]
+    order = _filled(times)
+    if np.any(order[1:] < order[:-1]):
+        rows = np.argsort(order, kind="stable")
+        return Table(order[rows], times[rows], values[:, rows], status[:, rows])
+    return Table(order, times, values, status)
+
+
+def _filled(times: Array) -> Array:
+    """`times` with each NaN replaced by the time before it, at the head by the first; -inf if there is none at all."""
+    known = np.isfinite(times)
+    if not known.any():
+        return np.full(times.size, -inf)
+    nearest = np.maximum.accumulate(np.where(known, np.arange(times.size), -1))
+    nearest[nearest < 0] = known.argmax()
+    return times[nearest]
+
+
+def _column(rows: Sequence[Sequence[str]], position: int) -> list[str]:
+    try:
+        return [row[position] for row in rows]
+    except IndexError:
+        return [row[position] if position < len(row) else "" for row in rows]
+
+
+CsvReader = Iterator[list[str]]
+
+
+@contextmanager
+def _opened(path: Path, layout: Layout) -> Iterator[CsvReader]:
+    """A CSV reader over the file; whatever reading it may raise becomes a SourceUnavailable."""
+    # A byte-order mark would otherwise end up in the name of the first column.
+    utf8 = codecs.lookup(layout.encoding).name == "utf-8"
+    encoding = "utf-8-sig" if utf8 else layout.encoding
+    try:
+        with path.open("rb") as raw:
+            binary = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
+            # A damaged byte spoils its own cell, which is then counted as non-numeric, and not the whole file.
+            text = io.TextIOWrapper(binary, encoding=encoding, errors="replace", newline="")
+            yield csv.reader(text, delimiter=layout.delimiter, skipinitialspace=layout.delimiter != " ")
+    except SourceError:
+        raise
+    except csv.Error as error:
+        raise SourceUnavailable(f"file '{path}' is no CSV ({error}); look for a quote that is not closed") from error
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise SourceUnavailable(f"file '{path}' is no complete gzip file ({error}); copy it again") from error
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise SourceUnavailable(f"file '{path}' cannot be read ({reason}); check its path and permissions") from error
+
+
+def _header(path: Path, reader: CsvReader) -> list[str]:
+    for row in reader:
+        if row:
+            return [name.strip() for name in row]
+    raise SourceUnavailable(f"file '{path}' is empty; it needs a first line with the names of its columns")

@@ -1,0 +1,1 @@
+"""Modbus over TCP and RTU, read only: registers, requests, connection, polling."""

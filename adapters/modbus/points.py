@@ -1,0 +1,137 @@
+"""What the words of a Modbus answer mean to the channels: readings for the daemon, and probes for a person."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from adapters.edge import PLAIN, Converter, Edge
+from adapters.modbus.client import Answer
+from adapters.modbus.codec import Format, decode, is_available, other_orders
+from adapters.modbus.plan import Point, Request
+from adapters.reading import Fault, Probe, Quality, Reading
+from adapters.stuck import StuckWatch
+
+_NEARLY_NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class ModbusChannel:
+    """Where the raw value of channel `id` ("zone/channel") stands, how it is written there, and what becomes of it.
+
+    `address` counts from 0; `register` is the same as the operator numbers it. A raw value that has not changed for
+    `stuck_after` s is uncertain, for twice as long bad.
+    """
+
+    id: str
+    address: int
+    format: Format
+    unit: int = 1
+    table: str = "holding"
+    edge: Edge = PLAIN
+    stuck_after: float | None = None
+    register: int = 0
+
+    @property
+    def point(self) -> Point:
+        """What has to be read for it."""
+        return Point(self.unit, self.table, self.address, self.format.registers)
+
+    @property
+    def place(self) -> str:
+        """Where it stands, in the operator's words."""
+        bit = "" if self.format.bit is None else f" bit {self.format.bit}"
+        return f"unit {self.unit} {self.table} {self.register}{bit}"
+
+
+_Watched = tuple[ModbusChannel, Converter, StuckWatch]
+
+
+class Channels:
+    """The channels of a source, and what has to be remembered of their last values."""
+
+    def __init__(self, channels: Sequence[ModbusChannel], longest_stretch: float) -> None:
+        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
+        self._longest_stretch = longest_stretch
+        self._at: dict[Point, list[_Watched]] = {}
+        self.replace(channels)
+
+    def replace(self, channels: Sequence[ModbusChannel]) -> None:
+        """These are the channels from now on; what is remembered of those that stay is kept."""
+        known = {watched[0]: watched for at_point in self._at.values() for watched in at_point}
+        self._at = {}
+        for channel in channels:
+            self._at.setdefault(channel.point, []).append(known.get(channel) or self._watched(channel))
+
+    def _watched(self, channel: ModbusChannel) -> _Watched:
+        stretch = self._longest_stretch
+        converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=stretch)
+        return channel, converter, StuckWatch(channel.stuck_after)
+
+    @property
+    def points(self) -> list[Point]:
+        """Everything that has to be read."""
+        return list(self._at)
+
+    def names(self, point: Point) -> str:
+        """The channels at a point and where that is, for the log."""
+        return f"{', '.join(channel.id for channel, _, _ in self._at[point])} ({self._at[point][0][0].place})"
+
+    def readings(self, request: Request, answer: Answer) -> Iterator[Reading]:
+        """The readings that the answer to `request` brings."""
+        for point in request.points:
+            begin = point.address - request.address
+            words = answer.words[begin : begin + point.size]
+            for channel, converter, watch in self._at[point]:
+                reading = _reading(channel, converter, watch, words, answer.time)
+                if reading is not None:
+                    yield reading
+
+    def refused(self, point: Point) -> list[Reading]:
+        """Bad readings of the channels at `point`, which the device does not give away."""
+        return [converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for _, converter, _ in self._at[point]]
+
+
+def _reading(
+    channel: ModbusChannel, converter: Converter, watch: StuckWatch, words: Sequence[int], when: float
+) -> Reading | None:
+    if not is_available(words, channel.format):
+        return converter.bad(when, Fault.NOT_AVAILABLE)
+    quality = watch.quality(time.monotonic(), tuple(words))
+    if quality is Quality.BAD:
+        return converter.bad(when, Fault.STUCK)
+    return converter.reading(when, decode(words, channel.format), quality)
+
+
+def probed(channel: ModbusChannel, answer: Answer) -> Probe:
+    """What a person should know about the answer for `channel`."""
+    words, edge = answer.words, channel.edge
+    bits = channel.table in ("coil", "discrete")
+    raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
+    layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
+    place = f"{channel.place} {layout}"
+    if not is_available(words, channel.format):
+        return Probe(channel.id, place, raw, None, answer.time, "not available: the device has no value here now")
+    number = decode(words, channel.format)
+    if edge.counter:
+        stand = f"the counter stands at {number * edge.scale + edge.offset:g}"
+        return Probe(channel.id, place, raw, None, answer.time, hints=(stand,))
+    value = edge.value(number)
+    fault = edge.fault(value)
+    lower, upper = edge.valid
+    if fault is not None:
+        verdict = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+    elif 0 < abs(number) < _NEARLY_NOTHING:
+        verdict = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
+    else:
+        return Probe(channel.id, place, raw, value, answer.time)
+    return Probe(channel.id, place, raw, value, answer.time, verdict, tuple(_hints(channel, words)))
+
+
+def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:
+    for order, number in other_orders(words, channel.format).items():
+        value = channel.edge.value(number)
+        plausible = channel.edge.fault(value) is None and abs(number) >= _NEARLY_NOTHING
+        mark = ", which is plausible" if plausible else ""
+        yield f"{order} would be {value:.6g}{mark}"

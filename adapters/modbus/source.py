@@ -1,0 +1,219 @@
+"""Live telemetry polled from Modbus devices, read only."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Sequence
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.modbus.client import Line, ModbusLink, NoAnswer, Refused
+from adapters.modbus.plan import Limits, Point, Request, halves, plan
+from adapters.modbus.points import Channels, ModbusChannel, probed
+from adapters.reading import Batch, Probe
+
+__all__ = ["ModbusChannel", "ModbusSource"]
+
+LONGEST_SILENCE = 30.0
+"""After this time at the latest a silent unit is asked again, in s."""
+
+REFUSAL = 600.0
+"""After this time registers that a device has refused are asked for again, in s."""
+
+# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
+_POLLS_IN_A_STRETCH = 10
+
+_log = logging.getLogger(__name__)
+
+
+class _Silence(NamedTuple):
+    """A unit that does not answer: how long it was left alone last, and until when (monotonic s)."""
+
+    pause: float
+    until: float
+
+
+class ModbusSource:
+    """Modbus units behind one connection, polled every `poll` s; readings are dated when their answer arrives.
+
+    A batch is what one answer brings. A request that a device answers with an exception is split until the registers
+    that it refuses are found; their channels alone are lost, and asked for again after REFUSAL. A unit that is silent
+    is left alone for a while that grows to LONGEST_SILENCE, so that it does not hold up the others; if all are,
+    `batches` raises SourceUnavailable, and is to be called again.
+    """
+
+    def __init__(
+        self, name: str, line: Line, channels: Sequence[ModbusChannel], *, poll: float, limits: Limits
+    ) -> None:
+        self.name = name
+        self.late = 0
+        """How many polls began later than they should have by a whole `poll` or more."""
+        self._line, self._poll, self._limits = line, poll, limits
+        self._listed = tuple(channels)
+        self._channels = Channels(channels, _POLLS_IN_A_STRETCH * poll)
+        self._rebound = False
+        """Whether `_listed` has changed since the last round."""
+        self._requests: list[Request] = []
+        self._whole_until = -1.0
+        """Monotonic s until which the requests stay as they are; then those that were split are tried whole again."""
+        self._refusals: dict[Point, str] = {}
+        self._silent: dict[int, _Silence] = {}
+        self._link: ModbusLink | None = None
+
+    def check(self) -> list[str]:
+        """A sentence if a serial port is named and the library for it is not installed."""
+        if self._line.transport == "rtu" and find_spec("serial") is None:
+            return [
+                f"sources.{self.name}: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
+            ]
+        return []
+
+    def rebind(self, channels: Sequence[ModbusChannel]) -> None:
+        """Read `channels` from the next round on, over the same connection."""
+        self._listed, self._rebound = tuple(channels), True
+
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
+        link = await self._open()
+        try:
+            loop = asyncio.get_running_loop()
+            due = loop.time()
+            while True:
+                async for batch in self._round(link):
+                    yield batch
+                due = self._next(due, loop.time())
+                await asyncio.sleep(due - loop.time())
+        finally:
+            link.close()
+
+    async def probe(self, seconds: float) -> list[Probe]:
+        """Every channel, each by a request of its own."""
+        link = await self._open()
+        silent: dict[int, str] = {}
+        probes = []
+        try:
+            for channel in self._listed:
+                if channel.unit not in silent:
+                    try:
+                        probes.append(probed(channel, await link.read(*channel.point)))
+                        continue
+                    except Refused as error:
+                        verdict = f"the device refuses it: {error}; check table and register"
+                    except NoAnswer as error:
+                        verdict = silent[channel.unit] = f"{error}; check unit_id and the device"
+                else:
+                    verdict = silent[channel.unit]
+                probes.append(Probe(channel.id, channel.place, "-", None, None, verdict))
+        except SourceUnavailable as error:
+            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
+        finally:
+            link.close()
+        return probes
+
+    async def close(self) -> None:
+        """Close the connection; safe to call twice."""
+        if self._link is not None:
+            self._link.close()
+
+    async def _open(self) -> ModbusLink:
+        for problem in self.check():
+            raise SourceConfigError(problem)
+        self._link = link = ModbusLink(self._line)
+        try:
+            await link.open()
+        except SourceUnavailable as error:
+            link.close()
+            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
+        return link
+
+    async def _round(self, link: ModbusLink) -> AsyncIterator[Batch]:
+        """Everything once, but for units that are left alone."""
+        now = time.monotonic()
+        if self._rebound:
+            # Between two rounds: the requests of a round that is under way are for the channels there were.
+            self._channels.replace(self._listed)
+            self._rebound, self._whole_until = False, now
+            points = set(self._channels.points)
+            self._refusals = {point: reason for point, reason in self._refusals.items() if point in points}
+            units = {point.unit for point in points}
+            self._silent = {unit: silence for unit, silence in self._silent.items() if unit in units}
+        if now >= self._whole_until:
+            self._requests, self._whole_until = plan(self._channels.points, self._limits), float("inf")
+        left_alone = {unit for unit, silence in self._silent.items() if silence.until > now}
+        to_send = deque(self._requests)
+        while to_send:
+            request = to_send.popleft()
+            if request.unit in left_alone:
+                continue
+            try:
+                answer = await link.read(request.unit, request.table, request.address, request.size)
+            except Refused as error:
+                self._whole_until = min(self._whole_until, now + REFUSAL)
+                self._requests.remove(request)
+                if len(request.points) > 1:
+                    parts = halves(request)
+                    self._requests += parts
+                    to_send.extendleft(reversed(parts))
+                else:
+                    (point,) = request.points
+                    self._note_refusal(point, str(error))
+                    yield Batch(self._channels.refused(point), time.time())
+            except NoAnswer as error:
+                left_alone.add(request.unit)
+                self._note_silence(request.unit, str(error))
+            except SourceUnavailable as error:
+                raise SourceUnavailable(f"sources.{self.name}: {error}") from error
+            else:
+                self._note_answer(request)
+                yield Batch(list(self._channels.readings(request, answer)), answer.time)
+        units = {point.unit for point in self._channels.points}
+        if units <= self._silent.keys():
+            self._silent.clear()
+            raise SourceUnavailable(
+                f"sources.{self.name}: {self._line.place} is connected but silent; check unit_id and the device"
+            )
+
+    def _next(self, due: float, now: float) -> float:
+        """When the next poll is due (loop s). Polls keep their rhythm; those that were missed are not made up for."""
+        due += self._poll
+        if now < due + self._poll:
+            return max(due, now)
+        self.late += 1
+        if self.late == 1:
+            _log.warning(
+                "sources.%s: a round took %.1f s, poll is %.1f s; poll less often or read in batches",
+                self.name,
+                now - due + self._poll,
+                self._poll,
+            )
+        return now
+
+    def _note_refusal(self, point: Point, reason: str) -> None:
+        if point not in self._refusals:
+            names = self._channels.names(point)
+            _log.error(
+                "sources.%s: the device refuses %s: %s; asking again every %.0f min",
+                self.name,
+                names,
+                reason,
+                REFUSAL / 60,
+            )
+        self._refusals[point] = reason
+
+    def _note_silence(self, unit: int, reason: str) -> None:
+        before = self._silent.get(unit)
+        if before is None:
+            _log.warning("sources.%s: unit %d is silent: %s; going on with the others", self.name, unit, reason)
+        pause = min(2 * before.pause if before else self._poll, LONGEST_SILENCE)
+        self._silent[unit] = _Silence(pause, time.monotonic() + pause)
+
+    def _note_answer(self, request: Request) -> None:
+        if self._silent.pop(request.unit, None) is not None:
+            _log.info("sources.%s: unit %d answers again", self.name, request.unit)
+        for point in self._refusals.keys() & set(request.points):
+            del self._refusals[point]
+            _log.info("sources.%s: the device gives %s again", self.name, self._channels.names(point))

@@ -1,0 +1,1 @@
+"""What messages carry, whoever brings them: JSON pointers, SenML, times, numbers with quality."""

@@ -1,0 +1,208 @@
+"""What a payload says: plain numbers, JSON documents and SenML packs as values with their time and quality. Pure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+from zoneinfo import ZoneInfo
+
+from adapters.payload import senml
+from adapters.payload.json_pointer import MISSING, resolve
+from adapters.payload.times import NaiveTime, parse_time
+from adapters.reading import Fault, Quality
+
+FORMATS = ("plain", "json", "senml")
+
+_SHOWN = 60
+_SENTENCE = 300
+_NOTHING = {"", "null", "none"}
+_WORDS = {"true": 1.0, "false": 0.0}
+
+
+@dataclass(frozen=True)
+class PayloadFormat:
+    """How a payload is written.
+
+    Pointers are tuples of reference tokens (`json_pointer.parse`); those to time and quality may be None. `good` and
+    `uncertain` list what stands for these qualities, as `quality_word` writes it. `record` names the SenML record, and
+    `unit` the unit that its `u` must be where it says one; None for any.
+    """
+
+    kind: str = "plain"
+    value: tuple[str, ...] = ()
+    time: tuple[str, ...] | None = None
+    quality: tuple[str, ...] | None = None
+    time_format: str = "iso8601"
+    zone: ZoneInfo | None = None
+    good: frozenset[str] = frozenset({"good"})
+    uncertain: frozenset[str] = frozenset({"uncertain"})
+    record: str | None = None
+    unit: str | None = None
+
+
+class Decoded(NamedTuple):
+    """A value. `time` is UTC s, or if `relative` s from another time of the sample on; None where the payload has
+    none."""
+
+    raw: float
+    time: float | None = None
+    relative: bool = False
+    quality: Quality = Quality.GOOD
+
+
+class Rejected(NamedTuple):
+    """Why there is no value; `sentence` goes on from "the payload"."""
+
+    fault: Fault
+    sentence: str
+
+
+class _Refusal(Exception):
+    def __init__(self, fault: Fault, sentence: str) -> None:
+        super().__init__(sentence)
+        # What a publisher writes must neither fill the log nor look like lines of it.
+        self.rejected = Rejected(fault, _printable(sentence, _SENTENCE))
+
+
+def decode(payload: bytes, form: PayloadFormat, near: float) -> list[Decoded | Rejected]:
+    """What `payload`, which came at `near` (UTC s), says: one entry, or of a SenML pack one per record meant."""
+    try:
+        if form.kind == "plain":
+            return [Decoded(_number(_text(payload)))]
+        document = _parsed(payload)
+        if form.kind == "json":
+            return [_from_json(document, form, near)]
+        return list(_from_senml(document, form))
+    except _Refusal as refusal:
+        return [refusal.rejected]
+
+
+def shown(payload: bytes) -> str:
+    """`payload` for people, shortened."""
+    return _printable(payload.decode("utf-8", "backslashreplace"), _SHOWN)
+
+
+def _printable(text: str, longest: int) -> str:
+    printable = "".join(character if character.isprintable() else " " for character in text[: longest + 1])
+    return printable if len(printable) <= longest else f"{printable[: longest - 3]}..."
+
+
+def quality_word(value: object) -> str:
+    """A quality as it is compared: text in lower case, numbers as they are written, true and false."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float) and value.is_integer():
+        return str(int(value))
+    return str(value).strip().lower()
+
+
+def _text(payload: bytes) -> str:
+    try:
+        return payload.decode("utf-8-sig").strip()
+    except UnicodeDecodeError:
+        raise _Refusal(Fault.NON_NUMERIC, "is no UTF-8 text") from None
+
+
+def _parsed(payload: bytes) -> Any:
+    text = _text(payload)
+    if not text:
+        raise _Refusal(Fault.NOT_AVAILABLE, "is empty")
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        raise _Refusal(Fault.NON_NUMERIC, f"{shown(payload)!r} is not JSON") from None
+
+
+def _number(value: object) -> float:
+    """A number, a bool, or text that is one of these."""
+    if isinstance(value, str):
+        word = value.strip().lower()
+        if word in _NOTHING:
+            raise _Refusal(Fault.NOT_AVAILABLE, "says that there is no value")
+        if word in _WORDS:
+            return _WORDS[word]
+        try:
+            # Python would take digit separators; nobody else does.
+            return float("" if "_" in word else word)
+        except ValueError:
+            raise _Refusal(Fault.NON_NUMERIC, f"{_printable(value, _SHOWN)!r} is not a number") from None
+    if value is None:
+        raise _Refusal(Fault.NOT_AVAILABLE, "says that there is no value")
+    if not isinstance(value, int | float):
+        raise _Refusal(Fault.NON_NUMERIC, f"has {'an object' if isinstance(value, dict) else 'a list'} for a number")
+    try:
+        return float(value)
+    except OverflowError:
+        raise _Refusal(Fault.NOT_FINITE, "has a number that no computer measures") from None
+
+
+def _from_json(document: object, form: PayloadFormat, near: float) -> Decoded:
+    value = resolve(document, form.value)
+    if value is MISSING:
+        raise _Refusal(Fault.NON_NUMERIC, f'has nothing at "{_pointer(form.value)}"; look at value')
+    quality = _quality(document, form)
+    time = MISSING if form.time is None else resolve(document, form.time)
+    return Decoded(_number(value), None if time in (MISSING, None) else _time(time, form, near), False, quality)
+
+
+def _time(value: object, form: PayloadFormat, near: float) -> float:
+    try:
+        return parse_time(value, form.time_format, form.zone, near)
+    except NaiveTime as error:
+        raise _Refusal(Fault.NAIVE_TIMESTAMP, str(error)) from None
+    except ValueError as error:
+        raise _Refusal(Fault.BAD_TIMESTAMP, str(error)) from None
+
+
+def _quality(document: object, form: PayloadFormat) -> Quality:
+    """The quality that `document` states; one that should be there and is not leaves the value uncertain."""
+    if form.quality is None:
+        return Quality.GOOD
+    stated = resolve(document, form.quality)
+    if stated is MISSING or stated is None:
+        return Quality.UNCERTAIN
+    word = quality_word(stated)
+    if word in form.good:
+        return Quality.GOOD
+    if word in form.uncertain:
+        return Quality.UNCERTAIN
+    raise _Refusal(
+        Fault.REPORTED_BAD, f'says that its quality is "{word}", which is neither listed as good nor uncertain'
+    )
+
+
+def _from_senml(document: object, form: PayloadFormat) -> Iterator[Decoded | Rejected]:
+    try:
+        records = list(senml.records(document))
+    except ValueError as error:
+        raise _Refusal(Fault.NON_NUMERIC, str(error)) from None
+    names = list(dict.fromkeys(record.name for record in records))
+    if form.record is None and len(names) > 1:
+        raise _Refusal(Fault.NON_NUMERIC, f"has several records; give record, one of {', '.join(names[:8])}")
+    meant = [record for record in records if form.record in (None, record.name)]
+    if not meant:
+        raise _Refusal(Fault.NOT_AVAILABLE, f'has no record "{form.record}"; it has {", ".join(names[:8]) or "none"}')
+    for record in meant:
+        try:
+            yield _from_record(record, form)
+        except _Refusal as refusal:
+            yield refusal.rejected
+
+
+def _from_record(record: senml.Record, form: PayloadFormat) -> Decoded:
+    if record.text:
+        raise _Refusal(Fault.NON_NUMERIC, f'has a record "{record.name}" whose value is not a number')
+    if form.unit is not None and record.unit not in (None, form.unit):
+        raise _Refusal(Fault.WRONG_UNIT, f'has "{record.name}" in {record.unit}, and the channel says {form.unit}')
+    if record.time is not None and not isfinite(record.time):
+        raise _Refusal(Fault.BAD_TIMESTAMP, "has a time that is not finite")
+    quality = _quality(record.fields, form)
+    relative = record.time is not None and record.time < senml.ABSOLUTE_FROM
+    return Decoded(_number(record.value), record.time, relative, quality)
+
+
+def _pointer(tokens: tuple[str, ...]) -> str:
+    return "".join(f"/{token.replace('~', '~0').replace('/', '~1')}" for token in tokens)

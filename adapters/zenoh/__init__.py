@@ -1,0 +1,1 @@
+"""Zenoh: session, access control, subscriptions, and the source on top."""

@@ -1,0 +1,210 @@
+"""The Zenoh session of a source: opened, watched and closed; Zenoh's errors as ours."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Protocol
+
+import zenoh
+import zenoh.ext
+
+from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.zenoh.connection import Connection
+from adapters.zenoh.inbox import LONGEST_PAYLOAD, Incoming
+
+_CLOSE_SECONDS = 1.0
+
+OnSample = Callable[[Incoming], None]
+
+
+class _Subscription(Protocol):
+    def undeclare(self) -> None: ...
+
+
+class ZenohLink:
+    """An open session with its subscriptions."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._subscriptions: dict[str, _Subscription] = {}
+
+    @classmethod
+    async def open(cls, connection: Connection) -> ZenohLink:
+        """Open the session. Raises SourceConfigError for what the settings have wrong, and SourceUnavailable if nobody
+        answers within the timeout (mode "client") or an address is taken."""
+        config = session_config(connection)
+        try:
+            session = await _in_thread(lambda: zenoh.open(config), lambda late: late.close())
+        except zenoh.ZError as error:
+            text = first_line(error)
+            raise SourceUnavailable(await _in_thread(lambda: _why(connection, text))) from error
+        return cls(session)
+
+    def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
+        """Call `on_sample`, in Zenoh's threads, for every sample on `key`; one subscription for each key.
+
+        `recover`: samples missed, up to this age in s, are asked of publishers that keep a cache; `last`: so is their
+        last one, whatever its age. Raises SourceConfigError for a wrong key expression.
+        """
+
+        def arrived(sample: zenoh.Sample) -> None:
+            on_sample(_incoming(sample))
+
+        # A direct callback needs no thread of its own, which would keep the process alive.
+        handler = zenoh.handlers.Callback(arrived, indirect=False)
+        try:
+            if recover or last:
+                self._subscriptions[key] = zenoh.ext.declare_advanced_subscriber(
+                    self._session,
+                    key,
+                    handler,
+                    history=zenoh.ext.HistoryConfig(
+                        detect_late_publishers=True,
+                        max_age=None if last else recover,
+                        max_samples=1 if last else None,
+                    ),
+                    recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+                )
+            else:
+                self._subscriptions[key] = self._session.declare_subscriber(key, handler)
+        except zenoh.ZError as error:
+            raise SourceUnavailable(f'key "{key}" cannot be subscribed to ({first_line(error)})') from error
+
+    async def unsubscribe(self, key: str) -> None:
+        """Give the subscription to `key` up."""
+        with suppress(zenoh.ZError):
+            await _in_thread(self._subscriptions.pop(key).undeclare)
+
+    def ask(self, key: str, on_sample: OnSample, seconds: float) -> None:
+        """Call `on_sample` for every answer to a query of `key` that comes within `seconds`."""
+
+        def answered(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                on_sample(_incoming(reply.ok))
+
+        with suppress(zenoh.ZError):
+            self._session.get(key, zenoh.handlers.Callback(answered, indirect=False), timeout=seconds)
+
+    @property
+    def connected(self) -> bool:
+        """Whether anybody at all is at the other end."""
+        try:
+            return bool(self._session.info.transports())
+        except zenoh.ZError:
+            return False
+
+    async def close(self) -> None:
+        """Close the session; gives up after a second rather than hang."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_CLOSE_SECONDS):
+                await _in_thread(self._undeclare)
+
+    def _undeclare(self) -> None:
+        for step in (*(subscription.undeclare for subscription in self._subscriptions.values()), self._session.close):
+            with suppress(zenoh.ZError):
+                step()
+
+
+def key_problem(key: str) -> str | None:
+    """What is wrong with a key expression, or None."""
+    try:
+        zenoh.KeyExpr(key)
+    except zenoh.ZError as error:
+        return first_line(error).split(": ", 1)[-1]
+    return None
+
+
+def _incoming(sample: zenoh.Sample) -> Incoming:
+    size = len(sample.payload)
+    deleted = sample.kind == zenoh.SampleKind.DELETE
+    return Incoming(
+        str(sample.key_expr),
+        None if deleted or size > LONGEST_PAYLOAD else sample.payload.to_bytes(),
+        size,
+        None if sample.timestamp is None else sample.timestamp.get_time().timestamp(),
+        time.time(),
+    )
+
+
+async def _in_thread(work: Callable[[], Any], abandoned: Callable[[Any], object] | None = None) -> Any:
+    """What `work` returns or raises, from a thread that does not keep the process alive; if nobody waits any more,
+    `abandoned` gets what it returns."""
+    loop = asyncio.get_running_loop()
+    outcome: asyncio.Future[Any] = loop.create_future()
+
+    def settle(result: Any, error: BaseException | None) -> None:
+        if outcome.cancelled():
+            if error is None and abandoned is not None:
+                threading.Thread(target=abandoned, args=(result,), daemon=True).start()
+        elif error is not None:
+            outcome.set_exception(error)
+        else:
+            outcome.set_result(result)
+
+    def run() -> None:
+        result, error = None, None
+        try:
+            result = work()
+        except BaseException as raised:
+            error = raised
+        # Nobody is left to tell once the loop is closed.
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(settle, result, error)
+
+    threading.Thread(target=run, name="zenoh-session", daemon=True).start()
+    return await outcome
+
+
+def session_config(connection: Connection) -> zenoh.Config:
+    """The settings of `connection` for Zenoh; SourceConfigError for one that Zenoh does not take."""
+    config = zenoh.Config()
+    for key, value in connection.settings().items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise SourceConfigError(f"Zenoh does not take {key} ({first_line(error)})") from None
+    return config
+
+
+def _why(connection: Connection, text: str) -> str:
+    """Why the session did not open, of which Zenoh says `text`, and the remedy."""
+    if "in use" in text or "listener" in text:
+        return f"listen: an address of {', '.join(connection.listen)} cannot be used ({text}); choose another"
+    return refusal(connection) or (
+        f"no Zenoh session answers at {', '.join(connection.connect)}; start it, or correct the address"
+    )
+
+
+def refusal(connection: Connection) -> str | None:
+    """The sentence about endpoints that accept a TCP connection but no session; None if there are none."""
+    refusing = [endpoint for endpoint in connection.connect if _answers(endpoint)]
+    if not refusing:
+        return None
+    return (
+        f"{', '.join(refusing)} can be reached but does not take this session; check user and password, "
+        "certificates, and that it speaks Zenoh there"
+    )
+
+
+def _answers(endpoint: str) -> bool:
+    """Whether something accepts TCP connections at `endpoint`."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.rpartition(":")
+    if protocol not in ("tcp", "tls", "ws"):
+        return False
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=1.0):
+            return True
+    except OSError:
+        return False
+
+
+def first_line(error: Exception) -> str:
+    """The message without the place in Zenoh's own source code."""
+    return str(error).splitlines()[0].split(" at /")[0].strip()

@@ -1,0 +1,111 @@
+"""Options of the bank: its members, and how their weights and the width of what is published are learned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, NamedTuple
+
+from estimator.errors import OptionsError
+from estimator.network.family import family
+from estimator.network.network import Network
+from estimator.option_checks import check_known, checked_number
+
+
+class Member(NamedTuple):
+    """One estimator of the bank: its kind, its network and its resolved options."""
+
+    estimator: str
+    network: Network
+    options: Any
+
+
+DEFAULT_MEMBERS: dict[str, Mapping[str, object]] = {
+    "jump": {"estimator": "mkf", "preset": "jump"},
+    "drift": {"estimator": "mkf", "preset": "drift"},
+    "free": {"estimator": "mkf", "preset": "free"},
+    "middle": {"estimator": "mkf", "preset": "middle"},
+    "output-error-0.3": {"estimator": "mkf", "preset": "output-error-0.3"},
+    "output-error-0.6": {"estimator": "mkf", "preset": "output-error-0.6"},
+    "rbpf": {"estimator": "rbpf", "particles": 2000},
+    "arx": {"estimator": "arx"},
+}
+"""Members that trust different things; the first one with a volatility publishes it, see `BankOptions.voice`."""
+
+
+@dataclass(frozen=True)
+class BankOptions:
+    """Everything the bank can be told."""
+
+    members: Mapping[str, Member] = field(default_factory=dict)
+    voice: str = ""
+    """The member whose volatility and gate are published."""
+    discount: float = 0.998
+    """What an hour leaves of an old loss."""
+    learning_rate: float = 0.05
+    """How much an hour's loss, in units of the best member's, moves the log of a weight."""
+    most_trust: float = 25.0
+    """Bound of the number of hours times `learning_rate`."""
+    coverage: float = 0.95
+    """Level of the interval whose coverage is kept."""
+    feedback: float = 0.02
+    """Step of the log scale of the published spread at every verified forecast."""
+
+
+_RANGES = {
+    "discount": (0.5, 1.0),
+    "learning_rate": (0.0, 10.0),
+    "most_trust": (0.0, 1000.0),
+    "coverage": (0.5, 0.999),
+    "feedback": (0.0, 1.0),
+}
+
+Resolve = Any
+"""`resolve(estimator, network, period, given)` of the registry."""
+
+
+def resolver(resolve_member: Resolve) -> Any:
+    """`resolve(network, period, given)` of the bank, whose members `resolve_member` knows."""
+
+    def resolve(network: Network, period: float, given: Mapping[str, object]) -> BankOptions:
+        """The options in force; OptionsError with one sentence naming the option that is wrong."""
+        check_known(given, {each.name for each in fields(BankOptions)}, "bank")
+        tables = given.get("members", DEFAULT_MEMBERS)
+        if not isinstance(tables, Mapping) or not tables:
+            raise OptionsError(
+                'members must be a table with one table per member, such as members.a.estimator = "mkf"', "members"
+            )
+        members = {
+            str(name): _member(str(name), table, network, period, resolve_member) for name, table in tables.items()
+        }
+        numbers = {name: checked_number(name, given[name], *_RANGES[name]) for name in _RANGES if name in given}
+        return BankOptions(members=members, voice=_voice(given, members), **numbers)
+
+    return resolve
+
+
+def _member(name: str, table: object, network: Network, period: float, resolve_member: Resolve) -> Member:
+    if not isinstance(table, Mapping) or not isinstance(table.get("estimator"), str):
+        raise OptionsError(
+            f'members.{name} must be a table that names its estimator, such as estimator = "mkf"', "members"
+        )
+    estimator = table["estimator"]
+    if estimator == "bank":
+        raise OptionsError(f"members.{name}: a bank cannot be a member of a bank", "members")
+    variants = family(network)
+    variant = table.get("network", next(iter(variants)))
+    if variant not in variants:
+        raise OptionsError(f"members.{name}.network = {variant!r} must be one of {', '.join(variants)}", "members")
+    own = {key: value for key, value in table.items() if key not in ("estimator", "network")}
+    try:
+        return Member(estimator, variants[variant], resolve_member(estimator, variants[variant], period, own))
+    except OptionsError as error:
+        raise OptionsError(f"members.{name}: {error}", "members") from error
+
+
+def _voice(given: Mapping[str, object], members: Mapping[str, Member]) -> str:
+    voice = given.get("voice") or next((name for name, member in members.items() if member.estimator == "rbpf"), "")
+    voice = voice or next(iter(members))
+    if voice not in members:
+        raise OptionsError(f"voice = {voice!r} must be one of the members {', '.join(members)}", "voice")
+    return str(voice)

@@ -1,0 +1,41 @@
+"""Options of the online ARX model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+from estimator.network.network import Network
+from estimator.option_checks import check_known, checked_number
+
+_MEMORY_DAYS = 60.0
+
+
+@dataclass(frozen=True)
+class ARXOptions:
+    """Everything the model can be told."""
+
+    past_outputs: int = 6
+    """Past values of the output in a regression."""
+    past_inputs: int = 3
+    """Past values of every input, that of the step itself among them."""
+    memory_days: float = _MEMORY_DAYS
+    """Time constant with which old samples are forgotten [d]."""
+    verified_memory_days: float = 20.0
+    """The same for the verified errors from which the spread of a forecast follows [d]."""
+
+
+_RANGES = {
+    "past_outputs": (1, 48),
+    "past_inputs": (1, 48),
+    "memory_days": (0.1, 1e6),
+    "verified_memory_days": (0.1, 1e6),
+}
+_WHOLE = ("past_outputs", "past_inputs")
+
+
+def resolve(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
+    """The options in force; OptionsError with one sentence naming the option that is wrong."""
+    check_known(given, {field.name for field in fields(ARXOptions)}, "arx")
+    checked = {name: checked_number(name, value, *_RANGES[name], whole=name in _WHOLE) for name, value in given.items()}
+    return ARXOptions(**checked)  # type: ignore[arg-type]

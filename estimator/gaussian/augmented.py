@@ -1,0 +1,196 @@
+"""Joint estimation of states and parameters in one Gaussian (paper 3.3, (14)-(16)): what EKF and UKF share.
+
+The augmented state is s = [x; phi], phi = log theta of the free parameters, with a random walk (15). The filters differ
+in one thing, the move of s over a step, which they bring as a `Move`. The measurement is linear in s, so the update is
+the same: for it the sigma points of the unscented transform give exactly the Kalman update.
+
+These filters have no volatility and no particles: they name no blocks, and their updates leave out alpha, the gate and
+N_eff.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimator.arrays import Array
+from estimator.gaussian.options import AugmentedOptions
+from estimator.gaussian.square_root import Gaussian, condition_on, scalar_update, triangular_root
+from estimator.kernels.draws import Draws, Purpose
+from estimator.network.assembly import assemble, topology
+from estimator.network.discretise import heat_loss, time_constants
+from estimator.network.network import Network
+from estimator.network.space import parameter_space
+from estimator.network.starting import initial_temperatures
+from estimator.types import Mixture, Outcome, ParameterSummary, Posterior
+
+_LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
+"""Below this log likelihood a measurement is one that the filter cannot explain at all, as for the particle filter."""
+
+_SUMMARY_DRAWS = 2000
+"""Draws from the posterior of phi for the quantiles of what is no monotone function of one parameter."""
+
+Move = Callable[[Gaussian, Array], Gaussian]
+"""N(s_k) and inputs (n_u,) to N(s_(k+1)), noise included."""
+
+
+class AugmentedState(NamedTuple):
+    """A Gaussian over s = [x; phi] of a network with n_x states and d free parameters; n = n_x + d."""
+
+    mean: Array
+    """(n,): temperatures [degC], then log parameters."""
+    root: Array
+    """(n, n): L with L L^T the covariance."""
+
+
+class AugmentedFilter:
+    """An EKF or UKF of one zone. See `estimator.types.Estimator` for the methods."""
+
+    blocks: tuple[str, ...] = ()
+
+    def __init__(self, network: Network, period: float, options: AugmentedOptions, move: Move) -> None:
+        """`network` is validated; `move` is over one `period` of it, with `options`' noise."""
+        self.network = network
+        self.period = period
+        self.options = options
+        self._move = move
+        self._measured = topology(network).measured
+        self._space = parameter_space(network, logit=False)
+        # Variance of the log-uniform prior (23).
+        self._prior_sd = (self._space.upper - self._space.lower) / np.sqrt(12.0)
+
+    physical = True
+    verifies_itself = False
+
+    @property
+    def issue_type(self) -> type[AugmentedState]:
+        """The filter's state."""
+        return AugmentedState
+
+    def start(self, seed: int, outputs: Array, inputs: Array) -> AugmentedState:
+        """Temperatures by their rules, log parameters with the spread of their prior around its middle or a draw."""
+        place = np.full((len(self._prior_sd), 1), 0.5)
+        if self.options.initial == "drawn":
+            place = Draws(seed, 0).uniforms(Purpose.PRIOR_PARAMETERS, place.shape)
+        temperatures, sds = initial_temperatures(self.network, outputs, inputs)
+        mean = np.concatenate([temperatures, self._space.from_uniform(place)[:, 0]])
+        return AugmentedState(mean, np.diag(np.concatenate([sds, self._prior_sd])))
+
+    def restart(self, state: AugmentedState, outputs: Array, inputs: Array) -> AugmentedState:
+        """The first sample after a gap: temperatures as at the start, log parameters as they were."""
+        temperatures, sds = initial_temperatures(self.network, outputs, inputs)
+        size = len(temperatures)
+        root = np.zeros_like(state.root)
+        root[:size, :size] = np.diag(sds)
+        root[size:, size:] = triangular_root(state.root[size:].T)
+        return AugmentedState(np.concatenate([temperatures, state.mean[size:]]), root)
+
+    def predict(self, state: AugmentedState, inputs: Array) -> AugmentedState:
+        """One period on under `inputs` (n_u,) held over the step."""
+        mean, root = self._move(Gaussian(state.mean, state.root), inputs)
+        # The random walk would widen a parameter that the data say nothing about beyond its prior.
+        size = len(self.network.nodes)
+        sds = np.sqrt((root[size:] ** 2).sum(axis=1))
+        root[size:] *= np.minimum(1.0, self._prior_sd / np.maximum(sds, np.finfo(float).tiny))[:, None]
+        return AugmentedState(mean, root)
+
+    def predictive(self, state: AugmentedState) -> Mixture:
+        """N(H x, H P H^T + R) of every output, as a mixture of one."""
+        variances = (state.root[self._measured] ** 2).sum(axis=1) + self.options.measurement_sd**2
+        return Mixture(np.ones(1), state.mean[self._measured][:, None], np.sqrt(variances)[:, None])
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Gaussian quantiles (L,) of one output."""
+        return np.asarray(mixture.means[output, 0] + mixture.sds[output, 0] * ndtri(levels), dtype=np.float64)
+
+    def update(self, state: AugmentedState, outputs: Array) -> Posterior:
+        """Kalman update with every output (n_y,) that is not NaN, one after the other; parameters kept in their box."""
+        if np.isnan(outputs).all():
+            return self._posterior(state, Outcome.MISSING)
+        gaussian, log_likelihood = Gaussian(state.mean, state.root), 0.0
+        for node, y in zip(self._measured.tolist(), outputs.tolist(), strict=True):
+            if y == y:
+                step = scalar_update(gaussian, node, y, self.options.measurement_sd**2)
+                gaussian, log_likelihood = step.gaussian, log_likelihood + step.log_likelihood
+        if not log_likelihood > _LOG_SMALLEST:
+            return self._posterior(state, Outcome.VANISHED)
+        return self._posterior(AugmentedState(*self._confined(gaussian)), Outcome.ASSIMILATED, log_likelihood)
+
+    def forecast(self, state: AugmentedState, plan: Array) -> Iterator[Mixture]:
+        """The outputs at the state's time and after each row of `plan` (h, n_u)."""
+        yield self.predictive(state)
+        for inputs in plan:
+            state = self.predict(state, inputs)
+            yield self.predictive(state)
+
+    def parameters(self, state: AugmentedState, levels: Array) -> ParameterSummary:
+        """Quantiles: of theta those of a log-normal distribution cut off at the box, of the others from draws.
+
+        The draws are the same at every call, so that equal states have equal quantiles.
+        """
+        size, free = len(self.network.nodes), self._space.free
+        mean, root = state.mean[size:, None], state.root[size:]
+        sds = np.sqrt((root**2).sum(axis=1))[:, None]
+        theta = np.repeat(self._space.fixed[:, None], len(levels), axis=1)
+        theta[free] = np.exp(self._space.confine(mean + sds * ndtri(levels)))
+        normals = Draws(0, 0).normals(Purpose.PRIOR_PARAMETERS, (root.shape[1], _SUMMARY_DRAWS))
+        matrices = assemble(self.network, self._space.parameters(self._space.confine(mean + root @ normals)))
+        constants, losses = time_constants(matrices), heat_loss(matrices, int(self._measured[0]))
+        return ParameterSummary(
+            levels=levels,
+            parameters=theta,
+            time_constants=np.quantile(constants, levels, axis=0).T,
+            heat_loss=np.quantile(losses, levels),
+        )
+
+    def issue(self, state: AugmentedState, count: int) -> AugmentedState:
+        """The state itself: one Gaussian."""
+        return state
+
+    def unfold(self, issue: AugmentedState, plan: Array) -> Iterator[Mixture]:
+        """What the issue forecasts under `plan` (h, n_u)."""
+        return self.forecast(issue, plan)
+
+    def verified(self, state: AugmentedState, lead: int, errors: Array) -> AugmentedState:
+        """The state itself: the filter learns from its innovations alone."""
+        return state
+
+    def member_weights(self, state: AugmentedState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
+    def pack(self, state: AugmentedState) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        return state._asdict()
+
+    def unpack(self, arrays: Mapping[str, Array]) -> AugmentedState:
+        """The state of packed arrays."""
+        return AugmentedState(**arrays)
+
+    def _confined(self, gaussian: Gaussian) -> Gaussian:
+        """With the parameters inside their box.
+
+        One that left it is put on its bound, and the other components where they are most probable given that
+        (projection of the estimate: Simon and Chia 2002); what then still sticks out is cut off.
+        """
+        size = len(self.network.nodes)
+        for i, (low, high) in enumerate(zip(self._space.lower.tolist(), self._space.upper.tolist(), strict=True)):
+            value = float(gaussian.mean[size + i])
+            if not low <= value <= high:
+                gaussian = condition_on(gaussian, size + i, min(max(value, low), high))
+        mean = gaussian.mean.copy()
+        mean[size:] = np.clip(mean[size:], self._space.lower, self._space.upper)
+        return gaussian._replace(mean=mean)
+
+    def _posterior(self, state: AugmentedState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
+        theta = self._space.fixed.copy()
+        theta[self._space.free] = np.exp(state.mean[len(self.network.nodes) :])
+        return Posterior(
+            state=state,
+            outcome=outcome,
+            log_likelihood=log_likelihood,
+            parameters=theta,
+        )

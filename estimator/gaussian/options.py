@@ -1,0 +1,89 @@
+"""Options of the augmented-state filters, EKF and UKF, and their presets.
+
+`paper` holds what the paper gives them (4.2.4): the process noise that its simulated data was made with, and a random
+walk of .01 per step in log theta. `default` is what a user gets, scaled to the sampling period: more process noise,
+since real buildings are disturbed and these filters have no other way to allow for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from math import sqrt
+from typing import TypeVar
+
+from estimator.network.network import Network
+from estimator.option_checks import check_known, checked_choice, checked_number, checked_preset
+
+_REFERENCE_PERIOD = 600.0
+
+
+@dataclass(frozen=True)
+class AugmentedOptions:
+    """What both filters can be told. Standard deviations of a process are per sampling step."""
+
+    preset: str = "default"
+    measurement_sd: float = 0.1
+    """sigma_y [K], of every measured output; R = sigma_y^2."""
+    process_sd: float = 0.03
+    """Square root of the diagonal of Q_x [K per step], for every state."""
+    parameter_sd: float = 0.01
+    """Square root of the diagonal of Q_phi (15) [per step], for every free parameter."""
+    initial: str = "centre"
+    """"centre": log theta starts at the middle of its box; "drawn": at a draw from the log-uniform prior."""
+
+
+@dataclass(frozen=True)
+class UKFOptions(AugmentedOptions):
+    """And the unscented transform."""
+
+    sigma_reach: float = sqrt(3.0)
+    """Distance of the sigma points from the mean, sqrt(n + kappa) [standard deviations]."""
+
+
+_Options = TypeVar("_Options", bound=AugmentedOptions)
+
+_PAPER_ECOLAR = ("ecolar-6r4c", *(f"m{i}" for i in range(1, 9)))
+
+
+def _paper(network: Network, period: float) -> dict[str, object]:
+    return {"measurement_sd": 0.1 if network.name in _PAPER_ECOLAR else 0.15, "initial": "drawn"}
+
+
+def _default(network: Network, period: float) -> dict[str, object]:
+    steps = sqrt(period / _REFERENCE_PERIOD)
+    return {"measurement_sd": 0.05, "process_sd": 0.05 * steps, "parameter_sd": 0.01 * steps}
+
+
+PRESETS = {"default": _default, "paper": _paper}
+
+_RANGES = {
+    "measurement_sd": (1e-6, 100.0),
+    "process_sd": (1e-9, 100.0),
+    "parameter_sd": (0.0, 1.0),
+    "sigma_reach": (0.01, 10.0),
+}
+_CHOICES = {"initial": ("centre", "drawn"), "preset": tuple(PRESETS)}
+
+
+def resolve_ekf(network: Network, period: float, given: Mapping[str, object]) -> AugmentedOptions:
+    """The EKF's options in force: the preset for `network` at `period` s, then `given`; OptionsError if wrong."""
+    return _resolve(AugmentedOptions, "ekf", network, period, given)
+
+
+def resolve_ukf(network: Network, period: float, given: Mapping[str, object]) -> UKFOptions:
+    """The UKF's options in force; OptionsError if wrong."""
+    return _resolve(UKFOptions, "ukf", network, period, given)
+
+
+def _resolve(
+    kind: type[_Options], estimator: str, network: Network, period: float, given: Mapping[str, object]
+) -> _Options:
+    check_known(given, {field.name for field in fields(kind)}, estimator)
+    effective = PRESETS[checked_preset(given, PRESETS)](network, period) | dict(given)
+    for name, value in effective.items():
+        if name in _CHOICES:
+            effective[name] = checked_choice(name, value, _CHOICES[name])
+        else:
+            effective[name] = checked_number(name, value, *_RANGES[name])
+    return kind(**effective)  # type: ignore[arg-type]

@@ -1,0 +1,410 @@
+"""The mixture Kalman filter: parameters, temperatures and unmeasured heat in one Gaussian per particle.
+
+Chen and Liu, "Mixture Kalman filters", J. R. Statist. Soc. B 62 (2000). A particle samples only what makes the model
+nonlinear: volatility, measurement noise, whether an unmeasured heat gain is on, and its time constant. Everything else
+is in its Gaussian over z = [x, q, phi], moved by an extended Kalman filter with exact zero-order hold and derivatives.
+A few hundred particles therefore do, and parameters cannot all descend from one lucky ancestor.
+
+As in `estimator.rbpf`, the state between two samples is the predicted one, and every method is pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from estimator.arrays import Array, Indices
+from estimator.kernels.algebra import packed
+from estimator.kernels.draws import Draws, Purpose
+from estimator.mixture.compiled import CompiledMixture
+from estimator.mixture.model import WATTS, MixtureModel, Particles, Scenarios, Walk
+from estimator.mixture.options import MKFOptions
+from estimator.mixture.reference import ReferenceMixture
+from estimator.network.assembly import assemble
+from estimator.network.discretise import heat_loss, time_constants
+from estimator.network.network import Network
+from estimator.network.starting import initial_temperatures
+from estimator.particle.gate import learning_gate, regime
+from estimator.particle.resampling import Weighted, effective_sample_size
+from estimator.types import ALPHA_LEVELS, Disturbance, Mixture, Outcome, ParameterSummary, Posterior
+
+CONSTANT = "constant"
+"""The regime of a filter without volatility."""
+
+_START_SHARE = 0.5
+"""Standard deviation of a particle's first Gaussian over phi, as a share of the prior's; its centre has the rest."""
+
+_SUMMARY_DRAWS = 400
+"""Draws of phi for the quantiles of parameters and of what follows from them."""
+
+_NEGLIGIBLE = 1e-4
+"""Share of an average weight below which a particle that will never change its mind is dropped."""
+
+_LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
+"""Below this log weight every weight would be zero in floating point."""
+
+_OFF_SD = 1e-9
+"""Standard deviation [kW] that stands for none."""
+
+LEVELS = np.array(ALPHA_LEVELS)
+
+
+class MKFState(NamedTuple):
+    """N particles; n_z, B, G and n_y as in `Particles`."""
+
+    seed: Array
+    """(): the zone's seed, uint64."""
+    step: Array
+    """(): k, int64; with `seed` it is the whole state of the random numbers."""
+    mean: Array
+    """(n_z, N): means of temperatures [degC], gain [kW] and log parameters."""
+    covariance: Array
+    """(n_z (n_z + 1) / 2, N): packed lower triangles."""
+    log_alpha: Array
+    """(B, N)."""
+    log_noise: Array
+    """(n_y, N): log sigma_y [K]."""
+    gain_on: Array
+    """(G, N): 1 while the gain is on, else 0."""
+    log_hours: Array
+    """(G, N): log of the gain's time constant [h]."""
+    log_weights: Array
+    """(N,): normalised."""
+    histogram: Array
+    """(B, n_bins): counts of the median of log alpha."""
+    gate: Array
+    """(): g_k, by which the random walk of phi is scaled."""
+
+    def particles(self) -> Particles:
+        """The particles without their weights."""
+        return Particles(*self[2:8])
+
+    def with_particles(self, particles: Particles) -> MKFState:
+        """With other particles."""
+        return self._replace(**particles._asdict())
+
+
+class MKFIssue(NamedTuple):
+    """What a forecast of the filter needs: where its draws stand, and K starts (`Scenarios`)."""
+
+    seed: Array
+    step: Array
+    state: Array
+    """(n_z, K)."""
+    log_alpha: Array
+    """(B, K)."""
+    log_noise: Array
+    """(n_y, K)."""
+    gain_on: Array
+    """(G, K)."""
+    log_hours: Array
+    """(G, K)."""
+
+
+class MKF:
+    """The filter of one zone. See `estimator.types.Estimator` for the methods.
+
+    The learning gate comes from the history of alpha as in the paper (3.4.4); here it scales the random walk of the
+    log parameters. Without volatility it is 1.
+    """
+
+    def __init__(self, network: Network, period: float, options: MKFOptions) -> None:
+        """`network` at a sampling `period` [s]; NetworkError for a network that is not sound."""
+        self.network = network.validate()
+        self.period = period
+        self.options = options
+        self._model = MixtureModel(network, period, options)
+        self.blocks = self._model.blocks
+        moves = CompiledMixture if options.implementation == "compiled" else ReferenceMixture
+        self._moves: CompiledMixture | ReferenceMixture = moves(self._model)
+
+    physical = True
+    verifies_itself = False
+
+    @property
+    def issue_type(self) -> type[MKFIssue]:
+        """Starts of sampled futures."""
+        return MKFIssue
+
+    def start(self, seed: int, outputs: Array, inputs: Array) -> MKFState:
+        """Particles from the prior at the first sample: its outputs (n_y,) and inputs (n_u,).
+
+        The centres of phi are uniform on a box shrunk so that, with the spread of each particle's own Gaussian, the
+        mixture has the variance of the log-uniform prior.
+        """
+        model, options, draws = self._model, self.options, Draws(seed, 0)
+        count = options.particles
+        place = draws.uniforms(Purpose.PRIOR_PARAMETERS, (model.free, count))
+        shrunk = 0.5 + np.sqrt(1.0 - _START_SHARE**2) * (place - 0.5)
+        log_alpha = options.alpha_initial_sd * draws.normals(Purpose.PRIOR_VOLATILITY, (len(self.blocks), count))
+        noise = draws.uniforms(Purpose.PRIOR_NOISE, (model.outputs, count))
+        on, size, hours = np.split(draws.uniforms(Purpose.PRIOR_GAIN, (3 * model.gains, count)), 3)
+        gain_on = np.where(on < self._initially_on(), 1.0, 0.0)
+        mean, covariance = np.zeros((model.size, count)), np.zeros((model.size * (model.size + 1) // 2, count))
+        mean[model.size - model.free :] = model.space.from_uniform(shrunk)
+        for d, variance in enumerate(model.prior_variance, model.size - model.free):
+            covariance[packed(d, d)] = _START_SHARE**2 * variance
+        for i in range(model.states, model.states + model.gains):
+            covariance[packed(i, i)] = (gain_on * np.exp(2.0 * _between(size, model.gain_sd_bounds)))[0]
+        self._set_temperatures(mean, covariance, outputs, inputs)
+        return MKFState(
+            seed=np.array(seed, dtype=np.uint64),
+            step=np.array(0, dtype=np.int64),
+            mean=mean,
+            covariance=covariance,
+            log_alpha=np.clip(log_alpha, np.log(options.alpha_min), np.log(options.alpha_max)),
+            log_noise=_between(noise, model.noise_bounds),
+            gain_on=gain_on,
+            log_hours=_between(hours, model.hour_bounds),
+            log_weights=np.full(count, -np.log(count)),
+            histogram=np.full((len(self.blocks), options.histogram_bins), options.histogram_pseudo_count),
+            gate=np.array(1.0),
+        )
+
+    def restart(self, state: MKFState, outputs: Array, inputs: Array) -> MKFState:
+        """The first sample after a gap: temperatures wide again; parameters, gain, noise and weights kept."""
+        mean, covariance = state.mean.copy(), state.covariance.copy()
+        self._set_temperatures(mean, covariance, outputs, inputs)
+        return state._replace(mean=mean, covariance=covariance)
+
+    def predict(self, state: MKFState, inputs: Array) -> MKFState:
+        """One period on under `inputs` (n_u,) held over the step."""
+        step, count = int(state.step) + 1, state.mean.shape[1]
+        draws, (normals, uniforms) = Draws(int(state.seed), step), self._model.walk_shapes
+        walk = Walk(
+            draws.normals(Purpose.MIXTURE_WALK, (normals, count)),
+            draws.uniforms(Purpose.MIXTURE_SWITCH, (uniforms, count)),
+        )
+        particles, worth = self._moves.propagate(state.particles(), walk, inputs, float(state.gate))
+        if self._model.proposed_on_probability > self._model.on_probability:
+            state = state._replace(log_weights=self._moves.reweigh(state.log_weights + worth).log_weights)
+        return state.with_particles(particles)._replace(step=np.array(step, dtype=np.int64))
+
+    def predictive(self, state: MKFState) -> Mixture:
+        """The mixture over every output, measurement noise included."""
+        measured = self._model.topology.measured
+        variances = state.covariance[measured * (measured + 3) // 2] + np.exp(2.0 * state.log_noise)
+        return Mixture(np.exp(state.log_weights), state.mean[measured], np.sqrt(variances))
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
+        return self._moves.quantiles(mixture, levels, output)
+
+    def update(self, state: MKFState, outputs: Array) -> Posterior:
+        """Kalman update and weight of every particle by `outputs` (n_y,), NaN for a missing one; gate; resampling."""
+        if np.isnan(outputs).all():
+            return self._kept(state, Outcome.MISSING)
+        particles, log_likelihood = self._moves.assimilate(state.particles(), outputs)
+        log_weights = state.log_weights + log_likelihood
+        # A largest weight that is not a number is no reason to stop: the others may still explain the sample.
+        if not np.fmax.reduce(log_weights) > _LOG_SMALLEST:
+            return self._kept(state, Outcome.VANISHED)
+        return self._learn(state.with_particles(particles), self._moves.reweigh(log_weights))
+
+    def forecast(self, state: MKFState, plan: Array) -> Iterator[Mixture]:
+        """Mixtures at the state's time and after each row of `plan` (h, n_u).
+
+        The first is `predictive`; the others mix `scenarios` equally likely futures, each with its measurement noise.
+        """
+        yield self.predictive(state)
+        start = self._scenario_starts(state, self.options.scenarios)
+        weights, sds = np.full(self.options.scenarios, 1.0 / self.options.scenarios), np.exp(start.log_noise)
+        for temperatures in self._moves.paths(start, plan, int(state.seed), int(state.step)):
+            yield Mixture(weights, temperatures, sds)
+
+    def scenarios(self, state: MKFState, plan: Array, count: int) -> Array:
+        """Sampled futures (`count`, h + 1, n_y) of the measured nodes [degC], without measurement noise.
+
+        The first is at the state's time, the others after each row of `plan` (h, n_u). All are equally likely; each
+        has its own parameters, temperatures and gain, and its own process noise, volatility and switching. A
+        stochastic controller plans over them. Asking changes nothing in what the filter will draw.
+        """
+        start = self._scenario_starts(state, count)
+        later = self._moves.paths(start, plan, int(state.seed), int(state.step))
+        return np.concatenate([start.state[None, self._model.topology.measured], later]).transpose(2, 0, 1)
+
+    def issue(self, state: MKFState, count: int) -> MKFIssue:
+        """Starts of `count` sampled futures from `state`."""
+        return MKFIssue(state.seed, state.step, *self._scenario_starts(state, count))
+
+    def unfold(self, issue: MKFIssue, plan: Array) -> Iterator[Mixture]:
+        """What the issue forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
+        start = Scenarios(*issue[2:])
+        count = start.state.shape[1]
+        weights, sds = np.full(count, 1.0 / count), np.exp(start.log_noise)
+        yield Mixture(weights, start.state[self._model.topology.measured], sds)
+        for temperatures in self._moves.paths(start, plan, int(issue.seed), int(issue.step)):
+            yield Mixture(weights, temperatures, sds)
+
+    def verified(self, state: MKFState, lead: int, errors: Array) -> MKFState:
+        """The state itself: the filter learns from its likelihood alone."""
+        return state
+
+    def member_weights(self, state: MKFState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
+    def pack(self, state: MKFState) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        return state._asdict()
+
+    def unpack(self, arrays: Mapping[str, Array]) -> MKFState:
+        """The state of packed arrays."""
+        return MKFState(**arrays)
+
+    def parameters(self, state: MKFState, levels: Array) -> ParameterSummary:
+        """Quantiles of theta, time constants and heat loss over draws of phi from the mixture.
+
+        The draws belong to the state: equal states have equal quantiles.
+        """
+        draws = Draws(int(state.seed), int(state.step))
+        z = self._sample(state, draws, _SUMMARY_DRAWS)[1]
+        theta = self._model.space.parameters(z[self._model.size - self._model.free :])
+        matrices = assemble(self.network, theta)
+        return ParameterSummary(
+            levels=levels,
+            parameters=np.quantile(theta, levels, axis=1).T,
+            time_constants=np.quantile(time_constants(matrices), levels, axis=0).T,
+            heat_loss=np.quantile(heat_loss(matrices, self._model.gain_node), levels),
+        )
+
+    def _initially_on(self) -> float:
+        """Probability that a gain is on at the start: that of the switching in the long run."""
+        options = self.options
+        if options.gain == "always":
+            return 1.0
+        ends = options.gain_off_probability
+        return options.gain_on_probability / max(options.gain_on_probability + ends, np.finfo(float).tiny)
+
+    def _set_temperatures(self, mean: Array, covariance: Array, outputs: Array, inputs: Array) -> None:
+        """Write the temperatures of a first sample into means and packed covariances, uncorrelated with the rest."""
+        start, sds = initial_temperatures(self.network, outputs, inputs)
+        states = self._model.states
+        mean[:states] = start[:, None]
+        for i in range(self._model.size):
+            for j in range(min(i + 1, states)):
+                covariance[packed(i, j)] = sds[i] ** 2 if i == j else 0.0
+
+    def _sample(self, state: MKFState, draws: Draws, count: int) -> tuple[Indices, Array]:
+        """Indices (K,) of particles, drawn by weight, and draws (n_z, K) from their Gaussians."""
+        place = float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0])
+        index = self._moves.systematic(np.exp(state.log_weights), place, count)
+        normals = draws.normals(Purpose.MIXTURE_SAMPLE, (self._model.size, count))
+        return index, self._moves.sample(state.particles(), index, normals)
+
+    def _scenario_starts(self, state: MKFState, count: int) -> Scenarios:
+        # Streams of their own: asking for a forecast changes nothing in what the filter will draw.
+        draws = Draws(int(state.seed), int(state.step), forecast=True)
+        index, z = self._sample(state, draws, count)
+        return Scenarios(z, *(np.take(rows, index, axis=1) for rows in state.particles()[2:]))
+
+    def _learn(self, state: MKFState, weighted: Weighted) -> Posterior:
+        """Gate and resampling with the new weights."""
+        summary = self._summary(state, weighted.weights)
+        gates = [
+            learning_gate(counts, median, self._model.volatility)
+            for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
+        ]
+        gate = min((block.gate for block in gates), default=1.0)
+        state = state._replace(log_weights=weighted.log_weights, gate=np.array(gate))
+        if gates:
+            state = state._replace(histogram=np.array([block.histogram for block in gates]))
+        state, resampled = self._resampled(state, weighted)
+        return summary._replace(
+            state=state,
+            outcome=Outcome.ASSIMILATED,
+            log_likelihood=weighted.log_sum,
+            cdf=np.array([block.cdf for block in gates]),
+            gate=gate,
+            regime=self._regime([block.cdf for block in gates]),
+            effective_sample_size=weighted.effective_sample_size,
+            resampled=resampled,
+        )
+
+    def _resampled(self, state: MKFState, weighted: Weighted) -> tuple[MKFState, bool]:
+        """With the particles that go on, and whether they are others than before."""
+        weights = weighted.weights
+        if self._model.samples_nothing:
+            # Copies of a particle would stay equal for ever: it keeps its weight, and those without any are dropped.
+            index = np.flatnonzero(weights > _NEGLIGIBLE / len(weights))
+            if len(index) == len(weights):
+                return state, False
+            log_weights = state.log_weights[index] - np.log(weights[index].sum())
+        elif weighted.effective_sample_size < self.options.resample_below * len(weights):
+            draws = Draws(int(state.seed), int(state.step))
+            place = float(draws.uniforms(Purpose.RESAMPLE, (1, 1))[0, 0])
+            index = self._moves.systematic(weights, place, len(weights))
+            log_weights = np.full(len(weights), -np.log(len(weights)))
+        else:
+            return state, False
+        chosen = Particles(*(np.take(rows, index, axis=1) for rows in state.particles()))
+        return state.with_particles(chosen)._replace(log_weights=log_weights), True
+
+    def _kept(self, state: MKFState, outcome: Outcome) -> Posterior:
+        """The summary of a step that learned nothing: the prior is kept, the gate is shut."""
+        weights = np.exp(state.log_weights)
+        summary = self._summary(state, weights)
+        counted = [
+            learning_gate(counts, median, self._model.volatility).cdf
+            for counts, median in zip(state.histogram, np.log(summary.alpha_quantiles[:, 1]), strict=True)
+        ]
+        return summary._replace(
+            outcome=outcome,
+            cdf=np.array(counted),
+            regime=self._regime(counted),
+            effective_sample_size=effective_sample_size(weights),
+        )
+
+    def _summary(self, state: MKFState, weights: Array) -> Posterior:
+        """What `state` with `weights` (N,) knows; outcome, gate and the like are of a step that learned nothing."""
+        phi = (state.mean[self._model.size - self._model.free :] * weights).sum(axis=1)
+        theta = self._model.space.fixed.copy()
+        theta[self._model.space.free] = np.exp(phi)
+        alpha = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
+        noise = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
+        gain, probability = self._gain(state, weights)
+        return Posterior(
+            state=state,
+            outcome=Outcome.MISSING,
+            log_likelihood=float("nan"),
+            alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(LEVELS))),
+            cdf=np.empty(0),
+            gate=0.0,
+            regime=CONSTANT,
+            effective_sample_size=float("nan"),
+            resampled=False,
+            floored=False,
+            parameters=theta,
+            disturbance=Disturbance(gain, probability, np.exp(np.array(noise))),
+        )
+
+    def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:
+        """Quantiles (3,) of the gain [W], which is 0 for certain where it is off, and the probability that it is on."""
+        if not self._model.gains:
+            return np.full(len(LEVELS), np.nan), float("nan")
+        shares = weights * state.gain_on[0]
+        on = float(shares.sum())
+        quantiles = np.zeros(len(LEVELS))
+        if on > 0.0:
+            at = self._model.states
+            means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed(at, at)], _OFF_SD**2))
+            below = float((shares * ndtr(-means / sds)).sum())
+            begin, above = below > LEVELS, LEVELS - (1.0 - on)
+            levels = np.where(begin, LEVELS, above) / on
+            # The other levels fall on the share 1 - on of the mixture that stands at 0.
+            elsewhere = begin | (above > below)
+            if elsewhere.any():
+                mixture = Mixture(shares / on, means[None], sds[None])
+                quantiles[elsewhere] = self._moves.quantiles(mixture, levels[elsewhere], 0)
+        return WATTS * quantiles, on
+
+    def _regime(self, cdf: list[float]) -> str:
+        return regime(max(cdf), self._model.volatility) if cdf else CONSTANT
+
+
+def _between(place: Array, bounds: tuple[float, float]) -> Array:
+    """Places in [0, 1] stretched to `bounds`."""
+    return bounds[0] + (bounds[1] - bounds[0]) * place

@@ -1,0 +1,1 @@
+"""Fits to a whole recording: simulation in open loop and least squares."""

@@ -1,0 +1,99 @@
+"""The particle step in NumPy and SciPy: the oracle that the compiled kernel is held to."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
+
+from estimator.arrays import Array, Indices
+from estimator.kernels.algebra import packed
+from estimator.kernels.draws import Draws, Purpose
+from estimator.network.assembly import assemble
+from estimator.network.discretise import discretise
+from estimator.network.network import Network
+from estimator.network.space import ParameterSpace
+from estimator.particle.gate import weighted_quantiles
+from estimator.particle.kalman import Assimilated, kalman_predict, kalman_update
+from estimator.particle.liu_west import Kernel, moments, rejuvenate
+from estimator.particle.options import Options
+from estimator.particle.resampling import Weighted, reweigh, systematic
+from estimator.particle.volatility import propagate_volatility
+from estimator.types import Mixture
+
+
+class ReferenceSteps:
+    """One network's particle steps, written as the paper writes them."""
+
+    def __init__(
+        self, network: Network, space: ParameterSpace, period: float, block: Indices, process_sd: float
+    ) -> None:
+        """`block` (n_x,) is each state's volatility block, `process_sd` [K per step] the root of Q_0's diagonal."""
+        self._network, self._space, self._period = network, space, period
+        self._block, self._process_sd = block, process_sd
+
+    def walk(self, log_alpha: Array, options: Options, draws: Draws) -> Array:
+        """log alpha (B, N) one step on (21) (line 8)."""
+        return propagate_volatility(log_alpha, options, draws)
+
+    def propagate(
+        self, coordinates: Array, mean: Array, covariance: Array, log_alpha: Array, inputs: Array
+    ) -> tuple[Array, Array]:
+        """Kalman prediction (line 9) of every particle, its own theta and Q_k = alpha^2 Q_0 (20); log_alpha (B, N)."""
+        noise = (np.exp(log_alpha[self._block]) * self._process_sd) ** 2
+        matrices = assemble(self._network, self._space.parameters(coordinates))
+        return kalman_predict(discretise(matrices, self._period), mean, covariance, inputs, noise)
+
+    def assimilate(self, mean: Array, covariance: Array, node: int, y: float, variance: float) -> Assimilated:
+        """Kalman measurement update (line 12) of every particle."""
+        return kalman_update(mean, covariance, node, y, variance)
+
+    def predictive(
+        self, mean: Array, covariance: Array, log_weights: Array, nodes: Indices, variance: float
+    ) -> Mixture:
+        """The mixture of line 10 over the outputs `nodes` (n_y,), with measurement `variance` R."""
+        variances = covariance[[packed(node, node) for node in nodes]] + variance
+        return Mixture(np.exp(log_weights), mean[nodes], np.sqrt(variances))
+
+    def reweigh(self, log_weights: Array) -> Weighted:
+        """Weights normalised (line 11)."""
+        return reweigh(log_weights)
+
+    def moments(self, coordinates: Array, weights: Array) -> tuple[Array, Array]:
+        """Weighted mean (24) and covariance (25) of the parameter coordinates."""
+        return moments(coordinates, weights)
+
+    def rejuvenate(self, coordinates: Array, kernel: Kernel, draws: Draws) -> Array:
+        """Gated Liu-West rejuvenation (28), kept inside the box."""
+        normals = draws.normals(Purpose.REJUVENATE, coordinates.shape)
+        return self._space.confine(rejuvenate(coordinates, kernel, normals))
+
+    def mean_log_parameters(self, coordinates: Array, weights: Array) -> Array:
+        """Posterior mean (d,) of phi, the point estimate of (33)."""
+        return self._space.log_parameters(coordinates) @ weights
+
+    def systematic(self, weights: Array, uniform: float) -> Indices:
+        """Indices (N,) of systematic resampling (line 14)."""
+        return systematic(weights, uniform)
+
+    def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
+        """Quantiles (L,) of weighted values (N,)."""
+        return weighted_quantiles(values, weights, levels)
+
+    def gather(self, rows: Array, index: Indices) -> Array:
+        """Columns `index` of `rows` (m, N)."""
+        return rows[:, index]
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Quantiles (L,) of one output of a mixture."""
+        means, sds = mixture.means[output], mixture.sds[output]
+        return np.array([mixture_quantile(level, mixture.weights, means, sds) for level in levels])
+
+
+def mixture_quantile(level: float, weights: Array, means: Array, sds: Array) -> float:
+    """The `level` quantile of a Gaussian mixture (all (N,)): the root of its CDF."""
+    used = weights > 0
+    weights, means, sds = weights[used] / weights[used].sum(), means[used], sds[used]
+    reach = 9.0 * sds
+    lower, upper = float((means - reach).min()), float((means + reach).max())
+    return float(brentq(lambda y: weights @ ndtr((y - means) / sds) - level, lower, upper, xtol=1e-12, rtol=1e-14))

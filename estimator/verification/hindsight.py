@@ -1,0 +1,118 @@
+"""Forecasts hours ahead, held to what came.
+
+Every hour each member of a group issues a forecast: a small sample of its state. When the time of one of its leads has
+come, the sample is unfolded under the inputs that really followed, and the distribution that results is what is scored.
+So a model is judged by what it makes of the inputs, not by how well anybody foresaw them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.types import Estimator, Mixture
+
+HORIZONS = (3600.0, 21600.0, 86400.0)
+"""Leads that are verified beside one step [s]."""
+
+SAMPLES = 32
+"""Size of the sample that stands for a state."""
+
+EVERY = 3600.0
+"""Time from one issue to the next [s]."""
+
+
+class Issue(NamedTuple):
+    """What each member issued for the time of step `step` and what follows."""
+
+    step: int
+    samples: tuple[Any, ...]
+
+
+class Pending(NamedTuple):
+    """Issues whose time has not come, and the inputs since the oldest of them."""
+
+    step: int
+    inputs: Array
+    """(m, n_u): of the last m steps, the newest last."""
+    issues: tuple[Issue, ...]
+
+
+class Due(NamedTuple):
+    """What the members had forecast for now, `lead` steps ahead of the last sample that they knew."""
+
+    horizon: int
+    """Place in HORIZONS."""
+    lead: int
+    mixtures: tuple[Mixture, ...]
+
+
+class Hindsight:
+    """The pending forecasts of `members`, which share network inputs, outputs and period."""
+
+    def __init__(self, members: Sequence[Estimator], period: float) -> None:
+        self._members = tuple(members)
+        self.leads = tuple(round(horizon / period) for horizon in HORIZONS)
+        """Steps ahead of each horizon; a horizon of one step or less is not verified here."""
+        self._every = max(1, round(EVERY / period))
+
+    def start(self, width: int) -> Pending:
+        """Nothing is pending; `width` is the number of inputs n_u."""
+        return Pending(0, np.zeros((0, width)), ())
+
+    def advance(self, pending: Pending, inputs: Array, states: Sequence[Any], phase: int) -> Pending:
+        """One step on under `inputs` (n_u,): `states` are the members', predicted to the new step.
+
+        Every EVERY s a forecast is issued, in one group at the steps that leave the remainder `phase`.
+        """
+        step, longest = pending.step + 1, max(self.leads)
+        issues = tuple(issue for issue in pending.issues if step - issue.step < longest)
+        if step % self._every == phase % self._every and longest > 1:
+            samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
+            issues = (*issues, Issue(step, samples))
+        kept = step - issues[0].step if issues else 0
+        log = np.concatenate([pending.inputs, inputs[None]])
+        return Pending(step, log[len(log) - kept :] if kept else log[:0], issues)
+
+    def due(self, pending: Pending) -> Iterator[Due]:
+        """What had been forecast for the present step, from the shortest lead to the longest."""
+        for horizon, lead in enumerate(self.leads):
+            if lead < 2:
+                continue
+            for issue in pending.issues:
+                if pending.step - issue.step + 1 == lead:
+                    plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
+                    yield Due(horizon, lead, tuple(self._unfolded(issue, plan)))
+
+    def _unfolded(self, issue: Issue, plan: Array) -> Iterator[Mixture]:
+        for member, sample in zip(self._members, issue.samples, strict=True):
+            yield next(islice(member.unfold(sample, plan), len(plan), None))
+
+    def pack(self, pending: Pending) -> dict[str, Array]:
+        """The arrays of `pending`, by name."""
+        arrays = {
+            "step": np.array(pending.step),
+            "inputs": pending.inputs,
+            "issued": np.array([issue.step for issue in pending.issues], dtype=np.int64),
+        }
+        for place in range(len(self._members)):
+            packed = [issue.samples[place]._asdict() for issue in pending.issues]
+            for name in packed[0] if packed else ():
+                arrays[f"{place}.{name}"] = np.stack([one[name] for one in packed])
+        return arrays
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Pending:
+        """The pending forecasts of packed arrays."""
+        steps = arrays["issued"].tolist()
+        samples: list[Iterable[Any]] = []
+        for place, member in enumerate(self._members):
+            prefix = f"{place}."
+            own = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+            kind = member.issue_type
+            samples.append([kind(**{name: value[row] for name, value in own.items()}) for row in range(len(steps))])
+        issues = tuple(Issue(step, issued) for step, issued in zip(steps, zip(*samples, strict=True), strict=True))
+        return Pending(int(arrays["step"]), arrays["inputs"], issues)

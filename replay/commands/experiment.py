@@ -1,0 +1,104 @@
+"""`thermogate experiment NAME`: its arguments, and what they start."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from replay.experiments.catalogue import EXPERIMENTS
+from service.cli.arguments import AddCommand, whole
+
+_DEFAULT_OUT = Path("var/experiments")
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("experiment", _experiment, "Score the method on simulated or recorded buildings; writes a report.")
+    listed = "; ".join(f"{name}: {entry.text}" for name, entry in EXPERIMENTS.items())
+    parser.add_argument("name", choices=EXPERIMENTS, metavar="NAME", help=listed)
+    parser.add_argument(
+        "--data", type=Path, action="append", default=[], metavar="FILE", help="data instead of the built-in (CSV)"
+    )
+    parser.add_argument(
+        "--seeds",
+        type=_seeds,
+        default=(),
+        metavar="N|A,B,...",
+        help="how many seeds, or which: 5 stands for 1,2,3,4,5 and 7, for seed 7 alone (default: the experiment's own)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"folder for runs and report (default {_DEFAULT_OUT}/NAME)"
+    )
+    parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data")
+    parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
+    parser.add_argument("--network", metavar="NAME", help="another network preset; --set changes it")
+    parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
+    parser.add_argument("--zone", metavar="ID", help="which zone of --config (default: its only one)")
+    parser.add_argument(
+        "--time-zone",
+        type=_time_zone,
+        metavar="NAME",
+        help="local time of --config's nights, such as Europe/Berlin (default: that of its recording)",
+    )
+    parser.add_argument(
+        "--jobs", type=whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
+    )
+
+
+def _experiment(arguments: argparse.Namespace) -> int:
+    from replay.experiments.request import Request
+    from replay.experiments.running import RUNS, run_experiment
+
+    out: Path = arguments.out or _DEFAULT_OUT / arguments.name
+    request = Request(
+        data=tuple(arguments.data),
+        seeds=arguments.seeds,
+        days=arguments.days,
+        particles=arguments.particles,
+        network=arguments.network,
+        config=arguments.config,
+        zone=arguments.zone,
+        time_zone=arguments.time_zone,
+        overrides=tuple(arguments.overrides),
+    )
+    watched = sys.stderr.isatty()
+    if watched:
+        print(f"preparing {arguments.name}", file=sys.stderr)
+    workers = arguments.jobs or len(os.sched_getaffinity(0))
+    try:
+        written = run_experiment(arguments.name, request, out, workers=workers, progress=watched)
+    except KeyboardInterrupt:
+        kept = len(list((out / RUNS).glob("*.npz")))
+        print(
+            f"thermogate: interrupted; {kept} finished runs are kept in {out / RUNS}, the same command goes on from "
+            "there",
+            file=sys.stderr,
+        )
+        return 130
+    for path in written:
+        if path.suffix == ".toml":
+            print(path.read_text(encoding="utf-8"))
+    print(f"{sum(path.suffix == '.csv' for path in written)} tables in {out}; read {written[0]}")
+    return 0
+
+
+def _seeds(text: str) -> tuple[int, ...]:
+    words = [word for word in text.split(",") if word]
+    if not words or not all(word.isdecimal() and int(word) < 2**63 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a number of seeds nor a list of them such as 1,2,5")
+    numbers = tuple(dict.fromkeys(int(word) for word in words))
+    if "," in text:
+        return numbers
+    if not 1 <= numbers[0] <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} seeds; from 1 to 1000 are possible, and {text}, is seed {text} alone")
+    return tuple(range(1, numbers[0] + 1))
+
+
+def _time_zone(text: str) -> str:
+    try:
+        return ZoneInfo(text).key
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        raise argparse.ArgumentTypeError(f"{text!r} is no time zone; give an IANA name such as Europe/Berlin") from None

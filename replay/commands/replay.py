@@ -1,0 +1,42 @@
+"""`thermogate replay`: recorded sources through the daemon's own worker, into files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from service.cli.arguments import AddCommand, instant, load_config, require_zones, take_config, whole
+from service.errors import ConfigError
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("replay", _replay, "Run recorded sources through the zones as fast as possible, into files.")
+    take_config(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    parser.add_argument("--zone", metavar="ID", help="replay this zone only (default: all)")
+    parser.add_argument(
+        "--seed", type=whole(0, 2**63 - 1), metavar="N", help="seed of every zone (default: the configured ones)"
+    )
+    parser.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")
+    parser.add_argument("--end", type=instant, metavar="T", help="time to stop before, RFC 3339")
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from replay.recorded.runner import replay_recording
+
+    config = load_config(arguments)
+    if arguments.zone is not None:
+        require_zones(config, [arguments.zone], "--zone")
+    if arguments.start is not None and arguments.end is not None and arguments.start >= arguments.end:
+        raise ConfigError(["--start is not before --end; swap or correct them"])
+    return replay_recording(
+        config,
+        arguments.out,
+        zone=arguments.zone,
+        seed=arguments.seed,
+        start=arguments.start,
+        end=arguments.end,
+        progress=sys.stderr.isatty(),
+    )

@@ -1,0 +1,112 @@
+"""`thermogate simulate-bms`: its arguments, and what they start."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from service.cli.arguments import AddCommand, number, whole
+
+_MOST_ZONES = 80
+_MOST_METERS = 148
+"""Unit ids of a Modbus line (1 to 247) from `replay.bms.plant.FIRST_METER_UNIT_ID` on."""
+_MOST_REGISTERS = 10_000
+SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("simulate-bms", _simulate_bms, "Simulate a building behind a Modbus TCP server and a Zenoh publisher.")
+    parser.add_argument(
+        "--zones", type=whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
+    )
+    parser.add_argument(
+        "--port",
+        type=whole(0, 65535),
+        default=5020,
+        metavar="N",
+        help="Modbus port, 0 for any free one (default 5020)",
+    )
+    parser.add_argument(
+        "--control-port",
+        type=whole(0, 65535),
+        default=5021,
+        metavar="N",
+        help="HTTP port of the control surface, 0 for any free one (default 5021)",
+    )
+    parser.add_argument(
+        "--zenoh",
+        type=_endpoint,
+        default="tcp/127.0.0.1:7448",
+        metavar="ENDPOINT",
+        help='where the BMS listens for Zenoh, "off" for nowhere (default tcp/127.0.0.1:7448)',
+    )
+    parser.add_argument(
+        "--pace",
+        type=number(SMALLEST_PACE, LARGEST_PACE),
+        default=60.0,
+        metavar="X",
+        help="simulated seconds per second, at most 3600 (default 60)",
+    )
+    parser.add_argument(
+        "--seed", type=whole(0, 2**63 - 1), default=1, metavar="N", help="of building, weather and people (default 1)"
+    )
+    parser.add_argument(
+        "--devices", type=whole(0, _MOST_METERS), default=0, metavar="N", help="further devices for load (default 0)"
+    )
+    parser.add_argument(
+        "--registers",
+        type=whole(1, _MOST_REGISTERS),
+        default=100,
+        metavar="N",
+        help="registers of each further device (default 100)",
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="SPEC",
+        dest="faults",
+        help="KIND[:DEVICE[/CHANNEL]][,value=V][,after=D][,for=D], such as drift:room1/T_air,value=0.5,after=10min; "
+        "may be given several times",
+    )
+    parser.add_argument(
+        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building over Modbus"
+    )
+    parser.add_argument("--write-map", type=Path, metavar="PATH", help="write the register map as CSV")
+
+
+def _simulate_bms(arguments: argparse.Namespace) -> int:
+    from replay.bms.faults import parse_spec
+    from replay.bms.serving import BmsOptions, simulate_bms
+    from service.errors import ConfigError
+
+    if arguments.overrides and arguments.write_config is None:
+        raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
+    return simulate_bms(
+        BmsOptions(
+            zones=arguments.zones,
+            port=arguments.port,
+            control_port=arguments.control_port,
+            zenoh=None if arguments.zenoh == "off" else arguments.zenoh,
+            pace=arguments.pace,
+            seed=arguments.seed,
+            meters=arguments.devices,
+            registers=arguments.registers,
+            faults=[parse_spec(text) for text in arguments.faults],
+            config=arguments.write_config,
+            register_map=arguments.write_map,
+            overrides=arguments.overrides,
+        )
+    )
+
+
+def _endpoint(text: str) -> str:
+    from service.fields.values import loopback_endpoint
+
+    if text == "off":
+        return text
+    try:
+        return loopback_endpoint(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

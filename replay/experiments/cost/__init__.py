@@ -1,0 +1,1 @@
+"""`cost`: time and memory of one sample (Table 9)."""

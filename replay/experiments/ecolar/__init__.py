@@ -1,0 +1,1 @@
+"""`ecolar`: a real zone whose truth nobody knows (5.2)."""

@@ -1,0 +1,102 @@
+"""Open-loop accuracy of frozen parameters on the nights of a zone (paper 4.3.7, Table 8), as part of a run.
+
+Every model starts a night from the same kind of state: that of a Kalman filter with the frozen parameters, run over the
+day before. So no estimator gains by states of its own, and least squares, which has none, takes part.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.network.assembly import assemble
+from estimator.network.discretise import discretise
+from estimator.network.network import Network
+from estimator.network.starting import initial_temperatures
+from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.series.filtering import FilterRun, Series, run_filter
+from replay.experiments.series.least_squares import STEPS_A_START, LeastSquaresRun, fit
+from replay.localtime import DAY
+from replay.scores import Window, daily_windows, rmse
+from replay.scores.windows import simulate_window
+
+NIGHT = (20.0, 6.0)
+"""Local hours."""
+DAYTIME = (7.0, 16.0)
+STATE_NOISE_SD = 0.03
+"""K per step, of the Kalman filter that prepares a night."""
+
+
+class NightRun(NamedTuple):
+    """A run, and the local time zone of its nights."""
+
+    run: FilterRun | LeastSquaresRun
+    series: Series
+    zone: str
+    measurement_sd: float
+
+
+def night_job(label: str, run: NightRun) -> Job:
+    """The job of `run`: the arrays of its filter or fit, and `nights_final` and `nights_evening` [K] (n_nights,).
+
+    "final" are the parameters after the whole period, "evening" those learned by the night's beginning.
+    """
+    return Job(label, run.run.seed, score_nights, run, _ticks(run))
+
+
+def score_nights(job: NightRun, tick: Tick) -> Arrays:
+    """The arrays of the run and of its nights."""
+    run, series = job.run, job.series
+    windows = nights(series, run.period, job.zone)
+    if isinstance(run, FilterRun):
+        arrays = run_filter(run, tick)
+        final = arrays["theta"][-1]
+        by_evening = [arrays["theta"][window.begin] for window in windows]
+    else:
+        arrays = fit(run, tick)
+        final = arrays["theta"]
+        by_evening = []
+
+    def error(theta: Array, night: Window) -> float:
+        rows = slice(*night)
+        state = state_at(run.network, theta, run.period, series, night.begin, job.measurement_sd)
+        whole = Window(0, night.end - night.begin)
+        simulated = simulate_window(run.network, theta, run.period, whole, state[None], series.inputs[rows])
+        return rmse(simulated[1:] - series.outputs[rows, 0][1:])
+
+    return arrays | {
+        "nights_final": np.array([error(final, window) for window in windows]),
+        "nights_evening": np.array([error(theta, window) for theta, window in zip(by_evening, windows, strict=False)]),
+    }
+
+
+def nights(series: Series, period: float, zone: str) -> list[Window]:
+    """The complete nights of `series`."""
+    return daily_windows(series.times, period, zone, *NIGHT)
+
+
+def state_at(network: Network, theta: Array, period: float, series: Series, row: int, measurement_sd: float) -> Array:
+    """State (n_x,) at `row` of a Kalman filter with `theta` (n_theta,) over up to a day of the segment before it."""
+    begins = np.flatnonzero(series.starts[: row + 1])
+    first = max(int(begins[-1]), row - int(DAY // period))
+    model = discretise(assemble(network, theta[:, None]), period)
+    transition, drive = model.transition[0], series.inputs[first:row] @ model.input[0].T
+    state, sds = initial_temperatures(network, series.outputs[first], series.inputs[first])
+    covariance = np.diag(sds**2)
+    measured = [network.nodes.index(node) for node in network.measured]
+    noise = np.eye(len(state)) * STATE_NOISE_SD**2
+    for k in range(first, row + 1):
+        if k > first:
+            state = transition @ state + drive[k - 1 - first]
+            covariance = transition @ covariance @ transition.T + noise
+        for node, y in zip(measured, series.outputs[k], strict=True):
+            gain = covariance[:, node] / (covariance[node, node] + measurement_sd**2)
+            state = state + gain * (y - state[node])
+            covariance = covariance - np.outer(gain, covariance[node])
+    return state
+
+
+def _ticks(run: NightRun) -> int:
+    return len(run.series.times) if isinstance(run.run, FilterRun) else run.run.starts * STEPS_A_START

@@ -1,0 +1,1 @@
+"""`peers`: measured buildings that others have fitted."""

@@ -1,0 +1,1 @@
+"""`semi-synthetic`: a simulated building whose truth is known (5.1)."""

@@ -1,0 +1,1 @@
+"""`sensitivity`: what the settings of the particle filter do (5.1.5)."""

@@ -1,0 +1,82 @@
+"""A zone's recording on its grid: read by the daemon's own alignment, cut where nothing bridges a gap."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.network.network import Network
+from replay.errors import ReplayError
+from replay.experiments.series.recorded import samples_of
+from replay.localtime import Seconds
+from replay.scores.windows import Window
+from service.config.site import Config, ZoneConfig
+
+
+class ZoneRecord(NamedTuple):
+    """Samples of a zone: UTC s (K,), ascending multiples of `period` s, and by channel its values (K,).
+
+    A value is NaN where the interval had no usable reading; inputs have kept their last one as long as the zone holds
+    it.
+    """
+
+    times: Seconds
+    period: int
+    columns: Mapping[str, Array]
+
+    def matrix(self, channels: Sequence[str]) -> Array:
+        """(K, len(channels))."""
+        return np.column_stack([self.columns[channel] for channel in channels])
+
+    def rows(self, window: Window) -> ZoneRecord:
+        """The record of those rows."""
+        begin, end = window
+        columns = {channel: values[begin:end] for channel, values in self.columns.items()}
+        return ZoneRecord(self.times[begin:end], self.period, columns)
+
+
+def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
+    """The recording of the zone `table` of `config`; ServiceError or ReplayError where it cannot be read."""
+    samples = asyncio.run(samples_of(config, table))
+    if not samples:
+        raise ReplayError(
+            f"zone '{table.id}': no usable sample in the recording; look at timestamp, column and unit in the "
+            "configuration"
+        )
+    network = table.network
+    times = np.array([sample.time for sample in samples], dtype=np.int64)
+    outputs = np.array([sample.outputs for sample in samples])
+    inputs = _held(times, np.array([sample.inputs for sample in samples]), network, table)
+    values = np.column_stack([outputs, inputs])
+    return ZoneRecord(times, int(table.period), dict(zip(network.channels, values.T, strict=True)))
+
+
+def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: float) -> list[Window]:
+    """Unbroken stretches of at least `shortest` s without a missing input; each begins with `output` measured."""
+    usable = np.asarray(np.isfinite(record.matrix(inputs)).all(axis=1))
+    apart = np.concatenate([[True], np.diff(record.times) != record.period])
+    found, measured = [], np.isfinite(record.columns[output])
+    edges = np.flatnonzero(apart | ~usable | np.concatenate([[True], ~usable[:-1]]))
+    for begin, end in zip(edges, [*edges[1:], len(usable)], strict=True):
+        first = np.flatnonzero(measured[begin:end])
+        if usable[begin] and len(first) and (end - begin - first[0]) * record.period >= shortest:
+            found.append(Window(int(begin + first[0]), int(end)))
+    return found
+
+
+def _held(times: Seconds, inputs: Array, network: Network, table: ZoneConfig) -> Array:
+    """`inputs` (K, n_u) with the last value in place of a missing one, up to the age that the zone allows."""
+    held = inputs.copy()
+    for column, channel in enumerate(network.inputs):
+        age = table.channels[channel].max_age
+        longest = table.hold_inputs if age is None else age
+        measured = np.isfinite(inputs[:, column])
+        last = np.maximum.accumulate(np.where(measured, np.arange(len(times)), -1))
+        # A value is measured when its interval ends, and is as old when that of the sample that uses it does.
+        kept = ~measured & (last >= 0) & (times - times[last] <= longest)
+        held[kept, column] = inputs[last[kept], column]
+    return held

@@ -1,0 +1,1 @@
+"""`topology`: which RC network to take (4.3.3)."""

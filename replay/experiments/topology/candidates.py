@@ -1,0 +1,199 @@
+"""The paper's candidate networks M1-M8 (Table 2), for the Ecolar zone and for the channels of any other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from estimator.network import presets
+from estimator.network.network import MEASURED, Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
+
+SOLAR = "I_sol"
+"""Channel of the regional irradiance that goes with an Ecolar recording."""
+IRRADIANCE = "W/m2"
+OWN = "own"
+"""Label of the network that the user has."""
+
+
+class Candidate(NamedTuple):
+    """A network in the comparison: `label` as in Table 2, and whether the sun is one of its inputs."""
+
+    label: str
+    network: Network
+    solar: bool
+
+    @property
+    def name(self) -> str:
+        """The label with what tells it from its twin."""
+        return f"{self.label} with sun" if self.solar else self.label
+
+
+class _Box(NamedTuple):
+    """Unit and bounds of a parameter of a candidate for any building: from a small room to an office floor."""
+
+    unit: str
+    lower: float
+    upper: float
+
+
+_AIR, _WALL, _HEATER = _Box("J/K", 1e4, 1e8), _Box("J/K", 1e5, 1e9), _Box("J/K", 1e2, 1e7)
+_LINK, _SHARE, _APERTURE = _Box("W/K", 0.1, 1e4), _Box("1", 0.02, 0.98), _Box("m2", 0.01, 100.0)
+
+
+class _Family(NamedTuple):
+    """What tells the candidates apart."""
+
+    adjacent_wall: bool
+    heater: bool
+    split_heat: bool = False
+    leaky: bool = True
+    split_wall: bool = False
+
+
+_FAMILIES = {
+    "M1": _Family(False, False),
+    "M2": _Family(False, True),
+    "M3": _Family(True, False),
+    "M4": _Family(True, True),
+    "M5": _Family(True, True, split_heat=True),
+    "M6": _Family(True, True, leaky=False),
+    "M7": _Family(True, True, split_wall=True),
+    "M8": _Family(True, True, leaky=False, split_wall=True),
+}
+
+
+def ecolar_candidates(irradiance: bool) -> list[Candidate]:
+    """The presets m1 to m8, each also with regional irradiance where there is any."""
+    plain = {label: presets.network(label.lower()) for label in _FAMILIES}
+    found = []
+    for label, network in plain.items():
+        found.append(Candidate(label, network, False))
+        if irradiance:
+            lit = network.with_solar(network.measured[0], presets.SOLAR_APERTURE, SOLAR).validate()
+            found.append(Candidate(label, lit, True))
+    return found
+
+
+def candidates_for(own: Network) -> list[Candidate]:
+    """`own`, and M1-M8 as far as its channels allow, each without and, where there is irradiance, with it.
+
+    They describe the first measured node. Boundaries but the outdoor one are adjacent rooms, the first heat input in W
+    is the heater, the others enter the air with their own gain. What would be the same network appears once.
+    """
+    suns = [channel for channel in own.heat_channels if own.channel_unit(channel) == IRRADIANCE]
+    found = [Candidate(OWN, without_sun(own), False)]
+    if suns:
+        found.append(Candidate(OWN, own, True))
+    known: set[tuple[object, ...]] = set()
+    for label, family in _FAMILIES.items():
+        network = _member(own, label.lower(), family)
+        shape = (tuple(network.capacitances), tuple(network.conductances), tuple(network.heat_inputs))
+        if shape not in known:
+            known.add(shape)
+            found.append(Candidate(label, network.validate(), False))
+            if suns:
+                found.append(Candidate(label, _sunlit(network, suns).validate(), True))
+    return found
+
+
+def without_sun(network: Network) -> Network:
+    """`network` without its irradiance inputs and the parameters that only they use."""
+    heat = tuple(h for h in network.heat_inputs if h.unit != IRRADIANCE)
+    used = {*network.capacitances.values(), *(edge.name for edge in network.conductances)}
+    used |= {h.gain.parameter for h in heat if h.gain.parameter is not None}
+    kept = tuple(parameter for parameter in network.parameters if parameter.name in used)
+    return replace(network, heat_inputs=heat, parameters=kept)
+
+
+def _member(own: Network, name: str, family: _Family) -> Network:
+    """The member of `family` for the channels of `own`."""
+    air = own.measured[0]
+    outdoors, *rooms = sorted(own.boundaries, key=lambda boundary: not _is_outdoors(boundary))
+    watts = [channel for channel in own.heat_channels if own.channel_unit(channel) == "W"]
+    taken = [air, *own.boundaries, *own.heat_channels]
+    boxes, initial = {air: _AIR}, {air: InitialTemperature(MEASURED, 0.5)}
+
+    def node(wanted: str, box: _Box, source: str, sd: float) -> str:
+        chosen = _fresh(wanted, (*taken, *boxes))
+        boxes[chosen], initial[chosen] = box, InitialTemperature(source, sd)
+        return chosen
+
+    edges = [(air, outdoors)] if family.leaky else []
+    if family.split_wall:
+        inner, outer = node("T_woi", _WALL, MEASURED, 2.0), node("T_woo", _WALL, outdoors, 2.0)
+        edges += [(air, inner), (inner, outer), (outer, outdoors)]
+    else:
+        wall = node("T_wo", _WALL, outdoors, 2.0)
+        edges += [(air, wall), (wall, outdoors)]
+    for room in rooms:
+        if family.adjacent_wall:
+            wall = node("T_wi", _WALL, MEASURED, 2.0)
+            edges += [(air, wall), (wall, room)]
+        else:
+            # Without a wall node the adjacent room acts through a massless partition.
+            edges.append((air, room))
+    heat = _into_air(own, air, watts[:1])
+    parameters = [own.parameter(h.gain.parameter) for h in heat if h.gain.parameter is not None]
+    if watts and not family.heater:
+        heat = (HeatInput(watts[0], air), *heat)
+    elif watts:
+        body = node("T_h", _HEATER, MEASURED, 5.0)
+        edges.append((air, body))
+        if family.split_heat:
+            share = _fresh("f_air", [parameter.name for parameter in parameters])
+            parameters.append(Parameter(share, *_SHARE))
+            halves = (
+                HeatInput(watts[0], air, Gain(parameter=share)),
+                HeatInput(watts[0], body, Gain(1.0, share, -1.0)),
+            )
+            heat = (*halves, *heat)
+        else:
+            heat = (HeatInput(watts[0], body), *heat)
+    capacitances = {part: f"C_{_short(part)}" for part in boxes}
+    conductances = tuple(Conductance(f"g_{_short(a)}_{_short(b)}", (a, b)) for a, b in edges)
+    return Network(
+        name=name,
+        capacitances=capacitances,
+        boundaries=own.boundaries,
+        conductances=conductances,
+        heat_inputs=heat,
+        parameters=(
+            *(Parameter(capacitances[part], *box) for part, box in boxes.items()),
+            *(Parameter(edge.name, *_LINK) for edge in conductances),
+            *dict.fromkeys(parameters),
+        ),
+        measured=(air,),
+        initial=initial,
+    )
+
+
+def _into_air(own: Network, air: str, without: Sequence[str]) -> tuple[HeatInput, ...]:
+    """The other heat inputs of `own` but the sun, each once, with the gain that it has there."""
+    first: dict[str, HeatInput] = {}
+    for heat in own.heat_inputs:
+        if heat.channel not in without and heat.unit != IRRADIANCE:
+            first.setdefault(heat.channel, replace(heat, node=air))
+    return tuple(first.values())
+
+
+def _sunlit(network: Network, suns: Iterable[str]) -> Network:
+    """`network` with an aperture into the air for each irradiance channel."""
+    for channel in suns:
+        name = _fresh("A_w", [parameter.name for parameter in network.parameters])
+        network = network.with_solar(network.measured[0], Parameter(name, *_APERTURE), channel)
+    return network
+
+
+def _is_outdoors(boundary: str) -> bool:
+    return any(word in boundary.lower() for word in ("out", "ext", "amb"))
+
+
+def _short(node: str) -> str:
+    return node.removeprefix("T_")
+
+
+def _fresh(wanted: str, taken: Iterable[str]) -> str:
+    """`wanted`, or with a number behind it where something is already called so."""
+    names = set(taken)
+    return next(name for name in (wanted, *(f"{wanted}{n}" for n in range(2, 1000))) if name not in names)

@@ -1,0 +1,124 @@
+"""A building of many zones whose samples all land at the same instant, again and again, as files.
+
+One recording feeds every zone: a row of all columns for each period. Paced, a row closes the interval before it for all
+zones at once, at instants that follow each other without drift. In the first rows only the first zone has readings:
+its lone forecasts tell a listener when the instants are, before there is any load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import tomli_w
+
+from estimator.network.network import Network
+from estimator.network.presets import network
+from replay.errors import MeasurementError
+from replay.recorded.tables import cells, utc_stamps, write_table
+from replay.simulated import semi_synthetic
+from replay.simulated.semi_synthetic import PERIOD
+from service.fields.durations import format_duration
+
+SITE = "fleet"
+LONE_ROUNDS = 3
+"""Intervals at the beginning that only the first zone has."""
+_SPARE_ROUNDS = 3
+"""Rows beyond the last round, so that no zone comes to its end while it is measured."""
+
+
+class Scenario(NamedTuple):
+    """What to write: `zones` of `preset` with `particles` each, an instant every `every` s, `rounds` of them measured.
+
+    The round before the measured ones starts the filters.
+    """
+
+    zones: int
+    particles: int
+    preset: str
+    every: float
+    rounds: int
+
+    @property
+    def pace(self) -> float:
+        """Multiple of real time at which the recording is played."""
+        return PERIOD / self.every
+
+    @property
+    def rows(self) -> int:
+        """Rows of the recording."""
+        return LONE_ROUNDS + 1 + self.rounds + _SPARE_ROUNDS
+
+
+def zone_ids(count: int) -> list[str]:
+    """The ids of the zones."""
+    return [f"zone-{index:04d}" for index in range(count)]
+
+
+def write(scenario: Scenario, folder: Path, zenoh_port: int, options: Mapping[str, object] | None = None) -> Path:
+    """Write recording and configuration into `folder`; the configuration's path.
+
+    `options` are further estimator options; the daemon connects to a listener on `zenoh_port`. Raises MeasurementError
+    for a preset that the recording cannot feed.
+    """
+    house = network(scenario.preset)
+    recording = semi_synthetic.generate(None, seed=1)
+    missing = [channel for channel in house.channels if channel not in recording.columns]
+    if missing:
+        raise MeasurementError(
+            f"network '{scenario.preset}' needs the channel {missing[0]}, which the simulated recording has not; "
+            f"choose one with no channels but {', '.join(recording.columns)}, such as building-67 or titeth"
+        )
+    rows = scenario.rows
+    header, columns = ["timestamp"], [utc_stamps(recording.times[:rows])]
+    for index, zone in enumerate(zone_ids(scenario.zones)):
+        # Every zone lives in another stretch of the same months.
+        begin = index * 20 % (len(recording.times) - rows)
+        for channel in house.channels:
+            values = recording.columns[channel][begin : begin + rows].copy()
+            if index:
+                values[:LONE_ROUNDS] = np.nan
+            header.append(f"{zone} {channel}")
+            columns.append(cells(values, 4))
+    write_table(folder / "fleet.csv", header, columns)
+    path = folder / "fleet.toml"
+    path.write_text(tomli_w.dumps(_configuration(scenario, house, zenoh_port, options or {})), encoding="utf-8")
+    return path
+
+
+def _configuration(
+    scenario: Scenario, house: Network, zenoh_port: int, options: Mapping[str, object]
+) -> dict[str, object]:
+    return {
+        "site": {"id": SITE, "state_dir": "state"},
+        "http": {"port": 0},
+        # The clock of the recording starts when the listener hears every zone.
+        "zenoh": {"listen": [], "connect": [f"tcp/127.0.0.1:{zenoh_port}"], "await_subscriber": "2min"},
+        "sources": {
+            "recording": {
+                "kind": "csv",
+                "files": ["fleet.csv"],
+                "timestamp": {"column": "timestamp"},
+                "pace": scenario.pace,
+            }
+        },
+        "zones": [
+            {
+                "id": zone,
+                "period": format_duration(PERIOD),
+                "network": scenario.preset,
+                "estimator_options": {"particles": scenario.particles, **options},
+                "channels": {
+                    channel: {
+                        "source": "recording",
+                        "column": f"{zone} {channel}",
+                        "unit": house.channel_unit(channel),
+                    }
+                    for channel in house.channels
+                },
+            }
+            for zone in zone_ids(scenario.zones)
+        ],
+    }

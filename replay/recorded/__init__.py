@@ -1,0 +1,1 @@
+"""Recordings through the daemon's worker, and what loggers make of a building."""

@@ -1,0 +1,227 @@
+"""`thermogate replay`: a recorded period through the daemon's own alignment and worker, as fast as it goes.
+
+Writes per zone `updates.csv` (one row per sample, the interval being the one formed before y was seen) and
+`parameters.csv` (posterior mean of each log parameter, exponentiated), and one `summary.json`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import math
+import resource
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from tqdm import tqdm
+
+from estimator import registry
+from replay.scores import coverage, mean_width, rmse, winkler
+from service.config.fitting import make_alignment, make_worker
+from service.config.recording import Part, recorded
+from service.config.site import Config, ZoneConfig
+from service.errors import ServiceError
+from service.fields.durations import format_duration
+from service.fields.times import written_time
+from service.records.history import HistoryRow
+from service.records.skill import HorizonSkill
+from service.records.update import Update
+
+DAY = 86400
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+
+
+def replay_recording(
+    config: Config,
+    out: Path,
+    *,
+    zone: str | None = None,
+    seed: int | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    progress: bool = True,
+) -> int:
+    """Replay the zones of `config` (or one of them) from UTC time `start` up to `end` into the folder `out`; 0.
+
+    Raises ServiceError where the folder or a recording cannot be used.
+    """
+    tables = [table for table in config.zones if zone in (None, table.id)]
+    if not tables:
+        raise ServiceError(f"there is no zone '{zone}'; the zones are {', '.join(table.id for table in config.zones)}")
+    if seed is not None:
+        tables = [table.model_copy(update={"seed": seed}) for table in tables]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        # Scores of an earlier replay must not stand beside the rows of one that fails.
+        (out / "summary.json").unlink(missing_ok=True)
+        with ExitStack() as stack:
+            runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
+            asyncio.run(_feed(config, runs, start, end, progress))
+            for name, run in runs.items():
+                if not run.used:
+                    raise ServiceError(_unused(name, run.faults, start, end))
+            summary = {
+                "site": config.site.id,
+                "thermogate": version("thermogate"),
+                "zones": {name: run.summary() for name, run in runs.items()},
+                "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            }
+        (out / "summary.json").write_text(json.dumps(_finite(summary), indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ServiceError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
+    return 0
+
+
+class Run:
+    """One zone on its way through a recording, and the rows it leaves."""
+
+    def __init__(self, table: ZoneConfig, updates: TextIO, parameters: TextIO) -> None:
+        self.table = table
+        self.alignment = make_alignment(table)
+        self._worker = make_worker(table)
+        self._updates = csv.writer(updates, lineterminator="\n")
+        self._parameters = csv.writer(parameters, lineterminator="\n")
+        self._updates.writerow(HistoryRow._fields)
+        self._parameters.writerow(["time", *(parameter.name for parameter in self._worker.network.parameters)])
+        self._rows: list[HistoryRow] = []
+        self._seconds: list[float] = []
+
+    def deliver(self, part: Part, start: float | None, end: float | None) -> int:
+        """Align what was recorded and step through the samples that lie in [start, end); how many closed."""
+        if part.now is None:
+            samples = self.alignment.end(part.source)
+        else:
+            samples = self.alignment.add(part.source, part.readings, part.now)
+        for sample in samples:
+            if (start is None or sample.time >= start) and (end is None or sample.time < end):
+                update = self._worker.step(sample)
+                if update is not None:
+                    self._write(update)
+        return len(samples)
+
+    def _write(self, update: Update) -> None:
+        row = HistoryRow.of(update)
+        self._rows.append(row)
+        self._seconds.append(update.step_seconds)
+        when = written_time(update.time)
+        self._updates.writerow([when, *(_cell(value) for value in row[1:])])
+        self._parameters.writerow([when, *(_cell(value) for value in update.parameters)])
+
+    @property
+    def used(self) -> int:
+        """How many samples could be used."""
+        return len(self._rows)
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """Refused readings by kind."""
+        return {str(fault): count for fault, count in self.alignment.faults.items()}
+
+    def _skill(self) -> dict[str, dict[str, float | None]]:
+        """What the forecasts of the last 30 days were worth, by lead."""
+        skill = self._worker.skill()
+        found = () if skill is None else skill.windows[max(skill.windows)]
+        return {format_duration(one.lead): _finite(_described(one)) for one in found}
+
+    def summary(self) -> dict[str, Any]:
+        """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""
+        table, rows = self.table, self._rows
+        first_day = [row for row in rows if row.time < rows[0].time + DAY]
+        network = self._worker.network
+        posterior = self._worker.parameters(QUANTILES)
+        return {
+            "convention": "one_step",
+            "samples": len(rows),
+            "segments": self._worker.progress.segment,
+            "first": written_time(rows[0].time) if rows else None,
+            "last": written_time(rows[-1].time) if rows else None,
+            **_scores(rows, table.levels[0]),
+            "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
+            "skill": self._skill(),
+            "faults": self.faults,
+            "parameters": {}
+            if posterior is None
+            else {
+                p.name: {"unit": p.unit, "free": p.free}
+                | {f"q{level:g}": float(value) for level, value in zip(QUANTILES, values, strict=True)}
+                for p, values in zip(network.parameters, posterior.parameters, strict=True)
+            },
+            "ms_per_update": {
+                "mean": 1000 * float(np.mean(self._seconds)) if rows else None,
+                "median": 1000 * float(np.median(self._seconds)) if rows else None,
+                "p99": 1000 * float(np.quantile(self._seconds, 0.99)) if rows else None,
+            },
+            "settings": {
+                "network": network.name,
+                "period_s": table.period,
+                "estimator": table.estimator,
+                "max_gap": table.max_gap,
+                "hold_inputs_s": table.hold_inputs,
+                "options": registry.as_mapping(table.options),
+            },
+            "seed": table.seed,
+        }
+
+
+def _described(one: HorizonSkill) -> dict[str, float]:
+    against = {"skill_against_persistence": one.against_persistence, "skill_against_arx": one.against_arx}
+    return one._asdict() | against
+
+
+def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:
+    y, mean, lower, upper = (np.array([getattr(row, name) for row in rows]) for name in ("y", "mean", "lower", "upper"))
+    return {
+        "scored": int(np.isfinite(y - mean).sum()),
+        "level": level,
+        "coverage": coverage(y, lower, upper),
+        "mean_width_K": mean_width(lower, upper),
+        "winkler_K": winkler(y, lower, upper, level),
+        "one_step_rmse_K": rmse(y - mean),
+    }
+
+
+def _unused(zone: str, faults: Mapping[str, int], start: float | None, end: float | None) -> str:
+    """Why a replay brought nothing, in one sentence."""
+    period = "" if start is None and end is None else " between --start and --end"
+    refused = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+    remedy = f"; refused: {refused}; look at timestamp, decimal and unit in the configuration" if refused else ""
+    return f"zone '{zone}': no usable sample in the recording{period}{remedy}"
+
+
+@contextmanager
+def _recording(table: ZoneConfig, folder: Path) -> Iterator[Run]:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (
+        (folder / "updates.csv").open("w", encoding="utf-8", newline="") as updates,
+        (folder / "parameters.csv").open("w", encoding="utf-8", newline="") as parameters,
+    ):
+        yield Run(table, updates, parameters)
+
+
+async def _feed(config: Config, runs: dict[str, Run], start: float | None, end: float | None, progress: bool) -> None:
+    with tqdm(unit=" samples", disable=not progress, desc="replay") as bar:
+        async for part in recorded(config, runs, start, end):
+            if part.zone in runs:
+                samples = runs[part.zone].deliver(part, start, end)
+                bar.update(samples)
+
+
+def _cell(value: float | bool | int) -> str:
+    """A number in full; nothing for NaN."""
+    if isinstance(value, bool):
+        return str(int(value))
+    return "" if isinstance(value, float) and math.isnan(value) else repr(value)
+
+
+def _finite(value: Any) -> Any:
+    """`value` with None for what JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

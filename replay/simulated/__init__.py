@@ -1,0 +1,1 @@
+"""Simulated buildings, weather and people, and the synthetic recordings made from them."""

@@ -1,0 +1,226 @@
+"""Synthetic stand-ins for the unpublished Ecolar Home recordings (paper 4.3), in their raw column layout.
+
+The zone is the 6R4C network with parameters near the published starting point, infrared heaters behind relays, an
+adjacent store room that the sun heats, staff who come irregularly on weekdays, and sun through a partly shaded façade
+that no sensor sees.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.arrays import Array
+from estimator.network.network import Parameter
+from estimator.network.presets import ecolar, tite
+from replay.localtime import DAY, HOUR, Seconds, midnight, wall_clock
+from replay.recorded.raw_telemetry import (
+    Faults,
+    Sensor,
+    kept_rows,
+    measured,
+    row_times,
+    switched,
+    with_missing,
+    with_outage,
+)
+from replay.recorded.tables import cells, local_stamps, write_table
+from replay.simulated.events import Habit, SquareWave, habitual, square_wave
+from replay.simulated.heating import Heated, Loads, Panel, simulate_heated
+from replay.simulated.simulate import dynamics, simulate
+from replay.simulated.weather import KONSTANZ, Weather, solar_time, weather
+
+ZONE = "Europe/Berlin"
+HEATER_COLUMNS = ("my-pv1", "my-pv2", "my-pv3", "Relay 4", "Relay 5")
+COLUMNS = ("Timestamp", "Temp2", "Sensor_outside", "Other_room_temp", *HEATER_COLUMNS)
+GRID_STEP = 60
+
+Period = Literal["spring", "autumn"]
+
+PERIODS: dict[Period, tuple[tuple[int, int, int], tuple[int, int, int]]] = {
+    "spring": ((2025, 5, 3), (2025, 6, 2)),
+    "autumn": ((2025, 10, 3), (2025, 11, 21)),
+}
+FAULTS = Faults(gaps=(8 * 60, 25 * 60, 70 * 60, 5 * HOUR, DAY), late_rows=12, missing=0.003)
+
+THETA = {
+    "C_air": 2.6e5,
+    "C_wo": 4.6e6,
+    "C_wi": 3.5e6,
+    "C_h": 4.2e4,
+    "g_air_out": 4.0,
+    "g_wo_out": 58.0,
+    "g_air_wo": 1400.0,
+    "g_air_wi": 280.0,
+    "g_wi_adj": 50.0,
+    "g_air_h": 270.0,
+}
+# The my-pv panels are switched by the building controller every ten minutes on the clock, the relays by thermostats.
+PANELS = (
+    Panel(750.0, 0.0, 0.3, 10),
+    Panel(750.0, 0.25, 0.3, 10),
+    Panel(500.0, 0.5, 0.3, 10),
+    Panel(400.0, 0.1, 0.4, 1),
+    Panel(300.0, 0.4, 0.4, 1),
+)
+EXPERIMENT = SquareWave(1.0, 0.004, 1 * HOUR, 4 * HOUR)
+PROCESS_NOISE_SD = 0.004  # K per node and minute
+
+ADJACENT_ROOM = tite().with_solar("T_i", Parameter("A_w", "m2", 0.1, 30.0))
+ADJACENT_THETA = {"C_i": 4.0e5, "C_e": 2.6e6, "g_ie": 130.0, "g_e_out": 32.0, "A_w": 1.05}
+
+WEEKDAYS = (0, 1, 2, 3, 4)
+STAFF = (
+    Habit(WEEKDAYS, (7.0, 18.0), 2.5, (20 * 60, 3 * HOUR), (90.0, 400.0), 0.7),
+    Habit(WEEKDAYS, (7.0, 18.0), 1.5, (30 * 60, 4 * HOUR), (150.0, 1200.0), 0.5),
+)
+DOORS = (Habit(WEEKDAYS, (7.0, 18.0), 3.0, (3 * 60, 25 * 60), (40.0, 160.0), 0.7),)
+
+AIR_SENSOR = Sensor(0.06, 0.1)
+OUTDOOR_SENSOR = Sensor(0.08, 0.1)
+
+
+class ZonePeriod(NamedTuple):
+    """A simulated period of a zone on a grid of GRID_STEP s: UTC seconds (K,), degC (K,), and the closed loop."""
+
+    times: Seconds
+    outdoor: Array
+    adjacent: Array
+    heated: Heated
+
+    @property
+    def air(self) -> Array:
+        """Indoor-air temperature (K,) in degC."""
+        return self.heated.states[:, 0]
+
+
+def write_standin(path: Path, period: Period, seed: int = 2) -> Path:
+    """Write the stand-in for 3 May-1 Jun ("spring") or 3 Oct-20 Nov ("autumn") 2025 and return its path.
+
+    The layout has no room for a remark, so the name must say what the file is: ValueError unless it has "synthetic" in
+    it.
+    """
+    if "synthetic" not in path.name.lower():
+        raise ValueError(f"{path.name}: a stand-in for a recording needs 'synthetic' in its name")
+    first, last = PERIODS[period]
+    return write_raw(path, simulate_period(midnight(*first, ZONE), midnight(*last, ZONE), seed), FAULTS, seed)
+
+
+def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
+    """Ecolar Home from UTC second `start` to before `end`."""
+    times = np.arange(start, end, GRID_STEP)
+    local = wall_clock(times, ZONE)
+    sky = weather(times, KONSTANZ, seed)
+    rng = np.random.default_rng([seed, 0xEC0])
+    forced = np.column_stack([square_wave(EXPERIMENT, len(times), GRID_STEP, rng) > 0 for _ in PANELS])
+    return simulate_zone(
+        times,
+        sky,
+        _adjacent_room(sky),
+        set_point=_set_points(local, rng),
+        forced=forced,
+        gain=habitual(STAFF, local, rng),
+        opening=habitual(DOORS, local, rng),
+        rng=rng,
+    )
+
+
+def simulate_zone(
+    times: Seconds,
+    sky: Weather,
+    adjacent: Array,
+    *,
+    set_point: Array,
+    forced: npt.NDArray[np.bool_],
+    gain: Array,
+    opening: Array,
+    rng: np.random.Generator,
+) -> ZonePeriod:
+    """The 6R4C zone at `times` (K,) beside a room of `adjacent` degC; sun through the façade adds to `gain`.
+
+    The other arguments are as in `heating.Loads`.
+    """
+    network = ecolar()
+    loads = Loads(
+        set_point=set_point,
+        forced=forced,
+        gain=gain + facade_aperture(times) * sky.irradiance,
+        opening=opening,
+        noise=PROCESS_NOISE_SD * rng.standard_normal((len(times), len(network.nodes))),
+    )
+    boundaries = np.column_stack([sky.outdoor, adjacent])
+    outside_wall = _between(20.0, sky.outdoor[0], THETA["g_air_wo"], THETA["g_wo_out"])
+    adjacent_wall = _between(20.0, adjacent[0], THETA["g_air_wi"], THETA["g_wi_adj"])
+    start = np.array([20.0, outside_wall, adjacent_wall, 20.0])
+    heated = simulate_heated(network, dynamics(network, THETA, GRID_STEP), boundaries, loads, PANELS, x0=start)
+    return ZonePeriod(times, sky.outdoor, adjacent, heated)
+
+
+def facade_aperture(times: Seconds) -> Array:
+    """Effective solar aperture [m2] over the day: east, south, the neighbour's shadow after two, west."""
+    hour = solar_time(times, KONSTANZ)
+    return np.interp(
+        hour, [5, 7, 9, 10, 13.5, 14.2, 15.5, 16.2, 18, 21], [0, 0.5, 0.5, 0.8, 0.9, 0.2, 0.2, 0.8, 0.8, 0]
+    )
+
+
+def write_raw(path: Path, period: ZonePeriod, faults: Faults, seed: int) -> Path:
+    """Write `period` as the building's logger would have: raw Ecolar layout, local times, powers in kW."""
+    rng = np.random.default_rng([seed, 0x109])
+    grid = period.times
+    times = row_times(int(grid[0]), int(grid[-1]) + GRID_STEP, (10, 60), rng)
+    temperatures = [
+        measured(AIR_SENSOR, times, grid, period.air, rng),
+        measured(OUTDOOR_SENSOR, times, grid, period.outdoor, rng),
+        measured(AIR_SENSOR, times, grid, period.adjacent, rng),
+    ]
+    silent = int(rng.uniform(times[0], times[-1] - 3 * HOUR))
+    temperatures[2] = with_outage(temperatures[2], times, silent, 2 * HOUR)
+    kilowatts = switched(times, grid, period.heated.powers) / 1000.0
+    kilowatts[:, :3] *= 1.0 + 0.004 * rng.standard_normal((len(times), 3))  # metered; the relays log their rating
+    rows = kept_rows(times, faults, ZONE, rng)
+    columns = [local_stamps(wall_clock(times, ZONE)[rows])]
+    columns += [cells(with_missing(values, faults.missing, rng)[rows], 1) for values in temperatures]
+    columns += [cells(with_missing(values, faults.missing, rng)[rows], 3) for values in kilowatts.T]
+    return write_table(path, COLUMNS, columns)
+
+
+def _between(inside: float, outside: float, inner: float, outer: float) -> float:
+    """Steady temperature of a wall node tied to both sides by conductances `inner` and `outer`."""
+    return (inner * inside + outer * outside) / (inner + outer)
+
+
+def _adjacent_room(sky: Weather) -> Array:
+    """Air temperature (K,) of the closed, unventilated room next door, which the sun heats."""
+    given = {"T_out": sky.outdoor, "u_heat": np.zeros_like(sky.outdoor), "I_sol": sky.irradiance}
+    inputs = np.column_stack([given[channel] for channel in ADJACENT_ROOM.inputs])
+    start = np.full(len(ADJACENT_ROOM.nodes), sky.outdoor[:1].mean() + 4.0)
+    return simulate(ADJACENT_ROOM, ADJACENT_THETA, inputs, GRID_STEP, x0=start)[:, 0]
+
+
+def _set_points(local: Seconds, rng: np.random.Generator) -> Array:
+    """Set-point (K,) in degC at wall-clock seconds `local`: a value by day and one by night, new every day."""
+    day = local // DAY - local[0] // DAY
+    count = int(day[-1]) + 1
+    by_day, by_night = rng.uniform(20.5, 22.5, count), rng.uniform(18.5, 20.5, count)
+    begins, ends = rng.uniform(5.0, 7.5, count), rng.uniform(17.0, 20.0, count)
+    hour = local % DAY / HOUR
+    return np.where((hour >= begins[day]) & (hour < ends[day]), by_day[day], by_night[day])
+
+
+def main() -> None:
+    """Write both stand-ins where the command line says."""
+    parser = argparse.ArgumentParser(prog="python -m replay.simulated.ecolar", description=__doc__)
+    parser.add_argument("directory", type=Path, help="folder to write into")
+    directory = parser.parse_args().directory
+    directory.mkdir(parents=True, exist_ok=True)
+    for period in ("spring", "autumn"):
+        print(write_standin(directory / f"ecolar-{period}-SYNTHETIC.csv", period))
+
+
+if __name__ == "__main__":
+    main()

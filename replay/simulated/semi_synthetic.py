@@ -1,0 +1,152 @@
+"""The semi-synthetic testbed of paper 4.2: building 67, real or generated weather, a known unmeasured gain."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.arrays import Array
+from estimator.network.network import Network
+from estimator.network.presets import building_67
+from replay.errors import ReplayError, WeatherFileError
+from replay.localtime import DAY, Seconds, midnight
+from replay.recorded.tables import cells, utc_stamps, write_table
+from replay.simulated.events import HEATER, UNMEASURED_GAIN, square_wave
+from replay.simulated.simulate import simulate
+from replay.simulated.weather import KONSTANZ, Weather, weather
+
+PERIOD = 600
+PROCESS_NOISE_SD = 0.03
+MEASUREMENT_NOISE_SD = 0.15
+START_TEMPERATURE = 20.0
+FULL_DAYS = 154  # 10 April to 10 September
+WEATHER_COLUMNS = ("timestamp_utc", "T_out_degC", "GHI_W_m2")
+
+
+class Truth(NamedTuple):
+    """What no estimator is told.
+
+    `states` (K, n_x) in degC; `unmeasured_gain` (K,) in W into the first measured node over [t_k, t_k + period);
+    `disturbance_dominated` (K,): whether the gain acted during the interval that ends at t_k.
+    """
+
+    states: Array
+    unmeasured_gain: Array
+    disturbance_dominated: npt.NDArray[np.bool_]
+
+
+class Recording(NamedTuple):
+    """A simulated period: UTC seconds (K,), the network's channels (K,) by name, and the truth."""
+
+    times: Seconds
+    columns: dict[str, Array]
+    truth: Truth
+
+
+def generate(
+    weather_csv: Path | None, *, days: int | None = None, seed: int, network: Network | None = None
+) -> Recording:
+    """Simulate the building over the weather of `weather_csv` (None: the built-in weather from 10 April 2024).
+
+    `days` keeps only the first days of the period. Each ingredient has its own random stream, so one seed gives one
+    heater sequence, one gain and one noise sequence whatever the weather. Another `network` than building 67 takes its
+    nominal values as the truth; heater and gain scale with its total heat capacity, so that an event moves its
+    temperature as much, the gain enters its first measured node, and a boundary other than T_out is a room between 18
+    and 22 degC over the day. Raises WeatherFileError, and ReplayError for a network without nominal values.
+    """
+    times, (outdoor, irradiance) = _weather(weather_csv, seed)
+    if days is not None:
+        keep = days * DAY // PERIOD
+        times, outdoor, irradiance = times[:keep], outdoor[:keep], irradiance[:keep]
+    heating, disturbing, process, measurement = (np.random.default_rng([seed, role]) for role in range(4))
+    heater = square_wave(HEATER, len(times), PERIOD, heating)
+    gain = square_wave(UNMEASURED_GAIN, len(times), PERIOD, disturbing)
+
+    network = network or building_67()
+    scale = _heat_capacity(network) / _heat_capacity(building_67())
+    gain *= scale
+    given = dict.fromkeys(network.boundaries, 20.0 - 2.0 * np.cos(2 * np.pi * times / DAY)) | {"T_out": outdoor}
+    for channel in network.heat_channels:
+        given[channel] = heater * scale if network.channel_unit(channel) == "W" else irradiance
+    indoor_node = network.nodes.index(network.measured[0])
+    unmeasured = np.zeros((len(times), len(network.nodes)))
+    unmeasured[:, indoor_node] = gain
+    states = simulate(
+        network,
+        {},
+        np.column_stack([given[channel] for channel in network.inputs]),
+        PERIOD,
+        x0=np.full(len(network.nodes), START_TEMPERATURE),
+        process_noise_sd=PROCESS_NOISE_SD,
+        unmeasured=unmeasured,
+        rng=process,
+    )
+    noise = MEASUREMENT_NOISE_SD * measurement.standard_normal((len(network.measured), len(times)))
+    measured = {
+        node: states[:, network.nodes.index(node)] + row for node, row in zip(network.measured, noise, strict=True)
+    }
+    acted = np.concatenate([[False], gain[:-1] > 0.0])
+    return Recording(times, measured | given, Truth(states, gain, acted))
+
+
+def _heat_capacity(network: Network) -> float:
+    """Sum of the nominal capacitances in J/K; ReplayError where one is missing."""
+    missing = [parameter.name for parameter in network.parameters if parameter.nominal is None]
+    if missing:
+        raise ReplayError(
+            f"network '{network.name}' cannot be simulated: {', '.join(missing)} have no nominal value to take as the "
+            f"truth; give each one, as in --set parameters.{missing[0]}.nominal=VALUE"
+        )
+    return sum(network.parameter(name).nominal or 0.0 for name in network.capacitances.values())
+
+
+def write_csv(recording: Recording, path: Path) -> Path:
+    """Write the recording with `timestamp` (RFC 3339, Z), the channels, T_i_true [degC] and q_unmeasured [W]."""
+    columns = recording.columns
+    table = {
+        "timestamp": utc_stamps(recording.times),
+        "T_i": cells(columns["T_i"], 4),
+        "T_out": cells(columns["T_out"], 3),
+        "u_heat": cells(columns["u_heat"], 0),
+        "I_sol": cells(columns["I_sol"], 3),
+        "T_i_true": cells(recording.truth.states[:, 0], 4),
+        "q_unmeasured": cells(recording.truth.unmeasured_gain, 0),
+    }
+    return write_table(path, table, list(table.values()))
+
+
+def _weather(path: Path | None, seed: int) -> tuple[Seconds, Weather]:
+    if path is not None:
+        return read_weather(path)
+    times = midnight(2024, 4, 10, "UTC") + PERIOD * np.arange(FULL_DAYS * DAY // PERIOD)
+    # Rounded as the file is written, so that a replay of the file sees the very inputs that drove the building.
+    return times, Weather(*(np.round(values, 3) for values in weather(times, KONSTANZ, seed)))
+
+
+def read_weather(path: Path) -> tuple[Seconds, Weather]:
+    """Times and weather of a CSV file with columns timestamp_utc, T_out_degC and GHI_W_m2, one row every 600 s.
+
+    Raises WeatherFileError when the file is not that.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [[row[name] for name in WEATHER_COLUMNS] for row in csv.DictReader(file)]
+        times = np.array([row[0] for row in rows], dtype="datetime64[s]").astype(np.int64)
+        values = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 2)
+    except OSError as error:
+        raise WeatherFileError(f"{path}: cannot be read ({error.strerror}); give the path of a weather file") from error
+    except KeyError as error:
+        raise WeatherFileError(
+            f"{path}: column {error} is missing; the file needs {', '.join(WEATHER_COLUMNS)}"
+        ) from error
+    except (ValueError, TypeError) as error:
+        raise WeatherFileError(
+            f"{path}: a cell is not a time or a number ({error}); correct or drop that row"
+        ) from error
+    if len(times) < 2 or (np.diff(times) != PERIOD).any() or not np.isfinite(values).all():
+        raise WeatherFileError(f"{path}: the rows are not {PERIOD} s apart without a gap; resample the file")
+    return times, Weather(values[:, 0], values[:, 1])

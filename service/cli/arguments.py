@@ -1,0 +1,86 @@
+"""What the commands share: how one is added, how its configuration, numbers and times are read.
+
+A command imports what it needs when it runs, so that `thermogate --help` does not wait for the compiler.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from service.errors import ConfigError
+from service.fields.numbers import read_number, read_whole
+from service.fields.times import ZoneMissing, parse_time
+
+if TYPE_CHECKING:
+    from service.config.site import Config
+
+AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
+"""`add(name, command, text)`: a subparser with the options that every command has."""
+
+
+def take_config(parser: argparse.ArgumentParser) -> None:
+    """Let the command take a configuration file, which `load_config` then reads."""
+    parser.add_argument("config", type=Path, metavar="CONFIG", help="the configuration file (TOML)")
+
+
+def load_config(arguments: argparse.Namespace, path: Path | None = None) -> Config:
+    """The configuration that the command was given, or the one at `path`, with every --set applied. Raises
+    ConfigError."""
+    from service.config.load import load
+
+    return load(path or arguments.config, arguments.overrides)
+
+
+def require_zones(config: Config, wanted: Sequence[str], option: str) -> None:
+    """Raise ConfigError if one of the zones that `option` names does not exist."""
+    ids = [zone.id for zone in config.zones]
+    unknown = [zone for zone in wanted if zone not in ids]
+    if unknown:
+        raise ConfigError([f'{option}: there is no zone "{zone}"; the zones are {", ".join(ids)}' for zone in unknown])
+
+
+def whole(lower: int, upper: int) -> Callable[[str], int]:
+    """A reader of whole numbers from `lower` to `upper`."""
+
+    def parse(text: str) -> int:
+        value = read_whole(text)
+        if value is None or not lower <= value <= upper:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
+        return value
+
+    return parse
+
+
+def number(lower: float, upper: float) -> Callable[[str], float]:
+    """A reader of numbers from `lower` to `upper`."""
+
+    def parse(text: str) -> float:
+        value = read_number(text)
+        if value is None or not lower <= value <= upper:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a number from {lower:g} to {upper:g}")
+        return value
+
+    return parse
+
+
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    value = read_number(text)
+    if value is None or not value > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
+    return value
+
+
+def instant(text: str) -> float:
+    """UTC seconds of an RFC 3339 time."""
+    try:
+        return parse_time(text).timestamp()
+    except ZoneMissing:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} has no time zone; end it with Z for UTC or an offset such as +02:00, as in 2025-05-03T00:00:00Z"
+        ) from None
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time; write it as 2025-05-03T00:00:00Z") from None

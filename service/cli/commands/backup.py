@@ -1,0 +1,24 @@
+"""`thermogate backup`: what is kept of a site, in one file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from service.cli.arguments import AddCommand, load_config, take_config
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("backup", _backup, "Write journal and checkpoints into one file, while the daemon runs or not.")
+    take_config(parser)
+    parser.add_argument("out", type=Path, metavar="OUT", help="the file to write, or a folder to write a new file in")
+
+
+def _backup(arguments: argparse.Namespace) -> int:
+    from service.store.backup import write_backup
+
+    site = load_config(arguments).site
+    made = write_backup(site.state_dir, site.id, arguments.out)
+    print(f"{made.path}: site {made.site}, {made.size / 1e6:.1f} MB, zones with a checkpoint: {made.zones}")
+    return 0

@@ -1,0 +1,139 @@
+"""`thermogate keys`: create, list and revoke the keys that REST is opened with."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+from service.cli.arguments import AddCommand, load_config, take_config
+
+if TYPE_CHECKING:
+    from service.config.site import Config
+    from service.web.keys import Key
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("keys", _keys, "Create, list or revoke the API keys of a daemon; it need not be restarted.")
+    parser.add_argument("action", choices=("create", "list", "revoke"), help="what to do")
+    take_config(parser)
+    parser.add_argument("name", nargs="?", metavar="NAME", help="name of the key, an id such as grafana")
+    parser.add_argument(
+        "--scope", choices=("read", "admin"), help="create: read for what is served, admin for changes too"
+    )
+    parser.add_argument(
+        "--zone", action="append", metavar="ID", help="create: the key sees this zone only; may be given several times"
+    )
+    parser.add_argument(
+        "--expires", metavar="WHEN", help="create: a duration such as 90d, or an RFC 3339 time (default: never)"
+    )
+
+
+def _keys(arguments: argparse.Namespace) -> int:
+    from service.errors import ConfigError
+
+    mistakes = _mistakes(arguments)
+    if mistakes:
+        raise ConfigError(mistakes)
+    config = load_config(arguments)
+    actions: dict[str, Callable[[Config, argparse.Namespace], None]] = {
+        "create": _create,
+        "list": _list,
+        "revoke": _revoke,
+    }
+    actions[arguments.action](config, arguments)
+    return 0
+
+
+def _mistakes(arguments: argparse.Namespace) -> list[str]:
+    """What is wrong with the command, before anything is read."""
+    action, options = arguments.action, ("scope", "zone", "expires")
+    if action == "list" and arguments.name is not None:
+        return ["keys list shows all keys; leave the name out"]
+    if action != "list" and arguments.name is None:
+        return [f"keys {action} needs the name of the key, as in: thermogate keys {action} CONFIG grafana"]
+    if action == "create":
+        if arguments.scope is None:
+            return ["keys create needs --scope read or --scope admin"]
+        return ["--zone goes with --scope read; a key for administration sees all zones"] * (
+            arguments.scope == "admin" and arguments.zone is not None
+        )
+    return [f"--{option} is for keys create" for option in options if getattr(arguments, option) is not None]
+
+
+def _create(config: Config, arguments: argparse.Namespace) -> None:
+    import sys
+
+    from service.errors import ConfigError
+    from service.fields.values import identifier
+    from service.fields.words import suggestion
+    from service.web.keys import create_key
+
+    ids = [zone.id for zone in config.zones]
+    for zone in arguments.zone or ():
+        if zone not in ids:
+            raise ConfigError([f'--zone: there is no zone "{zone}"; {suggestion(zone, ids, "the zones are")}'])
+    try:
+        name = identifier(arguments.name)
+    except ValueError as error:
+        raise ConfigError([f"NAME: {error}"]) from None
+    expires = None if arguments.expires is None else _expiry(arguments.expires)
+    zones = None if arguments.zone is None else list(dict.fromkeys(arguments.zone))
+    secret = create_key(config.keys_file, name, arguments.scope, zones, expires)
+    print(f"key '{name}' is in {config.keys_file}; this is the only time that it is shown:", file=sys.stderr)
+    print(secret)
+
+
+def _expiry(text: str) -> datetime:
+    """The UTC time that a duration from now or an RFC 3339 time means; ConfigError if it is neither, or past."""
+    from service.errors import ConfigError
+    from service.fields.durations import parse_duration
+    from service.fields.times import ZoneMissing, parse_time
+
+    now = datetime.now(UTC).replace(microsecond=0)
+    try:
+        expires = now + timedelta(seconds=parse_duration(text))
+    except ValueError:
+        try:
+            expires = parse_time(text)
+        except ZoneMissing:
+            raise ConfigError([f'--expires: "{text}" has no time zone; end it with Z for UTC']) from None
+        except ValueError:
+            sentence = f'--expires: "{text}" is neither a duration such as 90d nor a time such as 2030-01-31T00:00:00Z'
+            raise ConfigError([sentence]) from None
+    if expires <= now:
+        raise ConfigError([f'--expires: "{text}" is not in the future'])
+    return expires
+
+
+def _list(config: Config, arguments: argparse.Namespace) -> None:
+    from service.cli.tables import aligned
+    from service.web.keys import read_keys
+
+    now = datetime.now(UTC)
+    keys = read_keys(config.keys_file)
+    if not keys:
+        print(f"no keys in {config.keys_file}")
+        return
+    print(
+        "\n".join(
+            aligned([("name", "scope", "zones", "created", "expires", "state"), *(_row(key, now) for key in keys)])
+        )
+    )
+
+
+def _row(key: Key, now: datetime) -> tuple[str, ...]:
+    from service.fields.times import written_time
+
+    zones = "all" if key.zones is None else ", ".join(key.zones)
+    expires = "never" if key.expires is None else written_time(key.expires)
+    return key.name, key.scope, zones, written_time(key.created), expires, key.state(now)
+
+
+def _revoke(config: Config, arguments: argparse.Namespace) -> None:
+    from service.web.keys import revoke_key
+
+    revoke_key(config.keys_file, arguments.name)
+    print(f"key '{arguments.name}' is revoked; a running daemon refuses it from now on")

@@ -1,0 +1,25 @@
+"""`thermogate run`: the daemon."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+
+from service.cli.arguments import AddCommand, load_config, require_zones, take_config
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("run", _run, "Run the daemon until it is stopped (SIGTERM or Ctrl-C).")
+    take_config(parser)
+    parser.add_argument(
+        "--reset", nargs="+", default=[], action="extend", metavar="ZONE", help="forget the stored state of these zones"
+    )
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from service.daemon.run import run_daemon
+
+    config = load_config(arguments)
+    require_zones(config, arguments.reset, "--reset")
+    return run_daemon(config, reset=arguments.reset, reread=partial(load_config, arguments))

@@ -1,0 +1,191 @@
+"""Checks across the tables of a configuration: names must meet, units convert, files be there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from adapters.errors import SourceError
+from adapters.units import ENERGIES, conversion, possible_range
+from estimator.errors import NetworkError, OptionsError
+from estimator.network.network import Network
+from estimator.registry import ESTIMATORS, resolve
+from service.config.site import ZoneTable
+from service.fields.problems import Place, Problems
+from service.fields.words import shown, suggestion
+from service.sources.channel import Binding, ChannelConfig, SourceConfig
+from service.sources.kinds import SOURCE_KINDS
+from service.zone.aggregation import AGGREGATES
+
+
+@dataclass(frozen=True)
+class ZoneDraft:
+    """What could be read of one zone; each part is there or not independently of the others.
+
+    `names` are the channels as written (None: not even those), `channels` those among them that could be read.
+    """
+
+    place: Place
+    table: ZoneTable | None
+    network: Network | None
+    names: tuple[str, ...] | None
+    channels: Mapping[str, ChannelConfig]
+
+
+def check_ids(raw_zones: Sequence[Any], problems: Problems) -> None:
+    """No two zones share an id."""
+    first: dict[str, int] = {}
+    for index, zone in enumerate(raw_zones):
+        name = zone.get("id") if isinstance(zone, dict) else None
+        if isinstance(name, str) and first.setdefault(name, index) != index:
+            sentence = f"{shown(name)} is already the id of zones[{first[name]}]; give every zone an id of its own"
+            problems.add(("zones", index, "id"), sentence)
+
+
+def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> object:
+    """Channels and network fit each other, every channel has its source, unit and aggregate, and the options hold; the
+    resolved options, None where they do not.
+
+    `kinds` maps the name of every source to its kind, None if that could not be read.
+    """
+    options = None
+    if draft.network is not None:
+        _check_channel_names(draft, draft.network, kinds, problems)
+        if draft.table is not None:
+            options = _resolved_options(draft.place, draft.table, draft.network, problems)
+    _check_mixture(draft, kinds, problems)
+    for name, channel in draft.channels.items():
+        place = (*draft.place, "channels", name)
+        if kinds and channel.source not in kinds:
+            known = suggestion(channel.source, kinds, "the sources are")
+            problems.add((*place, "source"), f"there is no source {shown(channel.source)}; {known}")
+        if channel.aggregate not in AGGREGATES:
+            known = suggestion(channel.aggregate, AGGREGATES, "the aggregates are")
+            problems.add((*place, "aggregate"), f"{shown(channel.aggregate)} is not known; {known}")
+        wrong_unit = _unit_problem(draft.network, name, channel)
+        if wrong_unit:
+            problems.add((*place, "unit"), wrong_unit)
+        elif draft.network is not None and name in draft.network.channels:
+            unit = draft.network.channel_unit(name)
+            _check_use_of_energy(place, channel, unit, problems)
+            lower, upper = possible_range(unit)
+            if channel.valid is not None and not (lower <= channel.valid[0] and channel.valid[1] <= upper):
+                sentence = (
+                    f"{shown(channel.valid)} goes beyond what can be in {unit}; stay within {lower:g} to {upper:g}"
+                )
+                problems.add((*place, "valid"), sentence)
+        if draft.network is not None and name in draft.network.measured and channel.max_age is not None:
+            problems.add(
+                (*place, "max_age"), "is for inputs, which may be held; a measured temperature never is, remove it"
+            )
+    return options
+
+
+def check_sources(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Every source can be opened and has the columns that the zones ask of it."""
+    for name, table in tables.items():
+        bindings = [binding for draft in drafts for binding in _bindings(name, draft)]
+        try:
+            problems.sentences += SOURCE_KINDS[table.kind].build(name, table, bindings).check()
+        except SourceError as error:
+            problems.add(("sources", name), str(error))
+
+
+def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: Problems) -> None:
+    """Every source is named by some channel, be that channel otherwise right or wrong."""
+    used = set()
+    for zone in raw_zones:
+        channels = zone.get("channels") if isinstance(zone, dict) else None
+        for channel in channels.values() if isinstance(channels, dict) else ():
+            used.add(str(channel.get("source")) if isinstance(channel, dict) else None)
+    for name in source_names:
+        if name not in used:
+            problems.add(("sources", name), "is not used by any zone; remove it, or name it as the source of a channel")
+
+
+def _bindings(source: str, draft: ZoneDraft) -> list[Binding]:
+    network = draft.network
+    if network is None:
+        return []
+    zone = draft.table.id if draft.table is not None else f"zones[{draft.place[-1]}]"
+    return [
+        Binding(f"{zone}/{name}", channel, network.channel_unit(name))
+        for name, channel in draft.channels.items()
+        if channel.source == source and name in network.channels and not _unit_problem(network, name, channel)
+    ]
+
+
+def _check_channel_names(
+    draft: ZoneDraft, network: Network, kinds: Mapping[str, str | None], problems: Problems
+) -> None:
+    place = (*draft.place, "channels")
+    kind = next((kind for kind in kinds.values() if kind is not None), "csv")
+    if draft.names is None:
+        return
+    for name in draft.names:
+        if name not in network.channels:
+            known = suggestion(name, network.channels, "its channels are")
+            problems.add((*place, name), f'network "{network.name}" has no such channel; {known}')
+    for name in network.channels:
+        if name not in draft.names:
+            unit, example = network.channel_unit(name), SOURCE_KINDS[kind].example
+            line = f'{name} = {{ source = "...", {example}, unit = "{unit}" }}'
+            problems.add((*place, name), f'is missing; network "{network.name}" needs it, so add a line such as {line}')
+
+
+def _check_mixture(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> None:
+    """No zone mixes live and recorded sources."""
+    sources = dict.fromkeys(channel.source for channel in draft.channels.values())
+    known = {name: kind for name in sources if (kind := kinds.get(name)) is not None}
+    live = [name for name, kind in known.items() if SOURCE_KINDS[kind].live]
+    recorded = [name for name in known if name not in live]
+    if live and recorded:
+        sentence = (
+            f"mix live telemetry ({', '.join(live)}) with recorded telemetry ({', '.join(recorded)}), "
+            "whose clocks differ; feed a zone from live sources only, or from recorded ones only"
+        )
+        problems.add((*draft.place, "channels"), sentence)
+
+
+def _check_use_of_energy(place: Place, channel: ChannelConfig, unit: str, problems: Problems) -> None:
+    energy = channel.unit in ENERGIES and channel.unit != unit
+    if channel.aggregate == "energy" and not energy:
+        known = ", ".join(ENERGIES)
+        problems.add((*place, "aggregate"), f'"energy" adds up amounts of energy; the unit must be one of {known}')
+    if channel.aggregate == "energy" and channel.valid is not None:
+        problems.add((*place, "valid"), "is a range of power, which amounts of energy do not have; remove it")
+    if channel.rollover is not None and not (energy and channel.aggregate != "energy"):
+        problems.add((*place, "rollover"), f"is for counters of energy, in one of {', '.join(ENERGIES)}; remove it")
+    if channel.nominal is not None and not (channel.unit == "%" and unit != "%"):
+        problems.add((*place, "nominal"), 'is the power at 100 %, for a channel of power in the unit "%"; remove it')
+
+
+def _unit_problem(network: Network | None, name: str, channel: ChannelConfig) -> str | None:
+    if network is None:
+        return None
+    try:
+        conversion(channel.unit, network.channel_unit(name), channel.nominal)
+    except SourceError as error:
+        return str(error)
+    except NetworkError:
+        return None
+    return None
+
+
+def _resolved_options(place: Place, zone: ZoneTable, network: Network, problems: Problems) -> object:
+    if zone.estimator not in ESTIMATORS:
+        known = suggestion(zone.estimator, ESTIMATORS, "the estimators are")
+        problems.add((*place, "estimator"), f"there is no estimator {shown(zone.estimator)}; {known}")
+        return None
+    given = dict(zone.estimator_options)
+    while True:
+        try:
+            return resolve(zone.estimator, network, zone.period, given)
+        except OptionsError as error:
+            culprits = [name for name in error.options if name in given]
+            problems.add((*place, "estimator_options", *culprits[:1]), str(error))
+            if not culprits:
+                return None
+            # The others may be wrong as well.
+            given = {name: value for name, value in given.items() if name not in culprits}

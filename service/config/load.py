@@ -1,0 +1,212 @@
+"""Reading the configuration file, and explaining everything that is wrong with it at once."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from adapters.units import default_valid_range
+from estimator.network.network import Network
+from service.config.checks import ZoneDraft, check_ids, check_sources, check_use, check_zone
+from service.config.http import HttpConfig
+from service.config.log import LogConfig
+from service.config.network_tables import PresetConfig
+from service.config.networks import read_network
+from service.config.overrides import apply_overrides
+from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
+from service.errors import ConfigError
+from service.fields.problems import Place, Problems, unknown_key
+from service.fields.values import identifier
+from service.fields.words import shown, suggestion
+from service.publish.kinds import SINK_KINDS
+from service.sources.channel import ChannelConfig, SourceConfig, UnboundChannel
+from service.sources.kinds import SOURCE_KINDS
+from service.zone.aggregation import default_aggregate
+
+
+def load(path: Path, overrides: Sequence[str] = ()) -> Config:
+    """The configuration in the file at `path`, with `overrides` ("dotted.key=value") applied.
+
+    Every default is filled in and every path absolute (relative ones are taken from the file's folder). Nothing is
+    connected to, but the headers of recorded files are read. Raises ConfigError with every mistake found, one sentence
+    each.
+    """
+    raw = apply_overrides(_parsed(path), overrides)
+    problems = Problems(raw)
+    config = _read(raw, path.resolve().parent, problems)
+    if config is None or problems.sentences:
+        raise ConfigError(problems.sentences)
+    return config
+
+
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        # A byte-order mark is what Windows editors put at the beginning.
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        reason = "it is a folder" if isinstance(error, IsADirectoryError) else (error.strerror or str(error)).lower()
+        raise ConfigError([f"{path}: cannot be read ({reason}); give the path of a configuration file"]) from None
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise ConfigError([f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"]) from None
+    except ValueError as error:
+        raise ConfigError([f"{path}: {_syntax(str(error))}"]) from None
+
+
+def _syntax(message: str) -> str:
+    found = re.fullmatch(r"(.*) \((?:at )?(?:line (\d+), column (\d+)|(end of document))\)", message)
+    if not found:
+        return f"this is not TOML: {message}"
+    what = found[1][0].lower() + found[1][1:]
+    where = "the end of the file" if found[4] else f"line {found[2]}, column {found[3]}"
+    return f"{where}: this is not TOML: {what}"
+
+
+def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | None:
+    for key in raw:
+        if key not in TABLES:
+            problems.add((key,), unknown_key(key, TABLES))
+    site_table = raw.get("site")
+    context = {"folder": folder, "site": site_table.get("id") if isinstance(site_table, dict) else None}
+    site = None
+    if site_table is None:
+        problems.add(("site",), 'is missing; begin the file with [site] and a line such as id = "htwg"')
+    else:
+        site = problems.read(SiteConfig, site_table, ("site",), context)
+    log = problems.read(LogConfig, raw.get("log", {}), ("log",), context)
+    http = problems.read(HttpConfig, raw.get("http", {}), ("http",), context)
+    sinks = {name: problems.read(kind.table, raw.get(name, {}), (name,), context) for name, kind in SINK_KINDS.items()}
+    for name, table in sinks.items():
+        for problem in SINK_KINDS[name].problems(table) if table is not None else ():
+            problems.add((name,), problem)
+    raw_sources = _raw_sources(raw, problems)
+    raw_zones = _raw_zones(raw, problems)
+    sources = {name: _read_source(name, table, problems, context) for name, table in raw_sources.items()}
+    known = {name: (_kind(table), sources[name]) for name, table in raw_sources.items()}
+    drafts = [_read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
+    check_ids(raw_zones, problems)
+    options = [check_zone(draft, {name: kind for name, (kind, _) in known.items()}, problems) for draft in drafts]
+    if raw_zones:
+        check_use(list(raw_sources), raw_zones, problems)
+    readable = {name: table for name, table in sources.items() if table is not None}
+    check_sources(readable, drafts, problems)
+    if problems.sentences or site is None or log is None or http is None:
+        return None
+    zones = tuple(
+        _completed(draft.table, draft.network, resolved)
+        for draft, resolved in zip(drafts, options, strict=True)
+        if draft.table and draft.network
+    )
+    return Config(site=site, log=log, http=http, sinks=sinks, sources=readable, zones=zones)
+
+
+def _raw_sources(raw: Mapping[str, Any], problems: Problems) -> Mapping[str, Any]:
+    tables = raw.get("sources")
+    if isinstance(tables, dict) and tables:
+        return tables
+    example = 'add a table such as [sources.recording] with kind = "csv" that says where readings come from'
+    wrong = "is missing" if not tables and isinstance(tables, dict | None) else f"must be tables, not {shown(tables)}"
+    problems.add(("sources",), f"{wrong}; {example}")
+    return {}
+
+
+def _raw_zones(raw: Mapping[str, Any], problems: Problems) -> Sequence[Any]:
+    tables = raw.get("zones")
+    if isinstance(tables, list) and tables:
+        return tables
+    if isinstance(tables, dict):
+        problems.add(("zones",), "must be written with double brackets, [[zones]], once for every zone")
+    elif tables:
+        problems.add(("zones",), f"must be [[zones]] tables, one for every zone, not {shown(tables)}")
+    else:
+        problems.add(("zones",), "there is no zone; add a [[zones]] table for every zone")
+    return []
+
+
+def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str, Any]) -> SourceConfig | None:
+    place: Place = ("sources", name)
+    try:
+        identifier(name)
+    except ValueError as error:
+        problems.add(place, str(error))
+    kinds = ", ".join(SOURCE_KINDS)
+    if not isinstance(table, dict):
+        problems.add(place, f"must be a table with kind ({kinds}) and what belongs to it, not {shown(table)}")
+        return None
+    kind = table.get("kind")
+    if kind is None:
+        problems.add((*place, "kind"), f"is missing; give the kind of source, one of: {kinds}")
+    elif not isinstance(kind, str) or kind not in SOURCE_KINDS:
+        known = suggestion(kind, SOURCE_KINDS, "the kinds are")
+        problems.add((*place, "kind"), f"there is no source of kind {shown(kind)}; {known}")
+    else:
+        return problems.read(SOURCE_KINDS[kind].table, table, place, context)
+    return None
+
+
+_Known = Mapping[str, tuple[str | None, SourceConfig | None]]
+"""The sources by name: kind and table, each None if it could not be read."""
+
+
+def _kind(table: Any) -> str | None:
+    """The kind of the source that `table` describes; None if there is no such kind."""
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return kind if isinstance(kind, str) and kind in SOURCE_KINDS else None
+
+
+def _read_channel(
+    table: Any, place: Place, sources: _Known, problems: Problems, context: Mapping[str, Any]
+) -> ChannelConfig | None:
+    """The channel in `table`, with what it takes over from its source, read by the kind of that source."""
+    name = table.get("source") if isinstance(table, dict) else None
+    kind, source = sources.get(name, (None, None)) if isinstance(name, str) else (None, None)
+    channel = problems.read(UnboundChannel if kind is None else SOURCE_KINDS[kind].channel, table, place, context)
+    if channel is None or source is None:
+        return channel
+    try:
+        return channel.within(source)
+    except ValueError as error:
+        problems.add(place, str(error))
+        return None
+
+
+def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, context: Mapping[str, Any]) -> ZoneDraft:
+    """Read a zone part by part, so that a mistake in one part does not hide those in another."""
+    if not isinstance(table, dict):
+        problems.add(place, f"must be a [[zones]] table, not {shown(table)}")
+        return ZoneDraft(place, None, None, None, {})
+    rest = dict(table)
+    network: Network | None = None
+    if "network" in table:
+        described, network = read_network(table["network"], (*place, "network"), problems, context)
+        # What is wrong with it has been said; the rest of the zone is read as if it were right.
+        rest["network"] = described or PresetConfig(preset="tite")
+    channels: dict[str, ChannelConfig] = {}
+    names: tuple[str, ...] | None = None
+    if isinstance(table.get("channels"), dict):
+        names = tuple(table["channels"])
+        read = {
+            name: _read_channel(channel, (*place, "channels", name), sources, problems, context)
+            for name, channel in table["channels"].items()
+        }
+        channels = {name: channel for name, channel in read.items() if channel is not None}
+        rest["channels"] = channels
+    return ZoneDraft(place, problems.read(ZoneTable, rest, place, context), network, names, channels)
+
+
+def _completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
+    """The checked `zone`, with the defaults that depend on its network: aggregate and valid range of every channel."""
+    channels = {}
+    for name, channel in zone.channels.items():
+        unit = network.channel_unit(name)
+        defaults: dict[str, Any] = {}
+        if channel.valid is None and channel.aggregate != "energy":
+            defaults["valid"] = default_valid_range(unit)
+        if "aggregate" not in channel.model_fields_set:
+            defaults["aggregate"] = default_aggregate(unit, channel.unit)
+        channels[name] = channel.model_copy(update=defaults)
+    written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
+    return ZoneConfig.model_construct(**written | {"channels": channels, "network": network, "options": options})

@@ -1,0 +1,28 @@
+"""[log]: how the daemon writes its log."""
+
+from __future__ import annotations
+
+import logging
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator
+
+from service.fields.tables import TABLE
+from service.fields.values import choice, whole
+
+LEVELS = {
+    "debug": logging.DEBUG,
+    "info": logging.INFO,
+    "warning": logging.WARNING,
+    "error": logging.ERROR,
+}
+
+
+class LogConfig(BaseModel):
+    """Form, level, and how many lines of one kind a minute may have."""
+
+    model_config = TABLE
+
+    format: Annotated[Literal["plain", "json"], BeforeValidator(choice("plain", "json"))] = "plain"
+    level: Annotated[str, BeforeValidator(choice(*LEVELS))] = "info"
+    limit: Annotated[int, BeforeValidator(whole(1, 100_000))] = 10

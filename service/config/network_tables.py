@@ -1,0 +1,193 @@
+"""The network of a zone as it is written in the configuration: a preset, perhaps with changes, or inline."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, BeforeValidator, Field, PlainValidator, model_validator
+
+from service.fields.tables import TABLE
+from service.fields.values import Identifier, Name, Number, Positive, Text, number
+from service.fields.words import shown
+
+
+class BoundsConfig(BaseModel):
+    """What can be said about a parameter: the bounds of its prior and a nominal value, or a value that fixes it."""
+
+    model_config = TABLE
+
+    lower: Positive | None = None
+    upper: Positive | None = None
+    nominal: Positive | None = None
+    value: Positive | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        lower, upper, nominal = self.lower, self.upper, self.nominal
+        if self.value is not None and (lower, upper, nominal) != (None, None, None):
+            raise ValueError(
+                "has both a value, which fixes it, and bounds, which let it be learned; give one of the two"
+            )
+        if lower is not None and upper is not None and lower >= upper:
+            raise ValueError(f"lower = {lower:g} is not below upper = {upper:g}; swap or correct them")
+        below = nominal is not None and lower is not None and nominal < lower
+        above = nominal is not None and upper is not None and nominal > upper
+        if below or above:
+            raise ValueError(f"nominal = {nominal:g} lies outside the bounds; move it or the bounds")
+        return self
+
+    @property
+    def complete(self) -> bool:
+        """Whether it says enough to stand alone, without a preset behind it."""
+        return self.value is not None or (self.lower is not None and self.upper is not None)
+
+
+def _require_complete(table: BoundsConfig) -> None:
+    if not table.complete:
+        raise ValueError("needs lower and upper (it is learned between them) or value (it is fixed)")
+
+
+class CapacitanceConfig(BoundsConfig):
+    """The capacitance of an inline network's node, J/K."""
+
+    name: Name | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        _require_complete(self)
+        return self
+
+
+class ConductanceConfig(BoundsConfig):
+    """A conductance of an inline network, W/K."""
+
+    name: Name = Field(description='its name, such as "g_air_wall"')
+    between: tuple[Name, Name] = Field(description='the two nodes that it connects, such as ["T_air", "T_wall"]')
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        _require_complete(self)
+        return self
+
+
+class GainConfig(BoundsConfig):
+    """Gain of a heat input: a number (`constant`), a parameter (`name`), or what another leaves of 1 (`rest_of`)."""
+
+    constant: Number | None = None
+    name: Name | None = None
+    unit: Text | None = None
+    rest_of: Name | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        if [self.constant, self.name, self.rest_of].count(None) != 2:
+            raise ValueError(
+                'must be a number, { name = "A_w", unit = "m2", lower = 0.1, upper = 30 }, '
+                'or { rest_of = "f_air" } for what that gain leaves of 1'
+            )
+        if self.name is not None:
+            _require_complete(self)
+        elif self.unit is not None or self.complete or self.model_fields_set & {"lower", "upper", "nominal"}:
+            raise ValueError("has bounds, a value or a unit but no name; give it a name, such as A_w")
+        return self
+
+
+def _gain(value: object) -> object:
+    return value if isinstance(value, dict | GainConfig) else {"constant": value}
+
+
+class HeatInputConfig(BaseModel):
+    """A heat input of an inline network."""
+
+    model_config = TABLE
+
+    channel: Name = Field(description='the channel that brings it, such as "u_heat"')
+    node: Name = Field(description='the state node that it enters, such as "T_air"')
+    unit: Text = "W"
+    gain: Annotated[GainConfig, BeforeValidator(_gain)] = GainConfig(constant=1.0)
+
+
+def _initial_source(value: object) -> str | float:
+    if isinstance(value, str) and value:
+        return value
+    try:
+        return number(value)
+    except ValueError:
+        raise ValueError(
+            f'must be "measured", the name of a boundary node, or a temperature in degC, not {shown(value)}'
+        ) from None
+
+
+class InitialConfig(BaseModel):
+    """Where a state node starts: `source` is "measured", a boundary node or degC; `sd` is in K."""
+
+    model_config = TABLE
+
+    source: Annotated[str | float, PlainValidator(_initial_source)] | None = None
+    sd: Positive | None = None
+
+
+class SolarConfig(BoundsConfig):
+    """Global irradiance into `node` (default: the first measured one) through a solar aperture, m2."""
+
+    node: Name | None = None
+
+
+def _solar(value: object) -> object:
+    if isinstance(value, dict | SolarConfig):
+        return value
+    if not isinstance(value, bool):
+        raise ValueError(
+            f'must be true, or a table such as {{ node = "T_i", lower = 0.1, upper = 30 }}, not {shown(value)}'
+        )
+    return {} if value else None
+
+
+class PresetConfig(BaseModel):
+    """A preset, with changes."""
+
+    model_config = TABLE
+
+    preset: Text = Field(description="the name of a preset; `thermogate networks` lists them")
+    solar: Annotated[SolarConfig | None, BeforeValidator(_solar)] = None
+    fixed: tuple[Text, ...] = Field(default=(), description='a list of parameters to hold at nominal, such as ["C_h"]')
+    parameters: dict[str, BoundsConfig] = Field(
+        default={}, description="a table with one line per parameter, such as C_i = { lower = 1e5, upper = 1e7 }"
+    )
+    initial: dict[str, InitialConfig] = Field(
+        default={}, description='a table with one line per state node, such as T_e = { source = "T_out", sd = 3.0 }'
+    )
+
+
+class InlineConfig(BaseModel):
+    """A network of one's own."""
+
+    model_config = TABLE
+
+    name: Identifier = "inline"
+    measured: tuple[Name, ...] = Field(description='the list of measured state nodes, such as ["T_air"]')
+    boundaries: tuple[Name, ...] = Field(description='the list of prescribed temperatures, such as ["T_out"]')
+    capacitances: dict[Name, CapacitanceConfig] = Field(
+        description="a table with one line per state node, such as T_air = { lower = 1e5, upper = 1e7 }"
+    )
+    conductances: tuple[ConductanceConfig, ...] = Field(
+        description="[[zones.network.conductances]] tables with name, between, and lower and upper"
+    )
+    heat_inputs: tuple[HeatInputConfig, ...] = Field(
+        default=(), description="[[zones.network.heat_inputs]] tables with channel, node and gain"
+    )
+    initial: dict[str, InitialConfig] = Field(
+        default={}, description='a table with one line per state node, such as T_wall = { source = "T_out", sd = 3.0 }'
+    )
+
+
+NetworkConfig = PresetConfig | InlineConfig
+
+
+def network_model(raw: str | dict[str, Any]) -> tuple[type[PresetConfig] | type[InlineConfig], dict[str, Any]]:
+    """The model that describes `raw`, and `raw` in its long form (a bare preset name becomes a table)."""
+    if isinstance(raw, str):
+        return PresetConfig, {"preset": raw}
+    if "preset" not in raw and raw.keys() & {"capacitances", "conductances", "measured"}:
+        return InlineConfig, raw
+    return PresetConfig, raw

@@ -1,0 +1,160 @@
+"""The configuration as the daemon sees it: every table of the TOML file as a frozen model with its defaults.
+
+`service.config.load.load` builds a `Config`; nothing else needs to. Descriptions complete the sentences
+"is missing; give ..." and "must be ...".
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
+
+from adapters.reading import Source
+from estimator.network.network import Network
+from service.config.http import HttpConfig
+from service.config.log import LogConfig
+from service.config.network_tables import NetworkConfig
+from service.fields.durations import DAY
+from service.fields.tables import TABLE
+from service.fields.values import (
+    Duration,
+    FilePath,
+    Identifier,
+    JournalSize,
+    Levels,
+    Period,
+    PositiveDuration,
+    Text,
+    context,
+    whole,
+)
+from service.publish.kinds import SINK_KINDS
+from service.sources.channel import Binding, ChannelConfig, SourceKind
+from service.sources.kinds import SOURCE_KINDS
+
+
+class SiteConfig(BaseModel):
+    """[site]: who this is, and where state is kept."""
+
+    model_config = TABLE
+
+    id: Identifier = Field(description='the name of the site, such as "htwg"')
+    state_dir: FilePath = Field(default=Path("var/thermogate"), validate_default=True)
+    checkpoint_every: PositiveDuration = 300.0
+    keep_history: PositiveDuration = 400 * DAY
+    max_journal: JournalSize = 2 * 10**9
+
+
+def default_seed(site: str, zone: str) -> int:
+    """The seed of a zone that gives none: the same on every machine and after every restart."""
+    return zlib.crc32(f"{site}/{zone}".encode())
+
+
+class ZoneTable(BaseModel):
+    """[[zones]] as it is written: one thermal zone with its own grid, network and estimator."""
+
+    model_config = TABLE
+
+    id: Identifier = Field(description='the name of the zone, such as "living"')
+    period: Period = Field(description='the sampling period, such as "5min"')
+    network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
+    estimator: Text = "rbpf"
+    seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))]
+    levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
+    max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = 12
+    hold_inputs: Duration = 900.0
+    lateness: Duration = 0.0
+    estimator_options: dict[str, Any] = Field(default={}, description="a table, such as particles = 9000")
+    channels: dict[str, SerializeAsAny[ChannelConfig]] = Field(
+        description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _seeded(cls, table: Any, info: ValidationInfo) -> Any:
+        if not isinstance(table, dict) or "seed" in table:
+            return table
+        return table | {"seed": default_seed(str(context(info)["site"]), str(table.get("id")))}
+
+
+class ZoneConfig(ZoneTable):
+    """A zone as it was checked: with its network, its estimator's options, and the defaults of its channels."""
+
+    network: InstanceOf[Network]  # type: ignore[assignment]  # what the table describes takes the table's place
+    options: Any
+    """What `estimator_options` amount to: the resolved options of the estimator."""
+
+    @property
+    def max_ages(self) -> dict[str, float]:
+        """How long inputs that have a time of their own may be held, s, by channel."""
+        return {name: channel.max_age for name, channel in self.channels.items() if channel.max_age is not None}
+
+
+TABLES = ("site", "log", "http", *SINK_KINDS, "sources", "zones")
+"""The tables of a configuration file, in the order in which they are shown."""
+
+
+class Config(BaseModel):
+    """The whole configuration, every default filled in and every path absolute."""
+
+    model_config = TABLE
+
+    site: SiteConfig
+    log: LogConfig
+    http: HttpConfig
+    sinks: dict[str, Any]
+    """Tables of the kinds in `SINK_KINDS`, by name: [zenoh], ..."""
+    sources: dict[str, Any]
+    """Tables of the kinds in `SOURCE_KINDS`, by name; see `SourceConfig`."""
+    zones: tuple[ZoneConfig, ...]
+
+    def table(self, name: str) -> Any:
+        """The table [`name`] of the file, one of TABLES, as it was read."""
+        return self.sinks[name] if name in self.sinks else getattr(self, name)
+
+    @property
+    def keys_file(self) -> Path:
+        """Where the API keys are."""
+        return self.http.keys_file or self.site.state_dir / "keys.json"
+
+    def zones_of(self, source: str) -> tuple[ZoneConfig, ...]:
+        """The zones that `source` feeds."""
+        return tuple(zone for zone in self.zones if any(table.source == source for table in zone.channels.values()))
+
+    def bindings(self, source: str) -> list[Binding]:
+        """Every channel that `source` delivers to."""
+        return [
+            Binding(f"{zone.id}/{channel}", table, zone.network.channel_unit(channel))
+            for zone in self.zones
+            for channel, table in zone.channels.items()
+            if table.source == source
+        ]
+
+    def build_source(self, name: str) -> Source:
+        """The source of the table [sources.`name`], delivering to every channel of every zone that names it."""
+        return self._kind(name).build(name, self.sources[name], self.bindings(name))
+
+    def rebind_source(self, name: str, source: Source) -> None:
+        """Let a live `source`, built from the same table, deliver to the channels of this configuration."""
+        rebind = self._kind(name).rebind
+        assert rebind is not None, f"a source of kind {self.sources[name].kind} is built anew"
+        rebind(source, self.sources[name], self.bindings(name))
+
+    def is_live(self, source: str) -> bool:
+        """Whether `source` tells what is now."""
+        return self._kind(source).live
+
+    def goes_live(self, zone: ZoneConfig) -> bool:
+        """Whether the sources of `zone` are live; they are all live or all recorded."""
+        return any(self.is_live(channel.source) for channel in zone.channels.values())
+
+    def pace_of(self, zone: ZoneConfig) -> float:
+        """How many times faster than real time the telemetry of `zone` comes: 1 if it is live."""
+        recorded = {channel.source for channel in zone.channels.values() if not self.is_live(channel.source)}
+        return min((self.sources[source].pace for source in recorded), default=1.0)
+
+    def _kind(self, source: str) -> SourceKind:
+        return SOURCE_KINDS[self.sources[source].kind]

@@ -1,0 +1,71 @@
+"""A configuration written out again as TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import tomli_w
+
+from estimator.network.network import HeatInput, Network, Parameter
+from estimator.registry import as_mapping
+from service.config.site import TABLES, Config
+
+
+def effective_toml(config: Config) -> str:
+    """`config` as TOML that `load` accepts, with every default, network parameter and estimator option written out."""
+    resolved = {"zones": {"__all__": {"network", "options"}}}
+    dumped = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
+    tables = {name: dumped["sinks"][name] if name in config.sinks else dumped[name] for name in TABLES}
+    for table, zone in zip(tables["zones"], config.zones, strict=True):
+        table["network"] = network_table(zone.network)
+        table["estimator_options"] = _plain(as_mapping(zone.options))
+    return tomli_w.dumps(tables)
+
+
+def network_table(network: Network) -> dict[str, Any]:
+    """The inline [zones.network] table that describes `network`, presets included."""
+    return {
+        "name": network.name,
+        "measured": list(network.measured),
+        "boundaries": list(network.boundaries),
+        "capacitances": {
+            node: {"name": name, **_bounds(network.parameter(name))} for node, name in network.capacitances.items()
+        },
+        "conductances": [
+            {"name": edge.name, "between": list(edge.between), **_bounds(network.parameter(edge.name))}
+            for edge in network.conductances
+        ],
+        "heat_inputs": [
+            {"channel": heat.channel, "node": heat.node, "unit": heat.unit, "gain": _gain(network, heat)}
+            for heat in network.heat_inputs
+        ],
+        "initial": {
+            node: {"source": rule.source, "sd": rule.sd}
+            for node, rule in ((node, network.initial_temperature(node)) for node in network.nodes)
+        },
+    }
+
+
+def _bounds(parameter: Parameter) -> dict[str, float]:
+    if not parameter.free:
+        return {} if parameter.nominal is None else {"value": parameter.nominal}
+    bounds = {"lower": parameter.lower, "upper": parameter.upper}
+    return bounds if parameter.nominal is None else bounds | {"nominal": parameter.nominal}
+
+
+def _gain(network: Network, heat: HeatInput) -> Any:
+    gain = heat.gain
+    if gain.parameter is None:
+        return gain.constant
+    if gain.sign < 0:
+        return {"rest_of": gain.parameter}
+    parameter = network.parameter(gain.parameter)
+    return {"name": parameter.name, "unit": parameter.unit, **_bounds(parameter)}
+
+
+def _plain(value: Any) -> Any:
+    """`value` in the types TOML has."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items() if item is not None}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

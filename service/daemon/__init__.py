@@ -1,0 +1,1 @@
+"""The running daemon: start, reload and stop, feeding, watching over itself."""

@@ -1,0 +1,55 @@
+"""Every figure of the daemon that is read at the moment of a scrape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from service.daemon.runtime import Runtime
+from service.publish.metrics import Metrics
+from service.publish.sinks import Sink
+from service.records.measures import Measure, Rows
+from service.store.store import Store
+
+
+def instrument(metrics: Metrics, runtime: Runtime, store: Store, sinks: Sequence[Sink]) -> None:
+    """Register the figures of a daemon's parts with `metrics`."""
+    metrics.register(source_measures(runtime))
+    metrics.register(zone_measures(runtime))
+    for sink in sinks:
+        metrics.register(sink.measures())
+    metrics.register(store.measures())
+
+
+def source_measures(runtime: Runtime) -> list[Measure]:
+    """What the sources have delivered, by `source`."""
+
+    def tallied(field: str) -> Callable[[], Rows]:
+        return lambda: [((name,), float(getattr(tally, field))) for name, tally in tuple(runtime.tallies.items())]
+
+    def counted(field: str) -> Callable[[], Rows]:
+        # By the source itself, if it can happen to a source of its kind.
+        return lambda: [
+            ((feed.name,), float(getattr(feed.source, field))) for feed in runtime.feeds if hasattr(feed.source, field)
+        ]
+
+    def last() -> Rows:
+        return [((name,), tally.last) for name, tally in tuple(runtime.tallies.items()) if tally.last is not None]
+
+    source, moment = ("source",), "thermogate_source_last_delivery_timestamp_seconds"
+    return [
+        Measure("thermogate_source_up", "gauge", "1 while it delivers", source, tallied("delivers")),
+        Measure("thermogate_source_readings", "counter", "Readings delivered", source, tallied("readings")),
+        Measure("thermogate_source_failures", "counter", "Times it failed", source, tallied("failures")),
+        Measure("thermogate_source_dropped", "counter", "Samples that found no room", source, counted("dropped")),
+        Measure("thermogate_source_late_polls", "counter", "Polls that came too late", source, counted("late")),
+        Measure(moment, "gauge", "When it last delivered", source, last),
+    ]
+
+
+def zone_measures(runtime: Runtime) -> list[Measure]:
+    """What waits in the zones, by `zone`."""
+
+    def waiting() -> Rows:
+        return [((name,), float(zone.busy.waiting)) for name, zone in runtime.zones.items()]
+
+    return [Measure("thermogate_mailbox_depth", "gauge", "Samples waiting or under way", ("zone",), waiting)]

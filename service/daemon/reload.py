@@ -1,0 +1,88 @@
+"""What a new configuration changes for a daemon that runs, and what it cannot change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from service.config.fitting import fingerprint
+from service.config.site import TABLES, Config, ZoneConfig
+
+RELOADABLE = ("log", "zones", "sources")
+"""Tables of the configuration that take effect while the daemon runs; the others do with its next start."""
+
+
+class Changes(NamedTuple):
+    """How one configuration differs from another. Zones that are in none of these go on untouched."""
+
+    added: tuple[ZoneConfig, ...]
+    changed: tuple[ZoneConfig, ...]
+    removed: tuple[str, ...]
+    sources: tuple[str, ...]
+    """Sources that both have, with another table."""
+    log: bool
+
+    @property
+    def fresh(self) -> tuple[ZoneConfig, ...]:
+        """The zones that start: those that were added or changed."""
+        return (*self.changed, *self.added)
+
+    @property
+    def leaving(self) -> frozenset[str]:
+        """The zones that stop: those that are removed or start anew."""
+        return frozenset({*self.removed, *(zone.id for zone in self.changed)})
+
+
+def compare(old: Config, new: Config) -> Changes:
+    """What has to be done to go from `old` to `new`."""
+    before = {zone.id: zone for zone in old.zones}
+    sources = tuple(name for name, table in new.sources.items() if name in old.sources and table != old.sources[name])
+    # What a recording says depends on its table, and its zones read it from where they stopped; a live source that is
+    # reached otherwise goes on telling what is now.
+    retold = {name for name in sources if not new.is_live(name)}
+    added, changed = [], []
+    for zone in new.zones:
+        if zone.id not in before:
+            added.append(zone)
+        elif zone != before[zone.id] or retold & {channel.source for channel in zone.channels.values()}:
+            changed.append(zone)
+    now = {zone.id for zone in new.zones}
+    removed = tuple(zone for zone in before if zone not in now)
+    return Changes(tuple(added), tuple(changed), removed, sources, old.log != new.log)
+
+
+def obstacles(old: Config, new: Config, fingerprints: Mapping[str, str]) -> list[str]:
+    """Why a daemon on `old`, whose zones have the `fingerprints`, cannot go over to `new`: one sentence each."""
+    found = []
+    for table in TABLES:
+        before, after = old.table(table), new.table(table)
+        if table in RELOADABLE or before == after:
+            continue
+        names = [name for name in type(after).model_fields if getattr(before, name) != getattr(after, name)]
+        found.append(
+            f"{', '.join(f'{table}.{name}' for name in names)}: this takes effect with the next start only; "
+            "restart the daemon, or put it back as it was"
+        )
+    for zone in new.zones:
+        if zone.id in fingerprints and fingerprints[zone.id] != fingerprint(zone):
+            found.append(
+                f"zone '{zone.id}': its network, period, estimator or the structure of its options has changed, and "
+                "what it has learned belongs to the old ones; put them back, or give the state up with "
+                f"`thermogate run CONFIG --reset {zone.id}`"
+            )
+    return found
+
+
+def summary(changes: Changes) -> str:
+    """What was done, as one line."""
+    parts = {
+        "added": [zone.id for zone in changes.added],
+        "changed": [zone.id for zone in changes.changed],
+        "removed": list(changes.removed),
+    }
+    said = [f"{what} {', '.join(zones)}" for what, zones in parts.items() if zones]
+    if changes.sources:
+        said.append(f"sources changed: {', '.join(changes.sources)}")
+    if changes.log:
+        said.append("log changed")
+    return "; ".join(said) or "nothing has changed"

@@ -1,0 +1,268 @@
+"""`thermogate run`: everything started in order, reloaded, stopped in order.
+
+One asyncio loop does all I/O; estimator steps run in a thread pool (the compiled kernels release the GIL). On
+SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed. On
+SIGHUP the configuration is read again. What zones and sources there are is `service.daemon.runtime`'s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import faulthandler
+import gc
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Coroutine, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from importlib.metadata import version
+from typing import Any, TypeVar
+
+from service.config.site import Config
+from service.daemon.exposure import check_exposure
+from service.daemon.instruments import instrument
+from service.daemon.logs import configure_logging, sweep_log
+from service.daemon.loop_delay import watch_loop
+from service.daemon.notify import Notifier
+from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
+from service.daemon.reload import summary
+from service.daemon.runtime import Runtime
+from service.daemon.tasks import end
+from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
+from service.daemon.zone_table import ZoneTable
+from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
+from service.publish.events import Streams
+from service.publish.kinds import SINK_KINDS
+from service.publish.metrics import Metrics
+from service.publish.sinks import Sink
+from service.store.retention import Limits
+from service.store.store import Store
+from service.web.app import create_app
+from service.web.keys import KeyRing
+from service.web.measures import http_measures
+from service.web.server.server import HttpServer
+from service.zone.plumbing import Plumbing
+
+Result = TypeVar("Result")
+
+_log = logging.getLogger(__name__)
+
+
+def run_daemon(
+    config: Config,
+    *,
+    reset: Sequence[str] = (),
+    duration: float | None = None,
+    reread: Callable[[], Config] | None = None,
+) -> int:
+    """Run until SIGTERM or SIGINT, or for `duration` s; 0 after an orderly stop.
+
+    `reset` names zones whose stored state is set aside first. `reread` reads the configuration again for a reload.
+    Raises ServiceError where the start fails.
+    """
+    unknown = [name for name in reset if name not in {zone.id for zone in config.zones}]
+    if unknown:
+        known = ", ".join(zone.id for zone in config.zones)
+        raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
+    check_exposure(config)
+    configure_logging(config.log)
+    # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
+    if sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)
+    favour_the_event_loop()
+    asyncio.run(Daemon(config, reread).run(reset, duration))
+    return 0
+
+
+class Daemon:
+    """A running daemon; `run` is its whole life."""
+
+    def __init__(self, config: Config, reread: Callable[[], Config] | None = None) -> None:
+        self._config = config
+        self._reread = reread
+        self._stopping = asyncio.Event()
+        self._stopped = threading.Event()
+        self._notifier = Notifier()
+        self._streams = Streams()
+        self._runtime: Runtime | None = None
+        self._http: HttpServer | None = None
+        self._ready: str | None = None
+        """What the service manager is told once everything runs."""
+        self._reloads: set[asyncio.Task[Any]] = set()
+
+    async def run(self, reset: Sequence[str], duration: float | None) -> None:
+        """Start, serve until asked to stop, stop."""
+        loop = asyncio.get_running_loop()
+        for signum in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(signum, self._stop)
+        loop.add_signal_handler(signal.SIGHUP, self._hang_up)
+        if duration is not None:
+            loop.call_later(duration, self._stop)
+        store = Store(self._config.site.state_dir)
+        pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
+        asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=stand_back)
+        sinks: list[Sink] = []
+        try:
+            for name in reset:
+                await store.forget(name)
+            for kind in SINK_KINDS.values():
+                opened = await asyncio.to_thread(kind.open, self._config.table(kind.name), self._config.site.id)
+                sinks += [] if opened is None else [opened]
+            await self._serve(store, pool, asking, sinks)
+        finally:
+            for sink in sinks:
+                await asyncio.to_thread(sink.close)
+            for executor in (asking, pool):
+                executor.shutdown(wait=True, cancel_futures=True)
+            store.close()
+        _log.info("stopped")
+
+    async def reload(self) -> str:
+        """Read the configuration again and go over to it; what was done. Raises ReloadRefused, and then nothing was."""
+        # Whoever asked may go away meanwhile; a reload is not left half done for that.
+        return await asyncio.shield(self._own(self._reload()))
+
+    async def _reload(self) -> str:
+        runtime = self._runtime
+        if self._reread is None or runtime is None or self._ready is None:
+            why = "is still starting" if self._reread else "was not started from a configuration file"
+            raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
+        self._notifier.reloading()
+        try:
+            new = await asyncio.to_thread(self._reread)
+            if self._http is not None:
+                self._http.reload()
+            changes = await runtime.reload(new)
+            if changes.log:
+                configure_logging(new.log)
+            done = summary(changes)
+            _log.info("configuration reloaded: %s", done)
+            return done
+        except ConfigError as error:
+            raise ReloadRefused(error.problems) from error
+        except CertificateError as error:
+            raise ReloadRefused([str(error)]) from error
+        finally:
+            self._notifier.ready(self._ready)
+
+    def _stop(self) -> None:
+        self._stopped.set()
+        self._stopping.set()
+
+    def _hang_up(self) -> None:
+        self._own(self._reload_said())
+
+    def _own(self, work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
+        """`work` as a task that the daemon ends when it stops."""
+        task = asyncio.create_task(work)
+        self._reloads.add(task)
+        task.add_done_callback(self._reloads.discard)
+        return task
+
+    async def _reload_said(self) -> None:
+        try:
+            await self.reload()
+        except ReloadRefused as error:
+            for problem in error.problems:
+                _log.error("the configuration was not reloaded: %s", problem)
+        except Exception as error:
+            _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
+
+    async def _serve(
+        self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
+    ) -> None:
+        zones = ZoneTable()
+        metrics = Metrics(zones, version("thermogate"))
+        every = self._config.site.checkpoint_every
+        streams = self._streams
+        sinks: tuple[Sink, ...] = (metrics, *opened, streams)
+        plumbing = Plumbing(self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every)
+        self._runtime = runtime = Runtime(self._config, zones, plumbing)
+        instrument(metrics, runtime, store, sinks)
+        loop = asyncio.get_running_loop()
+        organs = (
+            Organ("the journal", store.ping, JOURNAL_SECONDS),
+            Organ("the estimator's threads", lambda: loop.run_in_executor(pool, int), HUNG_SECONDS),
+        )
+        vitals = Vitals(zones, organs)
+        http, site = self._config.http, self._config.site
+        keys = KeyRing(self._config.keys_file, required=http.exposed)
+        app = create_app(
+            site.id,
+            zones,
+            metrics.registry,
+            version=version("thermogate"),
+            keys=keys,
+            problems=vitals.problems,
+            reload=self.reload,
+            http=http,
+            streams=streams,
+        )
+        self._http = server = HttpServer(app, http)
+        metrics.register(http_measures(server, app))
+        stop = asyncio.create_task(self._stopping.wait())
+        watching = [
+            asyncio.create_task(watch_loop(metrics.observe_loop_delay)),
+            asyncio.create_task(vitals.run(partial(self._feed_watchdog, vitals))),
+        ]
+        try:
+            await runtime.declare()
+            if not await _before(stop, asyncio.ensure_future(runtime.restore())):
+                return
+            serving = asyncio.create_task(server.run())
+            runtime.start_zones()
+            try:
+                await server.started(serving)
+                if not await _before(stop, asyncio.ensure_future(asyncio.to_thread(_settle, sinks))):
+                    return
+                # What was made at the start stays; no collection need look through it.
+                gc.freeze()
+                runtime.start_feeds()
+                limits = Limits(site.keep_history, site.max_journal)
+                watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(collect_garbage())]
+                self._ready = f"serving on {server.url}"
+                self._notifier.ready(self._ready)
+                ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]
+                await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+                self._notifier.stopping()
+                if runtime.broken.done():
+                    runtime.broken.result()
+            finally:
+                await end(tuple(self._reloads))
+                await runtime.stop_feeds()
+                # An open stream would keep the server from stopping; the clients come back after a pause.
+                streams.end()
+                await asyncio.gather(runtime.drain(), server.stop(serving))
+        finally:
+            for task in (stop, *watching):
+                task.cancel()
+            server.close()
+
+    def _feed_watchdog(self, vitals: Vitals) -> None:
+        sweep_log()
+        problems = vitals.problems()
+        if problems:
+            zones = ", ".join(vitals.hung())
+            _log.error("the daemon hangs: %s", "; ".join([*problems, *([f"zones {zones}"] if zones else [])]))
+        elif self._ready is None:
+            self._notifier.starting("restoring the zones", HUNG_SECONDS)
+        else:
+            self._notifier.alive()
+
+
+def _settle(sinks: Iterable[Sink]) -> None:
+    for sink in sinks:
+        sink.settle()
+
+
+async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
+    """Whether `work` was done before the daemon was asked to stop; then it is given up. Its failure is raised."""
+    await asyncio.wait([stop, work], return_when=asyncio.FIRST_COMPLETED)
+    if not work.done():
+        work.cancel()
+        return False
+    work.result()
+    return True

@@ -1,0 +1,40 @@
+"""The zones that run, as everybody who serves them sees them."""
+
+from __future__ import annotations
+
+from collections.abc import ItemsView, Iterator, KeysView, Mapping, ValuesView
+
+from service.zone.zone import Zone
+
+
+class ZoneTable(Mapping[str, Zone]):
+    """Zones by id, in the order to list them.
+
+    A reload replaces them all in one go, so that another thread sees those before or those after, and never a
+    dictionary that changes under its hands.
+    """
+
+    def __init__(self) -> None:
+        self._zones: dict[str, Zone] = {}
+
+    def replace(self, zones: Mapping[str, Zone]) -> None:
+        """From now on these are the zones."""
+        self._zones = dict(zones)
+
+    def __getitem__(self, zone: str) -> Zone:
+        return self._zones[zone]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._zones)
+
+    def __len__(self) -> int:
+        return len(self._zones)
+
+    def keys(self) -> KeysView[str]:
+        return self._zones.keys()
+
+    def values(self) -> ValuesView[Zone]:
+        return self._zones.values()
+
+    def items(self) -> ItemsView[str, Zone]:
+        return self._zones.items()

@@ -1,0 +1,1 @@
+"""What leaves the daemon: payloads, rendered once, and the sinks that they go to."""

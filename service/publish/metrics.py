@@ -1,0 +1,217 @@
+"""Metrics for Prometheus, in a registry of their own.
+
+What happens is counted here by the one who sees it (`publish`, ...). What there is at the moment of a scrape is a
+`service.records.measures.Measure` that its owner offers, and is registered with `Metrics.register`.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable, Mapping
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Histogram, ProcessCollector
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from service.fields.durations import format_duration
+from service.publish.rendering import clock
+from service.publish.sinks import Announcement, Occasion
+from service.records.measures import Measure, family
+from service.records.skill import Skill
+from service.records.status import STATES
+from service.records.update import Update
+from service.records.view import ZoneView
+
+_SKILL_DAYS = 7
+_DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+_UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
+
+
+class Metrics:
+    """The daemon's metrics: a sink that counts updates. What a zone's status tells is read at scrape time."""
+
+    def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
+        self.registry = CollectorRegistry()
+        zone, registry = ["zone"], self.registry
+        self._samples = Counter("thermogate_samples", "Samples processed", zone, registry=registry)
+        self._seconds = Histogram(
+            "thermogate_update_seconds", "Wall time of one update", zone, buckets=_UPDATE_BUCKETS, registry=registry
+        )
+        self._alpha = Gauge("thermogate_alpha_median", "Median of the volatility", ["zone", "block"], registry=registry)
+        self._gate = Gauge("thermogate_gate", "Learning gate, 0 to 1", zone, registry=registry)
+        self._n_eff = Gauge("thermogate_n_eff", "Effective sample size, particles", zone, registry=registry)
+        self._width = Gauge(
+            "thermogate_interval_width_kelvin",
+            "Width of the published interval of the first output, at the first level",
+            zone,
+            registry=registry,
+        )
+        horizon = ["zone", "lead"]
+        self._coverage = Gauge(
+            "thermogate_forecast_coverage",
+            "Share of forecasts whose 95 % interval held, 7 days",
+            horizon,
+            registry=registry,
+        )
+        self._crps = Gauge(
+            "thermogate_forecast_crps_kelvin", "Mean CRPS of forecasts, 7 days", horizon, registry=registry
+        )
+        self._skill = Gauge(
+            "thermogate_forecast_skill",
+            "1 - RMSE / RMSE of the reference, 7 days",
+            ["zone", "lead", "reference"],
+            registry=registry,
+        )
+        self._loop_delay = Histogram(
+            "thermogate_event_loop_delay_seconds",
+            "How late the event loop served a timer",
+            buckets=_DELAY_BUCKETS,
+            registry=registry,
+        )
+        self._checkpoints = Counter(
+            "thermogate_checkpoints", "Checkpoints by result", ["zone", "result"], registry=registry
+        )
+        self._checkpointed = Gauge(
+            "thermogate_checkpoint_timestamp_seconds", "When the newest checkpoint was written", zone, registry=registry
+        )
+        self._failures = Counter("thermogate_zone_failures", "Failed attempts of a zone", zone, registry=registry)
+        build = Gauge("thermogate_build_info", "Always 1", ["version", "python"], registry=registry)
+        build.labels(version, platform.python_version()).set(1.0)
+        registry.register(_StatusCollector(zones))
+        ProcessCollector(registry=registry)
+        GCCollector(registry=registry)
+
+    def register(self, measures: Iterable[Measure]) -> None:
+        """Expose `measures`, each read at every scrape. Raises ValueError for a name that is taken."""
+        for measure in measures:
+            self.registry.register(_MeasureCollector(measure))
+
+    def add(self, zone: str) -> None:
+        """Show the counters of `zone` from now on, at 0: a scraper sees a rise only from a value that it knew."""
+        self._samples.labels(zone)
+        self._failures.labels(zone)
+        for result in ("written", "failed"):
+            self._checkpoints.labels(zone, result)
+
+    def remove(self, zone: str) -> None:
+        """Show nothing of `zone` any more."""
+        for metric in (
+            self._samples,
+            self._seconds,
+            self._alpha,
+            self._gate,
+            self._n_eff,
+            self._width,
+            self._coverage,
+            self._crps,
+            self._skill,
+            self._checkpoints,
+            self._checkpointed,
+            self._failures,
+        ):
+            metric.remove_by_labels({"zone": zone})
+
+    def publish(self, announcement: Announcement) -> None:
+        """Count a new update."""
+        if announcement.occasion is Occasion.UPDATE and announcement.update is not None:
+            self._observe(announcement.zone, announcement.update)
+        if announcement.skill is not None:
+            self._observe_skill(announcement.zone, announcement.skill)
+
+    def settle(self) -> None:
+        """Nobody is waited for."""
+
+    def measures(self) -> list[Measure]:
+        """None of its own beside what it counts."""
+        return []
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    def observe_loop_delay(self, seconds: float) -> None:
+        """Take in how late the event loop was for one timer."""
+        self._loop_delay.observe(seconds)
+
+    def checkpointed(self, zone: str, written: bool) -> None:
+        """A checkpoint of `zone` was written, or could not be."""
+        self._checkpoints.labels(zone, "written" if written else "failed").inc()
+        if written:
+            self._checkpointed.labels(zone).set_to_current_time()
+
+    def failed(self, zone: str) -> None:
+        """A step of `zone`, or the restoring of its state, failed."""
+        self._failures.labels(zone).inc()
+
+    def _observe(self, zone: str, update: Update) -> None:
+        self._samples.labels(zone).inc()
+        self._seconds.labels(zone).observe(update.step_seconds)
+        for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
+            self._alpha.labels(zone, block).set(median)
+        self._gate.labels(zone).set(update.shown_gate.value)
+        if update.effective_sample_size is not None:
+            self._n_eff.labels(zone).set(update.effective_sample_size)
+        for interval in update.forecast.outputs[0].intervals[:1]:
+            self._width.labels(zone).set(interval.upper - interval.lower)
+
+    def _observe_skill(self, zone: str, skill: Skill) -> None:
+        for one in skill.windows[_SKILL_DAYS]:
+            if one.forecasts:
+                lead = format_duration(one.lead)
+                self._coverage.labels(zone, lead).set(one.coverage)
+                self._crps.labels(zone, lead).set(one.crps)
+                self._skill.labels(zone, lead, "persistence").set(one.against_persistence)
+                self._skill.labels(zone, lead, "arx").set(one.against_arx)
+
+
+class _MeasureCollector(Collector):
+    """One measure; without describing it beforehand, for that would read it."""
+
+    def __init__(self, measure: Measure) -> None:
+        self._measure = measure
+
+    def collect(self) -> Iterable[Metric]:
+        return (family(self._measure),)
+
+    def describe(self) -> Iterable[Metric]:
+        """The family alone: nothing is read for a registration."""
+        return (family(self._measure._replace(read=tuple)),)
+
+
+class _StatusCollector(Collector):
+    """What the zones' statuses say at the moment of the scrape."""
+
+    def __init__(self, zones: Mapping[str, ZoneView]) -> None:
+        self._zones = zones
+
+    def collect(self) -> Iterable[Metric]:
+        faults = CounterMetricFamily("thermogate_faults", "Bad readings by kind", labels=["zone", "kind"])
+        age = GaugeMetricFamily(
+            "thermogate_last_sample_age_seconds", "Age of the last sample on the zone's clock", labels=["zone"]
+        )
+        state = GaugeMetricFamily(
+            "thermogate_zone_state", "1 for the state that the zone is in", labels=["zone", "state"]
+        )
+        overruns = CounterMetricFamily(
+            "thermogate_overruns", "Forecasts that were published after the next sample was due", labels=["zone"]
+        )
+        delay = GaugeMetricFamily(
+            "thermogate_forecast_delay_seconds",
+            "How long after its sample the newest forecast was published",
+            labels=["zone"],
+        )
+        for zone in tuple(self._zones.values()):
+            status = zone.status()
+            for kind, count in status.faults.items():
+                faults.add_metric([zone.id, kind], count)
+            if status.last_sample_time is not None:
+                age.add_metric([zone.id], clock(status) - status.last_sample_time)
+            overruns.add_metric([zone.id], status.overruns)
+            if status.delay is not None:
+                delay.add_metric([zone.id], status.delay)
+            for name in STATES:
+                state.add_metric([zone.id, name], float(status.state == name))
+        return (faults, age, state, overruns, delay)
+
+    def describe(self) -> Iterable[Metric]:
+        """Nothing: asking the zones is for scrapes, not for registration."""
+        return ()

@@ -1,0 +1,126 @@
+"""What a zone announces, rendered once for everyone, and the sinks that it goes to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import Enum
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+from pydantic import BaseModel
+
+from service.publish.payloads import to_json
+from service.publish.rendering import (
+    forecast_payload,
+    gain_payload,
+    gate_payload,
+    skill_payload,
+    status_payload,
+    volatility_payload,
+    vouched,
+)
+from service.records.measures import Measure
+from service.records.skill import Skill
+from service.records.status import ZoneStatus
+from service.records.update import Update
+
+TOPICS = ("forecast", "volatility", "gate", "gain", "skill", "status")
+"""What a zone can tell, each as a JSON document of its own."""
+
+
+class Occasion(Enum):
+    """Why a zone announces something."""
+
+    UPDATE = "a sample has brought an update"
+    RESTORED = "the zone goes on with an update that was there before"
+    STATUS = "the status alone has changed"
+
+
+class Announcement:
+    """What `zone` has to tell. Every topic is rendered when the first sink asks for it, and once."""
+
+    def __init__(
+        self,
+        site: str,
+        zone: str,
+        status: ZoneStatus,
+        update: Update | None,
+        occasion: Occasion = Occasion.UPDATE,
+        skill: Skill | None = None,
+    ) -> None:
+        """`update` is the newest one of the zone; without any there is a status alone to tell. `skill` is given when
+        there is news of it."""
+        self.zone = zone
+        self.status = status
+        self.update = update
+        self.occasion = Occasion.STATUS if update is None else occasion
+        self.skill = skill
+        self._site = site
+        self._rendered: dict[str, bytes] = {}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """What there is to tell, in the order in which it is told."""
+        if self.occasion is Occasion.STATUS or self.update is None:
+            return ("status",)
+        left_out = {"gain": self.update.disturbance is None, "skill": self.skill is None}
+        return tuple(topic for topic in TOPICS if not left_out.get(topic, False))
+
+    @cached_property
+    def disowned(self) -> bool:
+        """Whether the zone can no longer vouch for its forecast, which was good when it was issued."""
+        if self.update is None:
+            return False
+        issued = forecast_payload(self._site, self.zone, self.update)
+        return vouched(issued, self.status).quality is not issued.quality
+
+    def payload(self, topic: str) -> bytes:
+        """The document of `topic`, one of `topics`; the forecast also where the status alone has changed."""
+        if topic not in self._rendered:
+            self._rendered[topic] = to_json(self._render(topic))
+        return self._rendered[topic]
+
+    def _render(self, topic: str) -> Any:
+        site, zone, update = self._site, self.zone, self.update
+        if topic == "status":
+            return status_payload(site, zone, self.status, update)
+        if topic == "skill":
+            assert self.skill is not None, "there is no news of the skill"
+            return skill_payload(site, zone, self.skill)
+        assert update is not None, f"there is no {topic} without an update"
+        if topic == "forecast":
+            return vouched(forecast_payload(site, zone, update), self.status)
+        render = {"volatility": volatility_payload, "gate": gate_payload, "gain": gain_payload}[topic]
+        return render(site, zone, update)
+
+
+class Sink(Protocol):
+    """Where announcements go. Every method may be called from any thread, and may raise ServiceError."""
+
+    def add(self, zone: str) -> None:
+        """Announcements of `zone` will come from now on."""
+
+    def remove(self, zone: str) -> None:
+        """None of `zone` will come any more; without effect if there were none."""
+
+    def publish(self, announcement: Announcement) -> None:
+        """Pass on what a zone has to tell. It must not wait for a network."""
+
+    def settle(self) -> None:
+        """Return once those whom the configuration wants to wait for are listening, or `close` was called."""
+
+    def measures(self) -> list[Measure]:
+        """What metrics tell of the sink."""
+
+    def close(self) -> None:
+        """Let go of everything; safe to call twice."""
+
+
+class SinkKind(NamedTuple):
+    """A kind of sink that the configuration opens: the name of its table, the table, what is wrong with one beyond what
+    the table itself refuses, and how it is opened for a site; None where the table says that it is not wanted."""
+
+    name: str
+    table: type[BaseModel]
+    problems: Callable[[Any], Sequence[str]]
+    open: Callable[[Any, str], Sink | None]

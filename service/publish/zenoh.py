@@ -1,0 +1,246 @@
+"""Forecasts, volatility, gate and status of every zone on Zenoh.
+
+The daemon owns one session that listens and connects only where the configuration says. Each zone has four keys,
+`thermogate/<site>/<zone>/{forecast,volatility,gate,status}`, whose last value also answers queries, and a liveliness
+token `.../alive`. Who connects may read these and do nothing else, neither towards the daemon nor through it to others.
+Nothing here waits for a subscriber: where the network is congested, messages are dropped.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Sequence
+from typing import Protocol, Self
+
+import zenoh
+from pydantic import Field, model_validator
+
+from adapters.errors import SourceConfigError
+from adapters.zenoh.access import publishing
+from adapters.zenoh.connection import Connection
+from adapters.zenoh.link import first_line, refusal, session_config
+from service.errors import ServiceError
+from service.fields.values import Duration, Endpoint, Flag
+from service.fields.zenoh_session import Mode, SessionConfig
+from service.publish.sinks import TOPICS, Announcement, Occasion, SinkKind
+from service.records.measures import Measure, Rows, single
+
+_POLL_SECONDS = 0.02
+_CLOSE_SECONDS = 1.0
+
+_log = logging.getLogger(__name__)
+
+
+class ZenohConfig(SessionConfig):
+    """[zenoh]: the daemon's own session."""
+
+    enabled: Flag = True
+    mode: Mode = "peer"
+    listen: tuple[Endpoint, ...] = Field(
+        default=("tcp/127.0.0.1:7447",), description='a list of endpoints, such as ["tcp/127.0.0.1:7447"]'
+    )
+    await_subscriber: Duration = 0.0
+
+    @model_validator(mode="after")
+    def _client_has_a_router(self) -> Self:
+        if self.enabled and self.mode == "client" and not self.connect:
+            raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
+        return self
+
+    def connection(self, site: str) -> Connection:
+        """The session in which everyone who can connect may read what `site` publishes, and do nothing else."""
+        return self.session(publishing(f"thermogate/{site}/**"))
+
+
+class _Declared(Protocol):
+    def undeclare(self) -> None: ...
+
+
+class Publisher:
+    """An open session with its publishers, queryables and tokens. Methods may be called from any thread."""
+
+    def __init__(self, session: zenoh.Session, site: str, patience: float = 0.0) -> None:
+        """`patience` is how long `settle` waits for subscribers, s."""
+        self._session = session
+        self._site = site
+        self._patience = patience
+        self._closed = False
+        self._last: dict[str, bytes] = {}
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._declared: dict[str, list[_Declared]] = {}
+        """Everything that was declared for a zone, to be undeclared in this order."""
+
+    @classmethod
+    def open(cls, connection: Connection, site: str, patience: float = 0.0) -> Publisher:
+        """Open the session; ServiceError if an address is taken, no router can be reached or none takes us."""
+        try:
+            return cls(zenoh.open(session_config(connection)), site, patience)
+        except SourceConfigError as error:
+            raise ServiceError(f"[zenoh]: {error}") from error
+        except zenoh.ZError as error:
+            raise ServiceError(_opening_failed(connection, first_line(error))) from error
+
+    def add(self, zone: str) -> None:
+        """Publish `zone` from now on; ServiceError if its keys cannot be declared."""
+        base = self._base(zone)
+        declared = self._declared[zone] = []
+        try:
+            for topic in TOPICS:
+                key = f"{base}/{topic}"
+                self._publishers[key] = self._session.declare_publisher(
+                    key,
+                    encoding=zenoh.Encoding.APPLICATION_JSON,
+                    congestion_control=zenoh.CongestionControl.DROP,
+                )
+                # A direct callback needs no thread of its own, so none can keep the process alive.
+                answer = zenoh.handlers.Callback(self._answer, indirect=False)
+                declared += [self._session.declare_queryable(key, answer), self._publishers[key]]
+            declared.insert(0, self._session.liveliness().declare_token(f"{base}/alive"))
+        except zenoh.ZError as error:
+            self.remove(zone)
+            raise ServiceError(f"[zenoh]: {base}/... cannot be declared ({first_line(error)})") from error
+
+    def remove(self, zone: str) -> None:
+        """Publish `zone` no longer; without effect if it is not published."""
+        for topic in TOPICS:
+            key = f"{self._base(zone)}/{topic}"
+            self._publishers.pop(key, None)
+            self._last.pop(key, None)
+        self._give_up(self._declared.pop(zone, []))
+
+    def publish(self, announcement: Announcement) -> None:
+        """Put what is announced; ServiceError if the session has failed. Nothing after `close`.
+
+        A forecast that the zone can no longer vouch for is put again, once, marked bad: a client that asks for the last
+        value must not take it for good.
+        """
+        for topic in announcement.topics:
+            self._put(announcement.zone, topic, announcement.payload(topic))
+        if announcement.occasion is Occasion.STATUS and announcement.disowned:
+            payload = announcement.payload("forecast")
+            if self._last.get(f"{self._base(announcement.zone)}/forecast") != payload:
+                self._put(announcement.zone, "forecast", payload)
+
+    def settle(self) -> None:
+        """Wait until every zone's forecast has a subscriber, for as long as the configuration says."""
+        if self._patience > 0:
+            self.await_subscriber(self._patience)
+
+    def measures(self) -> list[Measure]:
+        """How the session is connected."""
+
+        def peers() -> Rows:
+            return single(float(self.connected))
+
+        return [Measure("thermogate_zenoh_peers", "gauge", "Sessions that ours is connected to", (), peers)]
+
+    def await_subscriber(self, timeout: float) -> bool:
+        """Wait at most `timeout` s until every zone's forecast has a subscriber; whether they have."""
+        deadline = time.monotonic() + timeout
+        forecasts = [publisher for key, publisher in tuple(self._publishers.items()) if key.endswith("/forecast")]
+        while not self._closed:
+            try:
+                if all(_matches(publisher) for publisher in forecasts):
+                    return True
+            except zenoh.ZError:
+                # A close in another thread undeclares the publishers under this question.
+                if not self._closed:
+                    raise
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(_POLL_SECONDS)
+        return False
+
+    @property
+    def connected(self) -> int:
+        """How many sessions ours is connected to."""
+        try:
+            return 0 if self._closed else len(self._session.info.transports())
+        except zenoh.ZError:
+            return 0
+
+    def close(self) -> None:
+        """Undeclare everything and close the session, within a second; safe to call twice."""
+        if self._closed:
+            return
+        self._closed = True
+        closing = threading.Thread(target=self._undeclare, name="zenoh-close", daemon=True)
+        closing.start()
+        closing.join(_CLOSE_SECONDS)
+        if closing.is_alive():
+            _log.warning("the Zenoh session did not close within %g s; left to the end of the process", _CLOSE_SECONDS)
+
+    def _base(self, zone: str) -> str:
+        return f"thermogate/{self._site}/{zone}"
+
+    def _put(self, zone: str, topic: str, payload: bytes) -> None:
+        key = f"{self._base(zone)}/{topic}"
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            # A reload has removed the zone under its last step.
+            return
+        self._last[key] = payload
+        if self._closed:
+            return
+        try:
+            publisher.put(payload)
+        except zenoh.ZError as error:
+            # A close in another thread may undeclare the publisher under this put.
+            if not self._closed:
+                raise ServiceError(f"[zenoh]: {key} cannot be published ({first_line(error)})") from error
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """Reply with the last value of every key the query asks for; with nothing before the first."""
+        with query:
+            for key, payload in tuple(self._last.items()):
+                if query.key_expr.intersects(key):
+                    query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def _undeclare(self) -> None:
+        for declared in self._declared.values():
+            self._give_up(declared)
+        try:
+            self._session.close()
+        except zenoh.ZError as error:
+            _log.debug("while closing Zenoh: %s", error)
+
+    def _give_up(self, declared: Sequence[_Declared]) -> None:
+        for one in declared:
+            try:
+                one.undeclare()
+            except zenoh.ZError as error:
+                _log.debug("while closing Zenoh: %s", error)
+
+
+def _opening_failed(connection: Connection, text: str) -> str:
+    """Why the session did not open, of which Zenoh says `text`, and the remedy."""
+    if "in use" in text:
+        return (
+            f"zenoh.listen: an address of {', '.join(connection.listen)} is in use by another process; "
+            "choose another port, stop that process, or do without Zenoh (zenoh.enabled = false)"
+        )
+    if connection.mode == "client":
+        if refused := refusal(connection):
+            return f"zenoh.connect: {refused}"
+        connect = ", ".join(connection.connect) or "nothing"
+        return f"zenoh.connect: no Zenoh router answers at {connect}; start it or correct the address ({text})"
+    return f"[zenoh]: the session cannot be opened ({text}); check mode, listen and connect"
+
+
+def _matches(publisher: zenoh.Publisher) -> bool:
+    status = publisher.matching_status
+    # Declared as bool, but it is a MatchingStatus, which is always true.
+    return bool(getattr(status, "matching", status))
+
+
+def _problems(table: ZenohConfig) -> Sequence[str]:
+    return list(table.session({}).problems()) if table.enabled else []
+
+
+def _open(table: ZenohConfig, site: str) -> Publisher | None:
+    return Publisher.open(table.connection(site), site, table.await_subscriber) if table.enabled else None
+
+
+KIND = SinkKind("zenoh", ZenohConfig, _problems, _open)

@@ -1,0 +1,1 @@
+"""What moves between the rooms: samples, updates, fans, history, status."""

@@ -1,0 +1,26 @@
+"""A sample: one closed interval of a zone's grid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adapters.reading import Quality
+
+Array = npt.NDArray[np.float64]
+
+
+class Sample(NamedTuple):
+    """Grid interval [time, time + period) of a zone, closed and aggregated.
+
+    `time` is UTC seconds; `outputs` (n_y,) and `inputs` (n_u,) follow the network's order, NaN where the interval
+    had no usable reading; the qualities run parallel to them.
+    """
+
+    time: int
+    outputs: Array
+    inputs: Array
+    output_quality: tuple[Quality, ...]
+    input_quality: tuple[Quality, ...]

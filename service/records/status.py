@@ -1,0 +1,41 @@
+"""How a zone is doing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+STATES = ("waiting", "running", "stalled", "failed")
+"""Every state of a zone: no sample yet; fed and fresh; telemetry missing or late; failed and to be retried."""
+
+
+class ZoneStatus(NamedTuple):
+    """How a zone is doing. Times are UTC seconds.
+
+    `state` is one of STATES and decides whether the zone counts as fed and fresh; `reason` is one sentence; while
+    running it is empty, or says which live source does not deliver. `last_good` maps a channel to the time of its last
+    good reading; `faults` counts bad readings by kind. `now` is the clock that ages count from: a recording's own
+    clock, or None for the wall clock.
+    """
+
+    state: str
+    reason: str
+    last_sample_time: int | None
+    samples: int
+    segment: int
+    faults: Mapping[str, int]
+    last_good: Mapping[str, float]
+    now: float | None = None
+    channels: tuple[str, ...] = ()
+    """All channels of the network, also those that never had a good reading."""
+    overruns: int = 0
+    """Forecasts since the start that were published after the next sample was due."""
+    delay: float | None = None
+    """How long after its sample the newest forecast was published, s; None before the first since the start."""
+
+
+class Busy(NamedTuple):
+    """Samples of a zone that wait or are under way, and how many were finished so far."""
+
+    waiting: int
+    finished: int

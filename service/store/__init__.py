@@ -1,0 +1,1 @@
+"""What survives a power failure: journal, checkpoints, retention, backups."""

@@ -1,0 +1,265 @@
+"""Backups of a state folder, made while the daemon runs, and put back while it does not.
+
+A backup is one tar file: `manifest.json` with the size and SHA-256 of everything else, the journal as SQLite's online
+backup gives it, and the newest valid checkpoint of every zone. The checkpoints are taken before the journal, so the
+journal has every sample after them, and the zones go on bit for bit from the moment at which the journal was taken.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import re
+import shutil
+import sqlite3
+import tarfile
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from service.errors import BackupError, CheckpointError
+from service.store.checkpoint import DAMAGE, CheckpointStore, decode
+from service.store.durable_files import make_folder, sync_folder
+from service.store.journal_file import SCHEMA_VERSION
+from service.store.store import CHECKPOINTS, JOURNAL, RESTORING, locked
+
+FORMAT_VERSION = 1
+_MANIFEST = "manifest.json"
+_NAMES = re.compile(rf"{re.escape(JOURNAL)}|{CHECKPOINTS}/[a-z0-9][a-z0-9_-]{{0,63}}/\d+\.npz")
+_UNPACKING = f"{RESTORING}.tmp"
+_ATTEMPTS = 3
+_BLOCK = 2**20
+
+_log = logging.getLogger(__name__)
+
+
+class Backup(NamedTuple):
+    """A backup that was made or put back."""
+
+    path: Path
+    site: str
+    made: datetime
+    zones: int
+    """How many zones have a checkpoint in it."""
+    size: int
+    """Bytes of what is in it."""
+
+
+def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
+    """Write a backup of `state_dir` to the file `out`, or to a new file in the folder `out`; whole or not at all.
+
+    Raises BackupError where there is nothing to back up, `out` is there already, or cannot be written.
+    """
+    made = datetime.now(UTC).replace(microsecond=0)
+    target = out / f"thermogate-{site}-{made:%Y%m%dT%H%M%SZ}.tar" if out.is_dir() else out
+    if target.exists():
+        raise BackupError(f"{target} exists already; name another file, or a folder to get a new one in it")
+    if not (state_dir / JOURNAL).exists():
+        raise BackupError(f"there is no state in {state_dir}; correct site.state_dir, or run the daemon first")
+    with _told(f"the backup {target} cannot be written"), _beside(target) as work:
+        zones = _copy(state_dir, work / "state")
+        files = {str(path.relative_to(work / "state")): path for path in sorted((work / "state").rglob("*.*"))}
+        size = sum(path.stat().st_size for path in files.values())
+        described = {name: {"size": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()}
+        manifest = {
+            "format": FORMAT_VERSION,
+            "site": site,
+            "made": made.isoformat(),
+            "thermogate": version("thermogate"),
+            "files": described,
+        }
+        (work / _MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        with (work / "tar").open("wb") as file:
+            with tarfile.open(fileobj=file, mode="w") as archive:
+                archive.add(work / _MANIFEST, _MANIFEST)
+                for name, path in files.items():
+                    archive.add(path, name)
+            file.flush()
+            os.fsync(file.fileno())
+        (work / "tar").rename(target)
+        sync_folder(target.parent)
+    return Backup(target, site, made, zones, size)
+
+
+def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> tuple[Backup, Path | None]:
+    """Put `backup` in the place of what is in `state_dir`, which is set aside in the folder that is returned.
+
+    The daemon must be stopped. Raises BackupError where the backup is damaged or of another site, and where there is
+    state already unless `replace`; then nothing has changed.
+    """
+    with locked(state_dir), _told(f"the backup {backup} cannot be restored into {state_dir}"):
+        there = [path for path in state_dir.iterdir() if path.name.startswith(JOURNAL) or path.name == CHECKPOINTS]
+        interrupted = (state_dir / RESTORING).exists()
+        if there and not replace and not interrupted:
+            raise BackupError(f"there is state in {state_dir} already; say --replace to set it aside for the backup")
+        unpacked = state_dir / _UNPACKING
+        shutil.rmtree(unpacked, ignore_errors=True)
+        try:
+            restored = _unpack(backup, site, unpacked)
+        except BaseException:
+            shutil.rmtree(unpacked, ignore_errors=True)
+            raise
+        _give_to_owner(state_dir, [*unpacked.rglob("*"), state_dir / "lock"])
+        # From here to the end of the moves no daemon starts on the half of it.
+        make_folder(state_dir / RESTORING)
+        aside = state_dir / f"before-restore-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}" if there else None
+        if aside is not None:
+            make_folder(aside)
+            for path in there:
+                path.rename(aside / path.name)
+            sync_folder(aside)
+        for path in unpacked.iterdir():
+            path.rename(state_dir / path.name)
+        sync_folder(state_dir)
+        unpacked.rmdir()
+        (state_dir / RESTORING).rmdir()
+        sync_folder(state_dir)
+    return restored, aside
+
+
+def _give_to_owner(folder: Path, paths: list[Path]) -> None:
+    """Root may restore for the daemon, which must own what is in its `folder`."""
+    if os.geteuid() == 0:
+        owner = folder.stat()
+        for path in paths:
+            os.chown(path, owner.st_uid, owner.st_gid)
+
+
+def _copy(state_dir: Path, folder: Path) -> int:
+    """Copy checkpoints and journal into `folder`, such that they go together; how many zones have a checkpoint."""
+    for _ in range(_ATTEMPTS):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        steps = {
+            zone.name: step
+            for zone in sorted((state_dir / CHECKPOINTS).glob("*"))
+            if (step := _copy_checkpoint(zone, folder / CHECKPOINTS / zone.name)) is not None
+        }
+        with (
+            closing(sqlite3.connect(f"{(state_dir / JOURNAL).as_uri()}?mode=rw", uri=True)) as source,
+            closing(sqlite3.connect(folder / JOURNAL)) as copy,
+        ):
+            source.backup(copy)
+            (verdict,) = copy.execute("PRAGMA quick_check(1)").fetchone()
+            if verdict != "ok":
+                raise BackupError(f"the journal {state_dir / JOURNAL} is damaged ({verdict}); restore an older backup")
+            pruned: dict[str, int] = dict(copy.execute("SELECT zone, time FROM pruned")) if _version(copy) > 1 else {}
+        if all(pruned.get(zone, step) <= step for zone, step in steps.items()):
+            return len(steps)
+    raise BackupError(f"the journal in {state_dir} is pruned faster than it can be copied; raise site.max_journal")
+
+
+def _version(connection: sqlite3.Connection) -> int:
+    return int(connection.execute("PRAGMA user_version").fetchone()[0])
+
+
+def _copy_checkpoint(zone: Path, folder: Path) -> int | None:
+    """Copy the newest valid checkpoint in the folder `zone`; its step, None if there is none."""
+    for path in CheckpointStore(zone.parent).files(zone.name):
+        try:
+            content = path.read_bytes()
+            step = decode(content, path).step
+        except FileNotFoundError:
+            continue  # the daemon has removed it, for it has written a newer one
+        except (*DAMAGE, CheckpointError) as error:
+            _log.warning("checkpoint %s is left out of the backup: %s", path, error)
+            continue
+        folder.mkdir(parents=True)
+        (folder / path.name).write_bytes(content)
+        return step
+    return None
+
+
+def _unpack(backup: Path, site: str, folder: Path) -> Backup:
+    """Everything in `backup`, checked against its manifest, durable in the new `folder`."""
+    make_folder(folder)
+    with tarfile.open(backup, "r:") as archive:
+        manifest = _manifest(archive, backup)
+        if manifest["site"] != site:
+            raise BackupError(
+                f"{backup} is a backup of the site '{manifest['site']}', and the configuration is that of '{site}'"
+            )
+        missing = dict(manifest["files"])
+        for member in archive:
+            if member.name == _MANIFEST:
+                continue
+            described = missing.pop(member.name, None)
+            content = archive.extractfile(member)
+            if described is None or content is None or not _NAMES.fullmatch(member.name):
+                raise BackupError(f"{backup} is damaged: '{member.name}' does not belong into it; use another backup")
+            target = folder / member.name
+            make_folder(target.parent)
+            if member.size != described["size"] or _write(content, target) != described["sha256"]:
+                raise BackupError(f"{backup} is damaged: '{member.name}' does not match its digest; use another backup")
+            sync_folder(target.parent)
+        if missing:
+            raise BackupError(f"{backup} is damaged: '{next(iter(missing))}' is missing; use another backup")
+    with closing(sqlite3.connect(folder / JOURNAL)) as journal:
+        schema = _version(journal)
+    if schema > SCHEMA_VERSION:
+        raise BackupError(f"the journal in {backup} has schema {schema} of a newer Thermogate; upgrade Thermogate")
+    files = manifest["files"]
+    zones = {Path(name).parent for name in files if name != JOURNAL}
+    return Backup(
+        backup, site, datetime.fromisoformat(manifest["made"]), len(zones), sum(f["size"] for f in files.values())
+    )
+
+
+def _manifest(archive: tarfile.TarFile, backup: Path) -> dict[str, Any]:
+    try:
+        member = archive.next()
+        content = archive.extractfile(member) if member is not None and member.name == _MANIFEST else None
+        manifest = json.loads(content.read(2**24)) if content is not None else {}
+        if manifest["format"] > FORMAT_VERSION:
+            raise BackupError(f"{backup} was made by a newer Thermogate; upgrade Thermogate")
+        complete = {"site", "made", "files"} <= manifest.keys() and JOURNAL in manifest["files"]
+        sizes = [(entry["size"], entry["sha256"]) for entry in manifest["files"].values()]
+        datetime.fromisoformat(manifest["made"])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise BackupError(f"{backup} is no backup of Thermogate, or damaged: it has no manifest") from error
+    if not complete or not sizes:
+        raise BackupError(f"{backup} is damaged: its manifest is not complete; use another backup")
+    return dict(manifest)
+
+
+def _write(content: IO[bytes], target: Path) -> str:
+    """Write `content` to `target`, durably; its SHA-256."""
+    digest = hashlib.sha256()
+    with target.open("wb") as file:
+        while block := content.read(_BLOCK):
+            digest.update(block)
+            file.write(block)
+        file.flush()
+        os.fsync(file.fileno())
+    return digest.hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _beside(target: Path) -> Iterator[Path]:
+    """A folder for work in progress on the disk of `target`, gone afterwards."""
+    with tempfile.TemporaryDirectory(prefix=".thermogate-", dir=target.parent) as work:
+        yield Path(work)
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """Turn what files, SQLite and tar raise into one sentence that begins with `what`."""
+    try:
+        yield
+    except OSError as error:
+        raise BackupError(
+            f"{what} ({error.strerror or error}); check the path, its permissions and the space"
+        ) from error
+    except (sqlite3.Error, tarfile.TarError, EOFError) as error:
+        raise BackupError(f"{what} ({error}); check the file and its disk") from error

@@ -1,0 +1,237 @@
+"""Checkpoints: the state of a zone on disk, whole or not at all.
+
+One uncompressed NumPy `.npz` per checkpoint, `<directory>/<zone>/<step>.npz`, never pickle. It is written to a
+temporary file, fsynced, renamed, and its directory fsynced, so that a crash leaves either the old set or the new one.
+Beside the arrays it holds a header (format version, fingerprint, step, meta, and what `thermogate inspect` tells of it)
+and a digest over all of them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+import lzma
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from service.errors import CheckpointError, StateMismatch
+from service.store.durable_files import make_folder, sync_folder, write_file
+
+FORMAT_VERSION = 1
+_HEADER = "header"
+_DIGEST = "digest"
+_ARRAY = "array."
+_TEMPORARY = ".tmp"
+
+DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    OSError,
+    struct.error,
+    ValueError,
+    KeyError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    TypeError,
+    OverflowError,
+)
+"""What zipfile, its decompressors and NumPy raise on damaged bytes."""
+
+_log = logging.getLogger(__name__)
+
+
+class Checkpoint(NamedTuple):
+    """The state of a zone after the sample at `step`, in UTC seconds.
+
+    `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
+    dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it.
+    """
+
+    fingerprint: str
+    step: int
+    arrays: Mapping[str, npt.NDArray[Any]]
+    meta: Mapping[str, object]
+    about: Mapping[str, object] = {}
+
+
+class CheckpointStore:
+    """Checkpoints of all zones under `directory`, the newest `keep` of each. Every method may raise CheckpointError."""
+
+    def __init__(self, directory: Path, keep: int = 3) -> None:
+        self.path = directory
+        self._keep = keep
+
+    def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> Path:
+        """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
+        folder = self.path / zone
+        target = folder / f"{checkpoint.step:012d}.npz"
+        content = _encode(checkpoint)
+        temporary = target.with_name(f"{target.name}{_TEMPORARY}")
+        try:
+            make_folder(folder)
+            _remove_leftovers(folder)
+            try:
+                write_file(temporary, content)
+                temporary.replace(target)
+            except OSError:
+                # On a full disk the half of a checkpoint would take the place that the journal needs.
+                with suppress(OSError):
+                    temporary.unlink(missing_ok=True)
+                raise
+            # Only when the new one cannot be lost any more may an old one go.
+            sync_folder(folder)
+            for old in [] if keep_all else _newest_first(folder)[self._keep :]:
+                old.unlink()
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoint {target} cannot be written ({error.strerror}); "
+                "free space on its disk and make its folder writable"
+            ) from error
+        return target
+
+    def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
+        """The newest valid checkpoint of `zone`, None if there is none.
+
+        A damaged one is renamed to `.corrupt`, said in the log, and the one before it is used. StateMismatch if the
+        valid one has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
+        """
+        folder = self.path / zone
+        try:
+            if not folder.is_dir():
+                return None
+            _remove_leftovers(folder)
+            for path in _newest_first(folder):
+                checkpoint = self._read(path)
+                if checkpoint is None:
+                    continue
+                if checkpoint.fingerprint != fingerprint:
+                    raise StateMismatch(zone, folder)
+                return checkpoint
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoints in {folder} cannot be read ({error.strerror}); make the folder readable and writable"
+            ) from error
+        return None
+
+    def files(self, zone: str) -> list[Path]:
+        """The kept checkpoints of `zone`, newest first."""
+        return _newest_first(self.path / zone)
+
+    def oldest(self, zone: str) -> int | None:
+        """The step of the oldest kept checkpoint of `zone`; None if there is none."""
+        kept = self.files(zone)
+        return int(kept[-1].stem) if kept else None
+
+    def reset(self, zone: str) -> Path | None:
+        """Set the checkpoints of `zone` aside in a folder of their own, which is returned; None if there are none."""
+        folder = self.path / zone
+        return self._set_aside(zone, [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else [])
+
+    def set_aside(self, zone: str, after: int) -> Path | None:
+        """The same with those alone that were taken later than `after`."""
+        return self._set_aside(zone, [p for p in _newest_first(self.path / zone) if int(p.stem) > after])
+
+    def _set_aside(self, zone: str, files: list[Path]) -> Path | None:
+        folder = self.path / zone
+        try:
+            if not files:
+                return None
+            aside = folder / f"reset-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}"
+            aside.mkdir()
+            for path in files:
+                path.rename(aside / path.name)
+            sync_folder(aside)
+            sync_folder(folder)
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoints in {folder} cannot be set aside ({error.strerror}); make the folder writable"
+            ) from error
+        return aside
+
+    def _read(self, path: Path) -> Checkpoint | None:
+        content = path.read_bytes()
+        try:
+            return decode(content, path)
+        except DAMAGE as error:
+            aside = path.with_name(f"{path.name}.corrupt")
+            path.replace(aside)
+            sync_folder(path.parent)
+            _log.warning(
+                "checkpoint %s is damaged (%s); set aside as %s, using the one before", path, error, aside.name
+            )
+            return None
+
+
+def _encode(checkpoint: Checkpoint) -> bytes:
+    for name, array in checkpoint.arrays.items():
+        if array.dtype.hasobject:
+            raise CheckpointError(f"array '{name}' of a checkpoint holds Python objects, which are never stored")
+    header = {
+        "format": FORMAT_VERSION,
+        "fingerprint": checkpoint.fingerprint,
+        "step": checkpoint.step,
+        "meta": dict(checkpoint.meta),
+        "about": dict(checkpoint.about),
+    }
+    parts = {_HEADER: np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+    parts |= {f"{_ARRAY}{name}": np.asarray(array) for name, array in checkpoint.arrays.items()}
+    buffer = io.BytesIO()
+    np.savez(buffer, **parts, **{_DIGEST: _digest(parts)})  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def decode(content: bytes, path: Path) -> Checkpoint:
+    """The checkpoint in the bytes of `path`; one of `DAMAGE`, or CheckpointError if they are too new."""
+    parts: dict[str, npt.NDArray[Any]] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for member in archive.namelist():
+            # Reading the member whole checks its CRC before NumPy believes the shape it claims.
+            parts[member.removesuffix(".npy")] = np.lib.format.read_array(
+                io.BytesIO(archive.read(member)), allow_pickle=False
+            )
+    header = json.loads(parts[_HEADER].tobytes())
+    if header["format"] > FORMAT_VERSION:
+        raise CheckpointError(
+            f"the checkpoint {path} has format {header['format']} of a newer Thermogate (this one reads "
+            f"{FORMAT_VERSION}); upgrade Thermogate or use another state_dir"
+        )
+    digest = parts.pop(_DIGEST)
+    if not np.array_equal(digest, _digest(parts)):
+        raise ValueError("its content does not match its digest")
+    arrays = {name.removeprefix(_ARRAY): array for name, array in parts.items() if name.startswith(_ARRAY)}
+    return Checkpoint(header["fingerprint"], header["step"], arrays, header["meta"], header.get("about", {}))
+
+
+def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+    """SHA-256 over names, dtypes, shapes and bytes, shape (32,)."""
+    digest = hashlib.sha256()
+    for name in sorted(parts):
+        array = parts[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return np.frombuffer(digest.digest(), dtype=np.uint8)
+
+
+def _newest_first(folder: Path) -> list[Path]:
+    return sorted(
+        (path for path in folder.glob("*.npz") if path.stem.isdigit()), key=lambda p: int(p.stem), reverse=True
+    )
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what a crash in the middle of a write left behind."""
+    for path in folder.glob(f"*{_TEMPORARY}"):
+        path.unlink()

@@ -1,0 +1,299 @@
+"""The journal: every accepted sample, durable before it is assimilated, and the history that REST serves.
+
+One SQLite file (WAL, synchronous=FULL) in the state directory. Samples are stored as little-endian float64 blobs, so a
+replay sees the very bits that the worker saw, NaN included; history columns are plain numbers (NaN is NULL), so that
+`sqlite3` on the command line can read them.
+"""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from service.errors import JournalError
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.records.update import Update
+from service.store.journal_file import LOG_LIMIT, open_database, translated
+from service.store.journal_rows import (
+    SampleRow,
+    history_checksum,
+    history_row,
+    link_of,
+    sample_row,
+    to_history,
+    to_sample,
+)
+
+__all__ = ["HistoryRow", "Journal"]
+
+_BUSY_SECONDS = 5.0
+_PAGE = 1000
+_PENDING_LIMIT = 1000
+_ROWS_AT_ONCE = 250
+"""SQLite takes 32,766 values in a statement; the widest row has 18."""
+_EARLIEST = -(2**63)
+
+_COLUMNS = ", ".join(HistoryRow._fields)
+_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
+_SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, link"
+
+_log = logging.getLogger(__name__)
+
+
+class Journal:
+    """An open journal. Not for two threads at once; every method may raise JournalError."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        self._connection = connection
+        self._path = path
+        self._pending: list[tuple[object, ...]] = []
+        self._ends: dict[str, tuple[int, int]] = {}
+        """Time and link of the newest sample of each zone that was written to since the journal was opened."""
+        self._unchecked: dict[str, int] = {}
+        """Until when the rows of each zone are of version 1, which had no checksums."""
+        self._damaged: set[tuple[str, int]] = set()
+        """History rows whose damage was said."""
+
+    @classmethod
+    def open(cls, path: Path) -> Journal:
+        """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
+        journal = cls(open_database(path, _BUSY_SECONDS), path)
+        try:
+            journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
+        except JournalError:
+            journal._connection.close()
+            raise
+        return journal
+
+    def claim(self, zone: str, fingerprint: str) -> bool:
+        """Whether the samples of `zone` belong to `fingerprint`; a zone without samples takes it over."""
+        with self.transaction() as cursor:
+            stored = cursor.execute("SELECT fingerprint FROM zones WHERE zone = ?", (zone,)).fetchone()
+            used = cursor.execute("SELECT 1 FROM samples WHERE zone = ? LIMIT 1", (zone,)).fetchone()
+            if stored is not None and used is not None:
+                return bool(stored[0] == fingerprint)
+            cursor.execute("INSERT OR REPLACE INTO zones VALUES (?, ?)", (zone, fingerprint))
+            return True
+
+    def append(self, zone: str, sample: Sample) -> bool:
+        """Store `sample`, durable on return with the history recorded so far; False if it is not the newest."""
+        return self.append_all([(zone, sample)]) == 1
+
+    def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
+        """Store samples of zones, all or none of them, as `append`; how many were not stored already."""
+        rows: list[SampleRow] = []
+        ends: dict[str, tuple[int, int]] = {}
+        with self.transaction() as cursor:
+            for zone, sample in accepted:
+                time, link = ends.get(zone) or self._ends.get(zone) or self._end(zone)
+                if sample.time > time:
+                    rows.append(sample_row(zone, sample, link))
+                    ends[zone] = (sample.time, rows[-1][-1])
+            _insert(cursor, f"INSERT INTO samples ({_SAMPLE_COLUMNS})", rows)
+        self._ends |= ends
+        return len(rows)
+
+    def record(self, zone: str, update: Update) -> None:
+        """Add or replace the history row of `update`; durable with the next append, flush or close."""
+        self._pending.append(history_row(zone, HistoryRow.of(update)))
+        if len(self._pending) >= _PENDING_LIMIT:
+            self.flush()
+
+    def flush(self) -> None:
+        """Make the recorded history durable."""
+        if self._pending:
+            with self.transaction():
+                pass
+
+    def skip(self, zone: str, time: int, reason: str) -> None:
+        """Mark a stored sample as one that must not be assimilated; it stays in the file, with `reason`."""
+        with self.transaction() as cursor:
+            cursor.execute("UPDATE samples SET skipped = ? WHERE zone = ? AND time = ?", (reason, zone, time))
+            if cursor.rowcount == 0:
+                raise JournalError(f"the journal {self._path} has no sample of zone '{zone}' at {time} to skip")
+
+    def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
+        """The samples of `zone` later than `time` (None: all), in order, without the skipped ones.
+
+        A skipped sample is left out, as if its interval had brought nothing. Writing between two items is allowed.
+        JournalError where a sample is damaged or missing in the middle.
+        """
+        after = _EARLIEST if time is None else time
+        previous = self._link_before(zone, after)
+        query = (
+            f"SELECT {_SAMPLE_COLUMNS}, skipped FROM samples WHERE zone = ? AND time > ? ORDER BY time LIMIT {_PAGE}"
+        )
+        while True:
+            with translated(self._path):
+                rows = self._connection.execute(query, (zone, after)).fetchall()
+            for *values, link, skipped in rows:
+                sample = self._checked(tuple(values), link, previous)
+                if skipped is None:
+                    yield sample
+                previous = link
+            if len(rows) < _PAGE:
+                return
+            after = rows[-1][1]
+
+    def last_sample_time(self, zone: str) -> int | None:
+        """Time of the newest stored sample of `zone`, skipped or not."""
+        newest: int | None = self.read("SELECT max(time) FROM samples WHERE zone = ?", zone)[0][0]
+        return newest
+
+    def pruned_until(self, zone: str) -> int | None:
+        """Time of the newest sample of `zone` that was deleted to keep the journal small; None if none was."""
+        rows = self.read("SELECT time FROM pruned WHERE zone = ?", zone)
+        return rows[0][0] if rows else None
+
+    def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first.
+
+        A damaged row is left out, which the log says once.
+        """
+        # Reading need not wait for the disk because of other zones.
+        if any(row[0] == zone for row in self._pending):
+            self.flush()
+        where, bounds = "zone = ?", [zone]
+        for condition, bound in (("time >= ?", start), ("time < ?", end)):
+            if bound is not None:
+                where += f" AND {condition}"
+                bounds.append(bound)  # type: ignore[arg-type]
+        query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
+        rows = (self._sound(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
+        return [row for row in rows if row is not None]
+
+    def forget(self, zone: str) -> None:
+        """Set aside all of `zone`: its rows stay in the file under a name that no zone can have.
+
+        Until `forgot`, `is_forgotten` tells that what else there is of the zone has to go too.
+        """
+        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
+        with self.transaction() as cursor:
+            for table in ("samples", "history", "zones", "pruned", "unchecked"):
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
+            cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
+        self._ends.pop(zone, None)
+        self._unchecked.pop(zone, None)
+
+    def is_forgotten(self, zone: str) -> bool:
+        """Whether `zone` is being forgotten."""
+        return bool(self.read("SELECT 1 FROM forgotten WHERE zone = ?", zone))
+
+    def forgot(self, zone: str) -> None:
+        """Nothing is left of `zone`."""
+        with self.transaction() as cursor:
+            cursor.execute("DELETE FROM forgotten WHERE zone = ?", (zone,))
+
+    def size(self) -> int:
+        """Bytes that the journal takes on the disk, with those that its write-ahead log is allowed."""
+        return int(self.read("PRAGMA page_count")[0][0] * self.read("PRAGMA page_size")[0][0]) + LOG_LIMIT
+
+    def shrink(self, pages: int) -> bool:
+        """Give up to so many free pages back to the disk; whether that made them fewer."""
+        free = self.read("PRAGMA freelist_count")
+        with translated(self._path):
+            # Of what it returns a page is freed at each step, and only a script takes all of them.
+            self._connection.executescript(f"PRAGMA incremental_vacuum({pages:d})")
+        return self.read("PRAGMA freelist_count") < free
+
+    def samples_ahead(self, zone: str, after: int) -> int:
+        """How many samples of `zone` are later than `after`."""
+        count: int = self.read("SELECT count(*) FROM samples WHERE zone = ? AND time > ?", zone, after)[0][0]
+        return count
+
+    def set_aside(self, zone: str, after: int) -> None:
+        """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
+        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
+        with self.transaction() as cursor:
+            for table in ("samples", "history"):
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
+        self._ends.pop(zone, None)
+
+    def close(self) -> None:
+        """Flush and close; safe to call twice."""
+        try:
+            self.flush()
+        finally:
+            self._connection.close()
+
+    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        """All rows of a question."""
+        with translated(self._path):
+            return self._connection.execute(query, values).fetchall()
+
+    @contextmanager
+    def transaction(self) -> Iterator[sqlite3.Cursor]:
+        """One durable transaction that also carries the pending history, which is kept for the next try if it fails."""
+        with translated(self._path):
+            cursor = self._connection.cursor()
+            try:
+                cursor.execute("BEGIN IMMEDIATE")
+                _insert(cursor, _RECORD, self._pending)
+                yield cursor
+                cursor.execute("COMMIT")
+            except BaseException:
+                # A full disk makes SQLite roll back by itself.
+                if self._connection.in_transaction:
+                    cursor.execute("ROLLBACK")
+                raise
+        self._pending.clear()
+
+    def _end(self, zone: str) -> tuple[int, int]:
+        """Time and link of the newest sample of `zone`; without any, what the next one has to be chained to."""
+        newest = self.read("SELECT time, link FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1", zone)
+        time, link = newest[0] if newest else (_EARLIEST, self._link_before(zone, _EARLIEST))
+        return time, link or 0
+
+    def _link_before(self, zone: str, time: int) -> int | None:
+        """The link of the newest sample not later than `time`, pruned or not; None where it has none."""
+        query = "SELECT link FROM samples WHERE zone = ? AND time <= ? ORDER BY time DESC LIMIT 1"
+        rows = self.read(query, zone, time) or self.read("SELECT link FROM pruned WHERE zone = ?", zone)
+        return rows[0][0] if rows else None
+
+    def _checked(self, row: tuple[Any, ...], link: int | None, previous: int | None) -> Sample:
+        """The sample of a row after one with the link `previous`."""
+        try:
+            if (link is None and row[1] <= self._unchecked.get(row[0], _EARLIEST)) or link == link_of(
+                previous or 0, row
+            ):
+                return to_sample(row)
+            reason = "it does not match its checksum, or the one before it is missing"
+        except (ValueError, TypeError, AttributeError) as error:
+            reason = str(error)
+        raise JournalError(
+            f"the journal {self._path} holds a damaged sample of zone '{row[0]}' at {row[1]} ({reason}); check the "
+            f"disk, then restore a backup, or give the zone's state up with `thermogate run CONFIG --reset {row[0]}`"
+        )
+
+    def _sound(self, zone: str, row: list[Any], checksum: int | None) -> HistoryRow | None:
+        """The history row of its columns; None if it is damaged."""
+        try:
+            history = to_history(tuple(row))
+            unchecked = checksum is None and history.time <= self._unchecked.get(zone, _EARLIEST)
+            if unchecked or checksum == history_checksum(zone, history):
+                return history
+        except (ValueError, TypeError, struct.error):
+            pass
+        if (zone, row[0]) not in self._damaged:
+            self._damaged.add((zone, row[0]))
+            _log.error("the journal %s holds a damaged history row of zone '%s' at %s", self._path, zone, row[0])
+        return None
+
+
+def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> None:
+    """Insert `rows`.
+
+    Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
+    compute, which for a thousand zones would take longer than the writing.
+    """
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        part = rows[first : first + _ROWS_AT_ONCE]
+        places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
+        cursor.execute(f"{statement} VALUES {places}", [value for row in part for value in row])

@@ -1,0 +1,77 @@
+"""Rows of the journal: what a sample and an update are in SQLite, and the checksums that tell damage.
+
+SQLite does not notice a flipped bit in a value. So the row of a sample ends with a link, the CRC-32 over the row that
+is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A history
+row has a CRC-32 of its own.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+
+import numpy as np
+
+from adapters.reading import Quality
+from service.records.history import HistoryRow
+from service.records.sample import Array, Sample
+
+SampleRow = tuple[str, int, bytes, bytes, str, str, int]
+"""zone, time, outputs, inputs, output_quality, input_quality, link."""
+
+
+_NUMBERS = struct.Struct(f"<{len(HistoryRow._fields)}d")
+
+
+def link_of(previous: int, row: tuple[str, int, bytes, bytes, str, str]) -> int:
+    """The link of a sample's row after a sample with the link `previous`."""
+    zone, time, outputs, inputs, output_quality, input_quality = row
+    words = f"{zone}\0{time}\0{output_quality}\0{input_quality}\0{len(outputs)}\0".encode()
+    return zlib.crc32(inputs, zlib.crc32(outputs, zlib.crc32(words, previous)))
+
+
+def sample_row(zone: str, sample: Sample, previous: int) -> SampleRow:
+    """The row of `sample` after a sample with the link `previous`."""
+    row = (
+        zone,
+        sample.time,
+        _to_blob(sample.outputs),
+        _to_blob(sample.inputs),
+        ",".join(sample.output_quality),
+        ",".join(sample.input_quality),
+    )
+    return (*row, link_of(previous, row))
+
+
+def to_sample(row: tuple[str, int, bytes, bytes, str, str]) -> Sample:
+    """The sample of a row without its link; ValueError or TypeError if it is none."""
+    outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in row[2:4])
+    return Sample(row[1], outputs, inputs, _qualities(row[4]), _qualities(row[5]))
+
+
+def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
+    """The columns of `row` with zone and checksum."""
+    return (zone, *row, history_checksum(zone, row))
+
+
+def history_checksum(zone: str, row: HistoryRow) -> int:
+    """The CRC-32 of a history row as SQLite gives it back: it keeps neither the sign of zero nor the kind of NaN."""
+    numbers = (math.nan if value != value else value + 0.0 for value in row)
+    return zlib.crc32(_NUMBERS.pack(*numbers), zlib.crc32(zone.encode()))
+
+
+def to_history(row: tuple[float | None, ...]) -> HistoryRow:
+    """The history row of its columns; ValueError or TypeError if it is none."""
+    if not isinstance(row[0], int):
+        raise ValueError("its time is no whole number")
+    values = {name: math.nan if value is None else value for name, value in zip(HistoryRow._fields, row, strict=True)}
+    return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))
+
+
+def _to_blob(values: Array) -> bytes:
+    return np.asarray(values, dtype="<f8").tobytes()
+
+
+def _qualities(text: str) -> tuple[Quality, ...]:
+    return tuple(Quality(word) for word in text.split(",")) if text else ()

@@ -1,0 +1,114 @@
+"""What the journal keeps: `keep_history` of every zone, within `max_journal` in all.
+
+Nothing is deleted that a start may need: the samples of a zone after its oldest checkpoint stay in any case.
+Age counts from a zone's newest sample, so that a recording of another year is not old by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from service.store.journal import Journal
+
+_ROWS_AT_ONCE = 500
+_PAGES_AT_ONCE = 128
+_BEGIN = 0.95
+"""From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
+
+Oldest = Callable[[str], int | None]
+
+
+class Limits(NamedTuple):
+    """`keep_history` in s of a zone's own time, `max_journal` in bytes."""
+
+    keep_history: float
+    max_journal: float
+
+
+def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
+    """Delete what is beyond `limits`, a small slice at every step of the iterator; samples come in between.
+
+    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
+    """
+    for zone in _zones(journal):
+        newest = journal.last_sample_time(zone)
+        if newest is not None and not _is_aside(zone):
+            before = math.ceil(newest - limits.keep_history)
+            while _delete(journal, zone, min(before, _needed(zone, newest, oldest_checkpoint)), before):
+                yield
+        yield
+    while journal.size() > _BEGIN * limits.max_journal:
+        victim = _oldest_zone(journal, oldest_checkpoint)
+        if victim is None or not _delete(journal, *victim):
+            break
+        journal.shrink(_PAGES_AT_ONCE)
+        yield
+    while journal.shrink(_PAGES_AT_ONCE):
+        yield
+    # Only with this does the file end where its pages do.
+    journal.read("PRAGMA wal_checkpoint(PASSIVE)")
+
+
+_ALWAYS = 2**62
+"""Later than every sample."""
+
+
+def _is_aside(zone: str) -> bool:
+    """Whether these rows belong to a zone that was reset; no id has this sign."""
+    return "@" in zone
+
+
+def _zones(journal: Journal) -> list[str]:
+    """Every zone there are rows of, from one seek each."""
+    found: set[str] = set()
+    for table in ("samples", "history"):
+        last = ""
+        while rows := journal.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):
+            last = rows[0][0]
+            found.add(last)
+    return sorted(found)
+
+
+def _needed(zone: str, newest: int, oldest_checkpoint: Oldest) -> int:
+    """The time from which on the samples of `zone` stay: what follows its oldest checkpoint, and its newest one."""
+    oldest = oldest_checkpoint(zone)
+    return -_ALWAYS if oldest is None else min(oldest + 1, newest)
+
+
+def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int, int] | None:
+    """The arguments of `_delete` for the zone whose oldest row is older than every other zone's; None if all is needed.
+
+    What was set aside goes first.
+    """
+    found: list[tuple[bool, int, str, int]] = []
+    for zone in _zones(journal):
+        newest = journal.last_sample_time(zone)
+        aside = _is_aside(zone)
+        before = _ALWAYS if aside or newest is None else _needed(zone, newest, oldest_checkpoint)
+        for table in ("samples", "history"):
+            first = journal.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+            if first is not None and first < before:
+                found.append((not aside, first, zone, before))
+    if not found:
+        return None
+    _, _, zone, before = min(found)
+    return zone, before, before
+
+
+def _delete(journal: Journal, zone: str, samples_before: int, history_before: int) -> bool:
+    """Delete the oldest rows of `zone` before these times, a slice of each table; whether there were any."""
+    old = "SELECT time, {} FROM {} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
+    samples = journal.read(old.format("link", "samples"), zone, samples_before, _ROWS_AT_ONCE)
+    history = journal.read(old.format("zone", "history"), zone, history_before, _ROWS_AT_ONCE)
+    if not samples and not history:
+        return False
+    with journal.transaction() as cursor:
+        for table, rows in (("samples", samples), ("history", history)):
+            if rows:
+                cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, rows[-1][0]))
+        if samples:
+            # The next sample is checked against the link of the one before it.
+            cursor.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?, ?)", (zone, *samples[-1]))
+    return True

@@ -1,0 +1,1 @@
+"""REST and the pages: routes, models, keys, limits."""

@@ -1,0 +1,208 @@
+"""Who may ask what over REST: API keys as bearer tokens (RFC 6750), refused before a route sees the request.
+
+There is one header, `Authorization: Bearer tg_...`: every client can send it, and proxies and logs know to hide it. A
+key in the URL would end up in logs and histories.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Annotated, Protocol, Self
+
+from fastapi import Depends, Request
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as Connection
+
+from service.records.view import ZoneView
+from service.web.keys import Key, Scope
+from service.web.limits import FailedAttempts
+from service.web.server.peers import peer_of
+from service.web.server.refusal import RequestRefused, refusal
+
+OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
+"""Answered without a key: pages and documentation, which hold nothing of the site, and whether the process is alive."""
+
+OPEN_PREFIX = "/static/"
+ADMIN_PREFIX = "/admin"
+ZONES_PREFIX = "/zones"
+
+HOLD_SECONDS = 1.0
+"""How long a wrong key waits for its answer where there were too many."""
+
+_REALM = 'Bearer realm="thermogate"'
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Who asks. `zones` are the only ones that they may see; None: all."""
+
+    name: str
+    scope: Scope = "read"
+    zones: frozenset[str] | None = None
+    key: Key | None = field(default=None, repr=False)
+
+    @classmethod
+    def with_key(cls, key: Key) -> Self:
+        """Whoever has sent `key`."""
+        return cls(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
+
+    def sees(self, zone: str) -> bool:
+        """Whether this zone exists for the caller."""
+        return self.zones is None or zone in self.zones
+
+
+ANYBODY = Caller("anybody")
+"""Who asks without a key while none is in force."""
+
+
+class Keys(Protocol):
+    """The keys that requests are checked against; see `service.web.keys.KeyRing`."""
+
+    @property
+    def in_force(self) -> bool:
+        """Whether reading needs a key."""
+
+    def find(self, secret: str) -> Key | None:
+        """The active key that `secret` is."""
+
+    def accepts(self, key: Key) -> bool:
+        """Whether `key`, found before, is still active."""
+
+
+class NoKeys:
+    """There are no keys: reading is open, administration closed."""
+
+    in_force = False
+
+    def find(self, secret: str) -> Key | None:
+        return None
+
+    def accepts(self, key: Key) -> bool:
+        return False
+
+
+def caller_of(request: Request) -> Caller:
+    """Dependency: who asks."""
+    caller: Caller = request.scope["state"]["caller"]
+    return caller
+
+
+Asking = Annotated[Caller, Depends(caller_of)]
+
+
+def administrator(request: Request) -> Caller:
+    """Dependency of everything that changes the daemon: who asks, with the scope admin. RequestRefused otherwise."""
+    caller = caller_of(request)
+    if caller.scope != "admin":
+        raise _lacking("admin")
+    return caller
+
+
+Administrator = Annotated[Caller, Depends(administrator)]
+
+
+class RequireKey:
+    """Middleware that finds out who asks and lets nobody past who may not.
+
+    What is not open needs a key: a route that is added later is closed unless it is listed as open.
+    """
+
+    def __init__(self, app: ASGIApp, keys: Keys) -> None:
+        self._app = app
+        self._keys = keys
+        self._attempts = FailedAttempts()
+
+    async def __call__(self, connection: Connection, receive: Receive, send: Send) -> None:
+        if connection["type"] == "http":
+            try:
+                caller = await self._caller(connection)
+            except RequestRefused as refused:
+                await refusal(refused)(connection, receive, send)
+                return
+            client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
+            connection.setdefault("state", {}).update(caller=caller, client=client)
+            if caller.key is not None:
+                send = self._while_accepted(caller.key, send)
+        await self._app(connection, receive, send)
+
+    def _while_accepted(self, key: Key, send: Send) -> Send:
+        """`send`, which ends a stream once its key is not accepted any more."""
+        ended = False
+
+        async def guarded(message: Message) -> None:
+            nonlocal ended
+            if ended:
+                return
+            if message.get("more_body", False) and not self._keys.accepts(key):
+                # The server tells the application that its client has gone.
+                ended = True
+                message = {"type": "http.response.body", "body": b"", "more_body": False}
+            await send(message)
+
+        return guarded
+
+    async def _caller(self, connection: Connection) -> Caller:
+        """Who asks; RequestRefused if they may not."""
+        path: str = connection["path"]
+        if path in OPEN_PATHS or path.startswith(OPEN_PREFIX):
+            return ANYBODY
+        parts = [*path.split("/"), ""]
+        administration = f"/{parts[1]}" == ADMIN_PREFIX
+        if not (administration or self._keys.in_force):
+            return ANYBODY
+        caller = await self._authenticated(connection)
+        if administration and caller.scope != "admin":
+            raise _lacking("admin")
+        if caller.zones is not None:
+            if f"/{parts[1]}" != ZONES_PREFIX:
+                raise _lacking("all zones")
+            if len(parts) > 3 and parts[2] not in caller.zones:
+                raise _unknown_zone(parts[2], sorted(caller.zones))
+        return caller
+
+    async def _authenticated(self, connection: Connection) -> Caller:
+        scheme, _, secret = Headers(scope=connection).get("authorization", "").partition(" ")
+        if scheme.lower() != "bearer":
+            raise RequestRefused(
+                HTTPStatus.UNAUTHORIZED,
+                ["this needs an API key; send it as Authorization: Bearer tg_..., made with `thermogate keys create`"],
+                headers={"WWW-Authenticate": _REALM},
+            )
+        key = self._keys.find(secret.strip())
+        if key is not None:
+            return Caller.with_key(key)
+        # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not
+        # found by trying, at whatever rate. What is bounded is the noise.
+        wait = self._attempts.count(peer_of(connection))
+        headers = {"WWW-Authenticate": f'{_REALM}, error="invalid_token"'}
+        if wait > 0:
+            await asyncio.sleep(HOLD_SECONDS)
+            sentence = f"too many wrong API keys from here; try again in {wait} s"
+            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], retry_after=wait, headers=headers)
+        sentence = "this API key is wrong, revoked or expired; `thermogate keys list` shows the valid ones"
+        raise RequestRefused(HTTPStatus.UNAUTHORIZED, [sentence], headers=headers)
+
+
+def find_zone(zones: Mapping[str, ZoneView], zone: str, caller: Caller) -> ZoneView:
+    """The zone with the id `zone`; RequestRefused if there is none that the caller sees."""
+    if zone not in zones or not caller.sees(zone):
+        raise _unknown_zone(zone, [known for known in zones if caller.sees(known)])
+    return zones[zone]
+
+
+def _unknown_zone(zone: str, known: list[str]) -> RequestRefused:
+    """A zone that does not exist, or not for this caller: the answer is the same, so that it tells nothing."""
+    sentence = f"there is no zone '{zone}'; the zones are {', '.join(known)}"
+    return RequestRefused(HTTPStatus.NOT_FOUND, [sentence], zones=known)
+
+
+def _lacking(scope: str) -> RequestRefused:
+    return RequestRefused(
+        HTTPStatus.FORBIDDEN,
+        [f"this needs an API key for {scope}; make one with `thermogate keys create`"],
+        headers={"WWW-Authenticate": f'{_REALM}, error="insufficient_scope"'},
+    )

@@ -1,0 +1,91 @@
+"""The REST interface of the daemon, and the live page on top of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from prometheus_client import CollectorRegistry
+from starlette.middleware.gzip import GZipMiddleware
+
+from service.config.http import HttpConfig
+from service.publish.events import Streams
+from service.records.view import ZoneView
+from service.web import pages as api_pages
+from service.web import problems as api_problems
+from service.web.access import ADMIN_PREFIX, OPEN_PATHS, Keys, NoKeys, RequireKey
+from service.web.guard import GatherBody, Guard
+from service.web.limits import StreamLimits
+from service.web.operations import Problems, Reload, operation_routes
+from service.web.problems import Problem, problem_response
+from service.web.stream import stream_routes
+from service.web.zones import zone_routes
+
+_DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate of every zone.
+
+Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in degC, their differences and standard
+deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
+
+
+def create_app(
+    site: str,
+    zones: Mapping[str, ZoneView],
+    metrics_registry: CollectorRegistry,
+    *,
+    version: str = "unknown",
+    keys: Keys | None = None,
+    problems: Problems = list,
+    reload: Reload | None = None,
+    http: HttpConfig | None = None,
+    streams: Streams | None = None,
+) -> FastAPI:
+    """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
+
+    `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
+    answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
+    where the zones announce what happens; without it a stream tells what there is and no more.
+
+    It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
+    """
+    # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
+    app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
+    api_problems.install(app)
+    http = http or HttpConfig()
+    app.state.stream_limits = StreamLimits(http.limits.streams_per_client, http.limits.streams)
+    # The last one added is the first to see a request.
+    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.add_middleware(GatherBody, limit=http.limits.body)
+    app.add_middleware(RequireKey, keys=keys or NoKeys())
+    app.state.answers = Counter()
+    app.add_middleware(Guard, config=http, answers=app.state.answers)
+    app.include_router(zone_routes(site, zones))
+    app.include_router(stream_routes(site, zones, streams or Streams()))
+    app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
+    api_pages.install(app)
+    app.openapi = lambda: _document(app)  # type: ignore[method-assign]
+    return app
+
+
+def _document(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, with the schema of the problems that FastAPI cannot see."""
+    if app.openapi_schema is None:
+        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+        document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+        for path, operations in document["paths"].items():
+            for operation in operations.values():
+                # Any request may be refused for its key, its size or its pace, before it is looked at.
+                operation["responses"] |= {"default": problem_response("refused: key, size or pace")}
+                operation["security"] = _security(path)
+        app.openapi_schema = document
+    return app.openapi_schema
+
+
+def _security(path: str) -> list[dict[str, list[str]]]:
+    """The alternatives that a caller of `path` has: the key, or nothing."""
+    if path in OPEN_PATHS:
+        return [{}]
+    return [{"key": []}] if path.startswith(ADMIN_PREFIX) else [{"key": []}, {}]

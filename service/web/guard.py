@@ -1,0 +1,126 @@
+"""What every request has to pass and every answer carries: sizes, the host that is asked for, headers for browsers."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections import Counter
+from collections.abc import Iterable
+from http import HTTPStatus
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from service.config.http import HttpConfig
+from service.web.server.refusal import RequestRefused, refusal
+
+# plotly.js writes style attributes and draws its own images; everything else comes from this host.
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; object-src 'none'; "
+        "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    # What is not static was true when it was asked for, and may have taken a key.
+    "Cache-Control": "no-store",
+}
+
+_CLOSE = {"Connection": "close"}
+
+
+class Guard:
+    """Middleware that turns away what is too large or meant for another host, and adds HEADERS to every answer."""
+
+    def __init__(self, app: ASGIApp, config: HttpConfig, answers: Counter[str] | None = None) -> None:
+        """Counts in `answers` by status."""
+        self._app = app
+        self._answers: Counter[str] = Counter() if answers is None else answers
+        self._limits = config.limits
+        self._hosts = frozenset((config.host, "localhost", *config.allowed_hosts))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def hardened(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                self._answers[str(message["status"])] += 1
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        refused = self._refused(scope)
+        if refused is None:
+            await self._app(scope, receive, hardened)
+        else:
+            await refusal(refused)(scope, receive, hardened)
+
+    def _refused(self, scope: Scope) -> RequestRefused | None:
+        """Why this request gets no further; None if it does."""
+        limits = self._limits
+        if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > limits.url:
+            sentence = f"the address with its query is longer than {limits.url} bytes"
+            return RequestRefused(HTTPStatus.REQUEST_URI_TOO_LONG, [sentence], headers=_CLOSE)
+        if sum(len(name) + len(value) for name, value in scope["headers"]) > limits.headers:
+            sentence = f"the headers are longer than {limits.headers} bytes"
+            return RequestRefused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, [sentence], headers=_CLOSE)
+        asked = Headers(scope=scope).getlist("host")
+        if not all(_is_meant(host, self._hosts) for host in asked):
+            sentence = "this name is not one of the daemon's; add it to http.allowed_hosts, or ask for the address"
+            return RequestRefused(HTTPStatus.MISDIRECTED_REQUEST, [sentence])
+        return None
+
+
+class GatherBody:
+    """Middleware that takes in the body of a request, up to a size, before the application sees it."""
+
+    def __init__(self, app: ASGIApp, limit: int) -> None:
+        """`limit` in bytes."""
+        self._app = app
+        self._limit = limit
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = Headers(scope=scope) if scope["type"] == "http" else {}
+        if not ("content-length" in headers or "transfer-encoding" in headers):
+            await self._app(scope, receive, send)
+            return
+        stated = headers.get("content-length", "0")
+        body, more = bytearray(), not (stated.isdecimal() and int(stated) > self._limit)
+        while more:
+            message = await receive()
+            if message["type"] != "http.request":
+                return  # The client has gone.
+            body += message.get("body", b"")
+            more = message.get("more_body", False) and len(body) <= self._limit
+        if len(body) > self._limit or (stated.isdecimal() and int(stated) > self._limit):
+            sentence = f"the body is larger than {self._limit} bytes"
+            refused = RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence], headers=_CLOSE)
+            await refusal(refused)(scope, receive, send)
+            return
+        waiting: list[Message] = [{"type": "http.request", "body": bytes(body), "more_body": False}]
+
+        async def gathered() -> Message:
+            return waiting.pop() if waiting else await receive()
+
+        await self._app(scope, gathered, send)
+
+
+def _is_meant(host: str, hosts: Iterable[str]) -> bool:
+    """Whether a Host header means this daemon.
+
+    A page of somebody else that has its name resolve to this machine (DNS rebinding) sends that name; no page can
+    send an address that it was not loaded from.
+    """
+    name, _, port = host.rpartition(":")
+    if not name or not port.isdecimal():
+        name = host
+    try:
+        ipaddress.ip_address(name.removeprefix("[").removesuffix("]"))
+    except ValueError:
+        return name.lower().removesuffix(".") in hosts
+    return True

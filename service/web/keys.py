@@ -1,0 +1,224 @@
+"""API keys: made, listed and revoked in a file, and recognised by a running daemon.
+
+A key is 256 random bits. What is stored is its SHA-256: nobody can search 2^256 keys, so a slow or salted hash, which
+protects the passwords that people choose, would only make every request slower.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import hmac
+import logging
+import os
+import secrets
+import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+
+from service.errors import KeyFileError
+from service.fields.values import Identifier
+from service.store.durable_files import make_folder
+from service.web.server.followed import FollowedFiles
+
+PREFIX = "tg_"
+"""How every key begins, so that people and secret scanners know one when they see it."""
+
+SECRET_BYTES = 32
+
+Scope = Literal["read", "admin"]
+
+_log = logging.getLogger(__name__)
+_FORMAT = ConfigDict(extra="forbid", frozen=True)
+
+
+class Key(BaseModel):
+    """What is known of a key; not the key itself."""
+
+    model_config = _FORMAT
+
+    name: Identifier
+    scope: Scope
+    zones: tuple[Identifier, ...] | None = None
+    """The zones that it may see; None: all."""
+    digest: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", repr=False)]
+    created: AwareDatetime
+    expires: AwareDatetime | None = None
+    revoked: AwareDatetime | None = None
+
+    def state(self, now: datetime) -> Literal["active", "expired", "revoked"]:
+        """Whether it is accepted at `now`."""
+        if self.revoked is not None:
+            return "revoked"
+        return "expired" if self.expires is not None and self.expires <= now else "active"
+
+
+class _Content(BaseModel):
+    model_config = _FORMAT
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    keys: tuple[Key, ...] = ()
+
+
+def read_keys(path: Path) -> tuple[Key, ...]:
+    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted."""
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+                raise KeyFileError(
+                    f"the keys in {path} can be changed by other accounts of this machine; look whether every key is "
+                    f"yours, then say: chmod 600 {path}"
+                )
+            return _Content.model_validate_json(file.read()).keys
+    except FileNotFoundError:
+        return ()
+    except OSError as error:
+        raise KeyFileError(
+            f"the keys in {path} cannot be read ({error.strerror}); give it to the account of the daemon, and "
+            "run commands about it as that account or root"
+        ) from None
+    except ValidationError:
+        raise KeyFileError(
+            f"{path} is not a file of keys, or is damaged; restore it, or move it away and create the keys anew"
+        ) from None
+
+
+def create_key(
+    path: Path, name: str, scope: Scope, zones: Sequence[str] | None = None, expires: datetime | None = None
+) -> str:
+    """Add a key to the file and return it: the only time that anyone sees it. KeyFileError if the name is in use.
+
+    A revoked or expired key of the same name is replaced.
+    """
+    secret = PREFIX + secrets.token_urlsafe(SECRET_BYTES)
+    now = datetime.now(UTC).replace(microsecond=0)
+    with _changing(path) as keys:
+        if any(key.name == name and key.state(now) == "active" for key in keys):
+            raise KeyFileError(f"there is a key '{name}' already; choose another name, or revoke that one first")
+        keys[:] = [key for key in keys if key.name != name]
+        keys.append(
+            Key(
+                name=name,
+                scope=scope,
+                zones=None if zones is None else tuple(zones),
+                digest=_digest(secret),
+                created=now,
+                expires=expires,
+            )
+        )
+    return secret
+
+
+def revoke_key(path: Path, name: str) -> None:
+    """Mark a key as revoked; KeyFileError if there is none of this name, or it is revoked already."""
+    with _changing(path) as keys:
+        for index, key in enumerate(keys):
+            if key.name == name and key.revoked is None:
+                keys[index] = key.model_copy(update={"revoked": datetime.now(UTC).replace(microsecond=0)})
+                return
+        known = ", ".join(key.name for key in keys if key.revoked is None)
+        raise KeyFileError(f"there is no key '{name}' to revoke; the keys are {known or 'none'}")
+
+
+class KeyRing:
+    """The keys of a file, followed while it changes."""
+
+    def __init__(self, path: Path, *, required: bool) -> None:
+        """Reads the file; KeyFileError if it cannot be trusted. `required`: keys are in force even if there is none."""
+        self._path = path
+        self._file = FollowedFiles(path)
+        self._keys = read_keys(path)
+        self._in_force = required or bool(self._keys)
+
+    @property
+    def in_force(self) -> bool:
+        """Whether requests need a key: always if required, otherwise from the first key on.
+
+        It stays so if keys are revoked or the file goes away: what took access away must not open the door.
+        """
+        self._follow()
+        return self._in_force
+
+    def find(self, secret: str) -> Key | None:
+        """The active key that `secret` is; None if there is none. Takes equally long whichever it is."""
+        self._follow()
+        digest, now = _digest(secret), datetime.now(UTC)
+        found = [key for key in self._keys if hmac.compare_digest(key.digest, digest)]
+        return next((key for key in found if key.state(now) == "active"), None)
+
+    def accepts(self, key: Key) -> bool:
+        """Whether `key`, found before, is still there and active."""
+        self._follow()
+        return key in self._keys and key.state(datetime.now(UTC)) == "active"
+
+    def _follow(self) -> None:
+        """Read the file again if it is another one than last time. One that cannot be trusted changes nothing."""
+        if not self._file.changed():
+            return
+        self._file.look()
+        before = _accepted(self._keys)
+        try:
+            self._keys = read_keys(self._path)
+        except KeyFileError as error:
+            _log.error("%s; until then the keys as they were before are in force", error)
+            return
+        self._in_force = self._in_force or bool(self._keys)
+        now = _accepted(self._keys)
+        for digest in now.keys() - before.keys():
+            _log.info("API key '%s' with the scope %s is in force", now[digest].name, now[digest].scope)
+        for digest in before.keys() - now.keys():
+            _log.info("API key '%s' is not in force any more", before[digest].name)
+
+
+def _accepted(keys: Sequence[Key]) -> dict[str, Key]:
+    """The keys that have not been revoked, by their digests."""
+    return {key.digest: key for key in keys if key.revoked is None}
+
+
+def _digest(secret: str) -> str:
+    return hashlib.sha256(secret.encode()).hexdigest()
+
+
+@contextmanager
+def _changing(path: Path) -> Iterator[list[Key]]:
+    """The keys of the file, to be changed; written on leaving, one writer at a time."""
+    try:
+        make_folder(path.parent)
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            keys = list(read_keys(path))
+            yield keys
+            _replace(path, _Content(schema=1, keys=tuple(keys)).model_dump_json(by_alias=True, indent=2).encode())
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise KeyFileError(
+            f"the keys in {path} cannot be written ({error.strerror}); make its folder writable and free space on its "
+            "disk"
+        ) from None
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Put `content` in the place of the file in one step, readable for its owner only."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            if os.geteuid() == 0:
+                # The administrator makes a key; the daemon's account, whose folder it is, has to read it.
+                owner = path.parent.stat()
+                os.fchown(file.fileno(), owner.st_uid, owner.st_gid)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

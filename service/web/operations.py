@@ -1,0 +1,119 @@
+"""The routes that run the daemon rather than use it: is it alive, are the zones fed, metrics, reload."""
+
+from __future__ import annotations
+
+import gzip
+import logging
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from http import HTTPStatus
+
+from fastapi import APIRouter, Request, Response
+from prometheus_client import CollectorRegistry
+from prometheus_client.exposition import choose_encoder, gzip_accepted
+
+from service.errors import ReloadRefused
+from service.publish.payloads import to_json
+from service.publish.rendering import status_payload
+from service.records.view import ZoneView
+from service.web.access import Administrator
+from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
+from service.web.problems import RETRY_SECONDS, documented
+from service.web.server.refusal import RequestRefused
+
+_log = logging.getLogger(__name__)
+
+Problems = Callable[[], list[str]]
+"""What in the daemon does not answer, one sentence each."""
+
+Reload = Callable[[], Awaitable[str]]
+"""Reads the configuration again and says what was done; raises ReloadRefused."""
+
+
+def operation_routes(
+    site: str,
+    zones: Mapping[str, ZoneView],
+    registry: CollectorRegistry,
+    version: str,
+    problems: Problems,
+    reload: Reload | None,
+) -> APIRouter:
+    """Routes about the daemon as a whole."""
+    router = APIRouter(tags=["operations"])
+    started = time.monotonic()
+
+    @router.get(
+        "/healthz",
+        response_model=HealthPayload,
+        responses=documented(500, 503),
+        summary="The process is alive: event loop, estimator and journal answer",
+    )
+    async def healthz() -> Response:
+        if found := problems():
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
+        payload = HealthPayload(version=version, uptime_s=time.monotonic() - started)
+        return Response(to_json(payload), media_type="application/json")
+
+    @router.get(
+        "/readyz",
+        response_model=ReadyPayload,
+        responses=documented(500, 503),
+        summary="Every zone is fed and fresh, and how old what each knows is",
+    )
+    def readyz() -> Response:
+        every = [_readiness(site, zone) for zone in zones.values()]
+        behind = [zone for zone in every if zone.state != "running"]
+        if behind:
+            raise RequestRefused(
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                [f"zone '{zone.id}' is {zone.state}: {zone.reason}" for zone in behind],
+                retry_after=RETRY_SECONDS,
+                zones=[zone.model_dump(mode="json") for zone in behind],
+            )
+        return Response(to_json(ReadyPayload(zones=every)), media_type="application/json")
+
+    @router.get(
+        "/metrics",
+        response_class=Response,
+        responses={200: {"description": "Prometheus exposition", "content": {"text/plain": {}}}},
+        summary="Metrics for Prometheus",
+    )
+    def metrics(request: Request) -> Response:
+        # Written and compressed in a thread: with many zones it is megabytes, for which the event loop must not wait.
+        encode, media_type = choose_encoder(request.headers.get("accept", ""))
+        body, headers = encode(registry), {"Content-Type": media_type}
+        if gzip_accepted(request.headers.get("accept-encoding", "")):
+            body = gzip.compress(body, compresslevel=1)
+            headers |= {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"}
+        return Response(body, headers=headers)
+
+    @router.post(
+        "/admin/reload",
+        response_model=ReloadPayload,
+        responses=documented(401, 403, 409, 500),
+        summary="Read the configuration again; zones that are the same in it go on untouched",
+    )
+    async def reload_configuration(caller: Administrator) -> Response:
+        _log.info("asked to reload the configuration with the API key '%s'", caller.name)
+        try:
+            if reload is None:
+                raise ReloadRefused(["this daemon has no configuration file to read again"])
+            done = await reload()
+        except ReloadRefused as error:
+            # The request is right; the file, or what runs, stands against it.
+            raise RequestRefused(HTTPStatus.CONFLICT, error.problems, errors=error.problems) from error
+        return Response(to_json(ReloadPayload(done=done)), media_type="application/json")
+
+    return router
+
+
+def _readiness(site: str, zone: ZoneView) -> ZoneReadiness:
+    status = status_payload(site, zone.id, zone.status(), None)
+    return ZoneReadiness(
+        id=zone.id,
+        state=status.state,
+        reason=status.reason,
+        period_s=zone.period,
+        age_s=status.age_s,
+        channels={channel.channel: channel.age_s for channel in status.channels},
+    )

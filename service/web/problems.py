@@ -1,0 +1,130 @@
+"""Everything that goes wrong over REST, as application/problem+json (RFC 9457) in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
+
+from service.errors import ServiceError
+from service.fields.problems import extended, own_sentence
+from service.web.server.refusal import MEDIA_TYPE, RequestRefused, problem_answer, refusal
+
+RETRY_SECONDS = 60
+
+
+class Problem(BaseModel):
+    """An error (RFC 9457)."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "type": "about:blank",
+                    "title": "Not Found",
+                    "status": 404,
+                    "detail": "there is no zone 'attic'; the zones are living, bedroom",
+                    "zones": ["living", "bedroom"],
+                }
+            ]
+        }
+    )
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str = Field(description="what is wrong, and what to do about it")
+    errors: list[str] | None = Field(default=None, description="422 and 409: one sentence per mistake")
+    zones: list[Any] | None = Field(default=None, description="404: the known zones; 503 of /readyz: those not ready")
+
+
+def invalid(sentences: Sequence[str]) -> RequestRefused:
+    """A request with mistakes, one sentence each."""
+    return RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, sentences, errors=list(sentences))
+
+
+def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """The `responses` of a route that may answer with problems of these `statuses`."""
+    return {status: problem_response(HTTPStatus(status).phrase) for status in statuses}
+
+
+def problem_response(description: str) -> dict[str, Any]:
+    """A problem in the OpenAPI document."""
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {"description": description, "content": {MEDIA_TYPE: {"schema": schema}}}
+
+
+def install(app: FastAPI) -> None:
+    """Make `app` answer every error with a problem document."""
+    app.add_exception_handler(RequestRefused, _refused)
+    app.add_exception_handler(ServiceError, _unavailable)
+    app.add_exception_handler(RequestValidationError, _misread)
+    app.add_exception_handler(HTTPException, _framework)
+    app.add_exception_handler(Exception, _internal)
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestRefused)
+    return refusal(error)
+
+
+async def _unavailable(request: Request, error: Exception) -> Response:
+    return problem_answer(HTTPStatus.SERVICE_UNAVAILABLE, str(error), {"Retry-After": str(RETRY_SECONDS)})
+
+
+async def _misread(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    sentences = [_sentence(detail) for detail in error.errors()]
+    return refusal(invalid(sentences))
+
+
+async def _framework(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    details = {
+        HTTPStatus.NOT_FOUND: f"there is nothing at {request.url.path}; /docs lists what there is",
+        HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not take {request.method}; /docs lists what it takes",
+    }
+    detail = details.get(HTTPStatus(error.status_code), str(error.detail))
+    return problem_answer(error.status_code, detail, error.headers)
+
+
+async def _internal(request: Request, error: Exception) -> Response:
+    # The server logs the traceback; the client learns nothing of the inside.
+    sentence = "the daemon failed to answer this request; its log says why"
+    return problem_answer(HTTPStatus.INTERNAL_SERVER_ERROR, sentence)
+
+
+def _sentence(detail: Mapping[str, Any]) -> str:
+    """One validation error of pydantic as a sentence that begins with its place."""
+    kind, place, sentence = detail["type"], _place(detail["loc"]), own_sentence(detail)
+    if sentence is not None:
+        return f"{place}: {sentence}"
+    if kind == "json_invalid":
+        return f"the body is not JSON: {detail['ctx']['error']}"
+    if kind == "missing":
+        return f"{place} is missing"
+    if kind == "extra_forbidden":
+        return f"{place} is not known; /docs lists the known ones"
+    if isinstance(detail["input"], bytes):
+        return "the body was not sent as JSON; set Content-Type: application/json"
+    wanted = detail["msg"].replace("Input should", "must").split(", unable")[0]
+    return f"{place} {wanted}, not {_shown(detail['input'])}"
+
+
+def _place(location: Sequence[str | int]) -> str:
+    kind, *path = location
+    if not path:
+        return "the JSON body"
+    name = reduce(extended, path[1:], str(path[0]))
+    return f"query parameter '{name}'" if kind == "query" else f"field '{name}'"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,1 @@
+"""Sockets, TLS and HTTP connections. It knows no route."""

@@ -1,0 +1,75 @@
+"""The socket that REST is served on: an address of the network, or a file."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+from pathlib import Path
+
+from service.config.http import HttpConfig
+from service.errors import ServiceError
+
+SEND_BUFFER = 131_072
+"""Bytes that the system takes for a client that does not read; left to itself it takes megabytes for each."""
+
+SOCKET_MODE = 0o660
+"""Of a UNIX socket: for the daemon's account and its group, which the proxy has to be in."""
+
+
+def listener(config: HttpConfig, setting: str) -> socket.socket:
+    """A socket on what `config` names, not listening yet; ServiceError if that is impossible.
+
+    `setting` is what the operator knows the port by.
+    """
+    bound = _on_port(config, setting) if config.socket is None else _on_file(config.socket)
+    # The connections that are accepted inherit it.
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    return bound
+
+
+def _on_port(config: HttpConfig, setting: str) -> socket.socket:
+    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
+    # With the protocol named, asyncio turns Nagle's algorithm off; an answer would otherwise wait 40 ms.
+    bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    bound.setblocking(False)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((config.host, config.port))
+    except OSError as error:
+        bound.close()
+        raise ServiceError(
+            f"http: {config.host}:{config.port} cannot be used ({error.strerror}); "
+            f"choose another {setting}, or 0 for any free one"
+        ) from error
+    return bound
+
+
+def _on_file(path: Path) -> socket.socket:
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    bound.setblocking(False)
+    try:
+        if _is_left_behind(path):
+            path.unlink()
+        bound.bind(str(path))
+        os.chmod(path, SOCKET_MODE)
+    except OSError as error:
+        bound.close()
+        reason = error.strerror or error
+        raise ServiceError(f"http.socket: {path} cannot be used ({reason}); choose another path") from error
+    return bound
+
+
+def _is_left_behind(path: Path) -> bool:
+    """Whether there is a socket that nobody listens on any more, from a daemon that was killed."""
+    try:
+        if not stat.S_ISSOCK(path.stat().st_mode):
+            return False
+    except FileNotFoundError:
+        return False
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        try:
+            probe.connect(str(path))
+        except ConnectionRefusedError:
+            return True
+    return False

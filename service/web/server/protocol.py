@@ -1,0 +1,133 @@
+"""One HTTP connection that cannot be held open by a client that is slow on purpose."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import math
+from collections.abc import Callable
+from http import HTTPStatus
+from typing import Any
+
+import h11
+from starlette.types import ASGIApp
+from uvicorn.config import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.server import ServerState
+
+from service.config.http import LimitsConfig
+from service.web.server.refusal import MEDIA_TYPE
+
+MIN_PROGRESS = 65_536
+"""Bytes of an answer that a client must take within send_timeout."""
+
+UNIX = "unix"
+"""Whom requests over a UNIX socket come from."""
+
+_log = logging.getLogger(__name__)
+_log.setLevel(logging.ERROR)  # Requests that are not HTTP are their sender's business, at whatever rate they come.
+
+_INCOMPLETE = (h11.IDLE, h11.SEND_BODY)
+
+
+class Protocol(H11Protocol):
+    """uvicorn's protocol with bounds on the time that a request takes to come in and an answer to go out.
+
+    `check` has to be called now and then; `lost` is called once at the end.
+    """
+
+    def __init__(
+        self, config: Config, state: ServerState, limits: LimitsConfig, lost: Callable[[], None], app: ASGIApp | None
+    ) -> None:
+        """`app` answers instead of the configured one."""
+        super().__init__(config, state, {})
+        self.logger = _log
+        if app is not None:
+            self.app = app
+        self._limits = limits
+        self._lost = lost
+        self._layers: list[asyncio.WriteTransport] = []
+        self._receiving_since: float | None = None
+        """When the request began that is not complete yet."""
+        self._unsent = 0
+        self._progress = 0.0
+        """How much of the answer was waiting when the client last made progress, and when that was."""
+        self.met = False
+        """Whether the connection, with its handshake, has come about."""
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self.met = True
+        self.client = self.client or (UNIX, 0)
+        # asyncio's TLS hands a large answer down at once and then knows of none; it waits in the transport below.
+        encryption = getattr(transport, "_ssl_protocol", None)
+        self._layers = [transport] if encryption is None else [transport, encryption._transport]
+        self._receiving_since = self._progress = self.loop.time()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if self.conn.their_state not in _INCOMPLETE:
+            self._receiving_since = None
+        elif self._receiving_since is None:
+            self._receiving_since = self.loop.time()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._lost()
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        self._progress = self.loop.time()
+
+    @property
+    def stalled_since(self) -> float:
+        """When the client last made progress with what waits for it; infinite if nothing does."""
+        return self._progress if self.unsent else math.inf
+
+    @property
+    def unsent(self) -> int:
+        """Bytes that wait for the client to take them."""
+        return sum(layer.get_write_buffer_size() for layer in self._layers)
+
+    def check(self, now: float) -> str | None:
+        """End the connection if the client is too slow; in what, or None."""
+        unsent = self.unsent
+        if unsent == 0 or unsent <= self._unsent - MIN_PROGRESS or self._unsent == 0:
+            self._unsent, self._progress = unsent, now
+        elif now - self._progress > self._limits.send_timeout:
+            self.transport.abort()
+            return "slow to read"
+        late = self._receiving_since is not None and now - self._receiving_since > self._limits.receive_timeout
+        if late and not self.transport.is_closing():
+            begun = self.conn.their_state is not h11.IDLE or self.conn.trailing_data[0]
+            if begun:
+                seconds = f"{self._limits.receive_timeout:g} s"
+                self._refuse(HTTPStatus.REQUEST_TIMEOUT, f"the request was not complete within {seconds}")
+            self.transport.close()
+            return "slow to ask"
+        return None
+
+    def send_400_response(self, msg: str) -> None:
+        if len(self.conn.trailing_data[0]) > self._limits.headers:
+            sentence = f"the headers are longer than {self._limits.headers} bytes"
+            self._refuse(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, sentence)
+        else:
+            self._refuse(HTTPStatus.BAD_REQUEST, "this is not an HTTP request")
+
+    def _refuse(self, status: HTTPStatus, detail: str) -> None:
+        """Answer with a problem and close, past the application; only close where an answer has begun."""
+        answered = self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE)
+        if answered or (self.scope is not None and self.scope["method"] == "HEAD"):
+            self.transport.close()
+            return
+        document = {"type": "about:blank", "title": status.phrase, "status": int(status), "detail": detail}
+        body = json.dumps(document).encode()
+        headers = [("Content-Type", MEDIA_TYPE), ("Content-Length", str(len(body))), ("Connection", "close")]
+        for event in (
+            h11.Response(status_code=status, headers=headers, reason=status.phrase.encode()),
+            h11.Data(data=body),
+            h11.EndOfMessage(),
+        ):
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()

@@ -1,0 +1,42 @@
+"""An answer that is a problem and nothing else: application/problem+json (RFC 9457)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+
+from starlette.responses import Response
+
+from service.errors import ServiceError
+
+MEDIA_TYPE = "application/problem+json"
+
+
+class RequestRefused(ServiceError):
+    """A request that gets no answer but a problem: `status`, sentences, headers, and members of the document."""
+
+    def __init__(
+        self,
+        status: int,
+        sentences: Sequence[str],
+        retry_after: int | None = None,
+        headers: Mapping[str, str] | None = None,
+        **members: object,
+    ) -> None:
+        super().__init__("; ".join(sentences))
+        self.status = status
+        self.headers = dict(headers or {}) | ({} if retry_after is None else {"Retry-After": str(retry_after)})
+        self.members = members
+
+
+def problem_answer(status: int, detail: str, headers: Mapping[str, str] | None = None, **members: object) -> Response:
+    """The answer with a problem document: its status, what is wrong and what to do, headers and further members."""
+    title = HTTPStatus(status).phrase
+    document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail, **members}
+    return Response(json.dumps(document), status, dict(headers or {}), MEDIA_TYPE)
+
+
+def refusal(error: RequestRefused) -> Response:
+    """The answer to a request that is refused."""
+    return problem_answer(error.status, str(error), error.headers, **error.members)

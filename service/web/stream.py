@@ -1,0 +1,77 @@
+"""The route that keeps a connection open: a zone's events as they happen."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Header
+from fastapi.responses import Response, StreamingResponse
+
+from service.fields.times import parse_time
+from service.publish.events import Event, Streams, event, events_of
+from service.publish.payloads import to_json
+from service.publish.sinks import Announcement
+from service.records.view import ZoneView
+from service.web.access import Asking, find_zone
+from service.web.limits import stream_slot
+from service.web.problems import documented
+from service.web.zones import epoch, history_payload
+
+_MEDIA_TYPE = "text/event-stream"
+
+_DESCRIBED: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "Server-sent events: forecast, volatility, gate, status; history after a Last-Event-ID",
+        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}}},
+    }
+}
+
+MISSED_ROWS = 1000
+"""Rows of the history that a client is given at most that comes back."""
+
+
+def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) -> APIRouter:
+    """The route over `zones`."""
+    router = APIRouter(prefix="/zones", tags=["zones"])
+
+    @router.get(
+        "/{zone}/stream",
+        response_class=Response,
+        responses={**_DESCRIBED, **documented(404, 422, 429, 500, 503)},
+        dependencies=[Depends(stream_slot)],
+        summary="Every new forecast, volatility, gate and status as it is issued",
+    )
+    async def stream(
+        zone: str,
+        caller: Asking,
+        last_event_id: Annotated[str | None, Header(description="id of the last event that came")] = None,
+    ) -> StreamingResponse:
+        view = find_zone(zones, zone, caller)
+        missed = await _missed(view, _sample_time(last_event_id))
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return StreamingResponse(_events(view, missed), headers=headers, media_type=_MEDIA_TYPE)
+
+    async def _missed(view: ZoneView, after: datetime | None) -> list[Event]:
+        """The rows that came after the client's last event."""
+        since = epoch(after)
+        rows = [] if since is None else await view.history(since + 1, None, MISSED_ROWS)
+        return [event("history", to_json(history_payload(site, view, rows)), None)] if rows else []
+
+    async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
+        with streams.opened(view.id) as opened:
+            current = Announcement(site, view.id, view.status(), view.latest())
+            opened.put([*missed, *events_of(current)])
+            async for data in opened.read():
+                yield data
+
+    return router
+
+
+def _sample_time(last_event_id: str | None) -> datetime | None:
+    """The time that an id of ours names; None for anything else, which is then of no concern."""
+    try:
+        return parse_time(last_event_id or "")
+    except ValueError:
+        return None

@@ -1,0 +1,261 @@
+"""The routes under /zones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from estimator.types import ParameterSummary
+from service.fields.times import utc
+from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, Payload, SkillPayload, to_json
+from service.publish.rendering import (
+    fan_payload,
+    forecast_payload,
+    gain_payload,
+    refined_payload,
+    skill_payload,
+    status_payload,
+    vouched,
+)
+from service.records.fan import Fan
+from service.records.history import HistoryRow
+from service.records.update import Update
+from service.records.view import ZoneView
+from service.web.access import Asking, find_zone
+from service.web.models import (
+    ChannelPayload,
+    ForecastQuery,
+    ForecastRequest,
+    HistoryPayload,
+    HistoryQuery,
+    HistoryRowPayload,
+    ParametersPayload,
+    ParametersQuery,
+    PriorPayload,
+    QuantilesPayload,
+    ZonePayload,
+    ZonesPayload,
+    ZoneSummary,
+)
+from service.web.plan import full_plan, steps_in
+from service.web.problems import RETRY_SECONDS, documented
+from service.web.server.refusal import RequestRefused
+
+_HOUR = 3600.0
+
+
+def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
+    """Routes over `zones`, whichever there are when a request comes."""
+    router = APIRouter(prefix="/zones", tags=["zones"])
+
+    @router.get("", response_model=ZonesPayload, responses=documented(500), summary="Every zone and how it is doing")
+    def list_zones(caller: Asking) -> Response:
+        return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in zones.values() if caller.sees(zone.id)]))
+
+    @router.get(
+        "/{zone}",
+        response_model=ZonePayload,
+        responses=documented(404, 422, 500),
+        summary="One zone: channels, parameters, status, faults",
+    )
+    async def show_zone(zone: str, caller: Asking) -> Response:
+        return _json(_description(site, find_zone(zones, zone, caller)))
+
+    @router.get(
+        "/{zone}/forecast",
+        response_model=ForecastPayload | FanPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="The standing forecast; with ?horizon= what follows it, inputs held",
+    )
+    async def forecast(zone: str, caller: Asking, query: Annotated[ForecastQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
+        update = _latest(view)
+        published = _published(update)
+        levels = query.level or published
+        if query.horizon is not None:
+            fan = await _fan(view, steps_in(query.horizon, view.period, len(levels)), levels, None)
+            return _json(_current(view, fan_payload(site, zone, fan)))
+        if set(levels) <= set(published):
+            return _json(_current(view, forecast_payload(site, zone, update, levels)))
+        return _json(_current(view, refined_payload(site, zone, await _fan(view, 0, levels, None))))
+
+    @router.post(
+        "/{zone}/forecast",
+        response_model=FanPayload,
+        responses=documented(400, 404, 422, 500, 503),
+        summary="The forecast under planned inputs: what a controller asks",
+    )
+    async def forecast_under_plan(zone: str, caller: Asking, body: ForecastRequest) -> Response:
+        view = find_zone(zones, zone, caller)
+        levels = body.levels or _published(_latest(view))
+        steps = steps_in(body.horizon, view.period, len(levels))
+        plan = full_plan(body.inputs, view.network, steps, view.period)
+        return _json(_current(view, fan_payload(site, zone, await _fan(view, steps, levels, plan), plan)))
+
+    @router.get(
+        "/{zone}/parameters",
+        response_model=ParametersPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="Posterior quantiles of the parameters, time constants and the heat-loss coefficient",
+    )
+    async def parameters(zone: str, caller: Asking, query: Annotated[ParametersQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
+        summary = await view.parameters(query.level)
+        if summary is None:
+            raise _waiting(view)
+        return _json(_parameters(site, view, query.level, summary))
+
+    @router.get(
+        "/{zone}/skill",
+        response_model=SkillPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
+    )
+    async def skill(zone: str, caller: Asking) -> Response:
+        view = find_zone(zones, zone, caller)
+        found = await view.skill()
+        if found is None:
+            raise _waiting(view)
+        return _json(skill_payload(site, zone, found))
+
+    @router.get(
+        "/{zone}/gain",
+        response_model=GainPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them",
+    )
+    async def gain(zone: str, caller: Asking) -> Response:
+        view = find_zone(zones, zone, caller)
+        payload = gain_payload(site, zone, _latest(view))
+        if payload is None:
+            sentence = (
+                f"the estimator '{view.estimator}' of zone '{zone}' has no model of unmeasured heat; mkf and bank do"
+            )
+            raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
+        return _json(payload)
+
+    @router.get(
+        "/{zone}/history",
+        response_model=HistoryPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="Past samples against the forecasts that stood before them",
+    )
+    async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
+        rows = await view.history(epoch(query.start), epoch(query.end), query.limit)
+        return _json(history_payload(site, view, rows))
+
+    return router
+
+
+def history_payload(site: str, zone: ZoneView, rows: Sequence[HistoryRow]) -> HistoryPayload:
+    """`rows` of the history of `zone`."""
+    return HistoryPayload(
+        site=site,
+        zone=zone.id,
+        output=zone.network.measured[0],
+        period_s=zone.period,
+        rows=[HistoryRowPayload(**row._asdict() | {"time": utc(row.time)}) for row in rows],
+    )
+
+
+def _json(payload: Payload) -> Response:
+    return Response(to_json(payload), media_type="application/json")
+
+
+def epoch(when: datetime | None) -> int | None:
+    """The first whole UTC second not before `when`."""
+    return None if when is None else math.ceil(when.timestamp())
+
+
+def _waiting(zone: ZoneView) -> RequestRefused:
+    status = zone.status()
+    sentence = f"zone '{zone.id}' has no forecast now ({status.state}): {status.reason or 'no sample yet'}"
+    retry = max(1, min(RETRY_SECONDS, math.ceil(zone.period)))
+    return RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=retry)
+
+
+def _latest(zone: ZoneView) -> Update:
+    update = zone.latest()
+    if update is None:
+        raise _waiting(zone)
+    return update
+
+
+async def _fan(zone: ZoneView, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan:
+    fan = await zone.fan(steps, levels, plan)
+    if fan is None:
+        raise _waiting(zone)
+    return fan
+
+
+def _published(update: Update) -> list[float]:
+    return [interval.level for interval in update.forecast.outputs[0].intervals]
+
+
+def _current(zone: ZoneView, payload: ForecastPayload) -> ForecastPayload:
+    return vouched(payload, zone.status())
+
+
+def _summary(zone: ZoneView) -> ZoneSummary:
+    status = zone.status()
+    last = status.last_sample_time
+    return ZoneSummary(
+        id=zone.id,
+        network=zone.network.name,
+        estimator=zone.estimator,
+        period_s=zone.period,
+        outputs=list(zone.network.measured),
+        state=status.state,
+        reason=status.reason,
+        samples=status.samples,
+        last_sample_time=None if last is None else utc(last),
+    )
+
+
+def _description(site: str, zone: ZoneView) -> ZonePayload:
+    network = zone.network
+    return ZonePayload(
+        site=site,
+        zone=zone.id,
+        network=network.name,
+        description=network.description,
+        estimator=zone.estimator,
+        period_s=zone.period,
+        channels=[
+            ChannelPayload(
+                channel=channel,
+                unit=network.channel_unit(channel),
+                role="output" if channel in network.measured else "input",
+            )
+            for channel in network.channels
+        ],
+        parameters=[
+            PriorPayload(name=p.name, unit=p.unit, free=p.free, lower=p.lower, upper=p.upper, nominal=p.nominal)
+            for p in network.parameters
+        ],
+        status=status_payload(site, zone.id, zone.status(), zone.latest()),
+    )
+
+
+def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
+    return ParametersPayload(
+        site=site,
+        zone=zone.id,
+        network=zone.network.name,
+        levels=list(levels),
+        parameters=[
+            QuantilesPayload(name=parameter.name, unit=parameter.unit, free=parameter.free, quantiles=row.tolist())
+            for parameter, row in zip(zone.network.parameters, summary.parameters, strict=True)
+        ],
+        time_constants=[
+            QuantilesPayload(name=f"tau_{rank}", unit="h", free=True, quantiles=(row / _HOUR).tolist())
+            for rank, row in enumerate(summary.time_constants, start=1)
+        ],
+        heat_loss=QuantilesPayload(name="heat_loss", unit="W/K", free=True, quantiles=summary.heat_loss.tolist()),
+    )

@@ -1,0 +1,1 @@
+"""One zone: its telemetry aligned and accepted, its worker, its recovery."""

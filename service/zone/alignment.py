@@ -1,0 +1,267 @@
+"""Readings onto the uniform grid of a zone: intervals that close, and the samples that come of them (paper 4.3.1)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from math import inf, isfinite, nan
+from typing import NamedTuple
+
+import numpy as np
+
+from adapters.reading import Fault, Quality, Reading
+from adapters.timestamps import EARLIEST, LATEST
+from adapters.units import default_valid_range
+from estimator.network.network import Network
+from service.errors import ConfigError
+from service.records.sample import Array, Sample
+from service.zone.aggregation import Aggregate, Span, aggregate, default_aggregate
+
+MOST_READINGS = 100_000
+"""Of one channel in one interval, some MB; what is more is a flood, and no rule for aggregating needs all of it."""
+
+
+class _Interval(NamedTuple):
+    """An open grid interval: per channel the readings by time, and which (channel, time) of them are uncertain."""
+
+    readings: list[dict[float, float]]
+    uncertain: set[tuple[int, float]]
+
+
+class Alignment:
+    """Turns the readings of one zone into samples, one for each closed interval of its grid.
+
+    Interval k is [k period, (k + 1) period) in UTC seconds. It closes when the zone's clock reaches its end plus
+    `lateness`; the clock is the least of what its sources say, and a source that has ended no longer counts. For live
+    sources the wall clock moves it on as well (`elapse`). Inside open intervals readings may come in any order. A
+    channel's usable readings are aggregated; without any its value is NaN. Nothing is ever interpolated.
+
+    The first sample is the first interval with a usable reading. From there an interval without any becomes a sample of
+    NaN, but at most `idle_limit` in a row: then the grid falls silent until readings come again. Samples are strictly
+    increasing in time.
+
+    A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order),
+    a second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        period: float,
+        aggregates: Mapping[str, str],
+        *,
+        sources: Iterable[str],
+        zone: str | None = None,
+        lateness: float = 0.0,
+        idle_limit: int = 12,
+        resume_after: int | None = None,
+        resume_idle: int = 0,
+        live: bool = False,
+        earliest: float = EARLIEST,
+    ) -> None:
+        """Args:
+        network: gives the channels and their order.
+        period: sampling period in s, a whole number of them.
+        aggregates: name of the rule (`service.zone.aggregation`) for each channel; left out, the default for its unit.
+        sources: names of the sources that feed the zone.
+        zone: if given, readings are addressed "zone/channel", otherwise "channel".
+        lateness: how long after its end an interval stays open for late readings, in s.
+        idle_limit: how many samples of NaN in a row at most.
+        resume_after: time of the last sample before a restart. Readings up to its interval are passed over in silence,
+            for they have been processed, and the grid goes on with the next interval.
+        resume_idle: how many samples of NaN in a row ended with `resume_after`.
+        live: the sources never deliver anything twice, so that nothing is passed over in silence.
+        earliest: no time before it is believed, neither a reading's nor the wall clock's, UTC s.
+
+        Raises ConfigError for a period that is no whole number of seconds, an unknown rule or an unknown channel.
+        """
+        if period != int(period) or period <= 0:
+            raise ConfigError([f"period {period:g} s is not usable; give a whole number of seconds above 0"])
+        unknown = [channel for channel in aggregates if channel not in network.channels]
+        if unknown:
+            raise ConfigError([f"channel '{unknown[0]}' is unknown; the channels are {', '.join(network.channels)}"])
+        self.faults: Counter[Fault] = Counter()
+        self.last_good: dict[str, float] = {}
+        """UTC time of the newest reading of each channel that entered a sample so far."""
+        self._channels = network.channels
+        self._outputs = len(network.measured)
+        self._rules: list[Aggregate] = [
+            aggregate(aggregates.get(channel, default_aggregate(network.channel_unit(channel))))
+            for channel in self._channels
+        ]
+        # Amounts of energy have no range of their own; the power that they amount to has.
+        self._believable = [
+            default_valid_range(network.channel_unit(channel)) if aggregates.get(channel) == "energy" else (-inf, inf)
+            for channel in self._channels
+        ]
+        prefix = "" if zone is None else f"{zone}/"
+        self._slots = {prefix + channel: slot for slot, channel in enumerate(self._channels)}
+        self._period = int(period)
+        self._lateness = lateness
+        self._live = live
+        self._earliest = earliest
+        self._idle_limit = idle_limit
+        self._clocks = dict.fromkeys(sources, -inf)
+        self._open: dict[int, _Interval] = {}
+        self._resumed = -1 if resume_after is None else resume_after // self._period
+        self._closed = self._resumed
+        """Index of the last interval that is closed, whether or not a sample came of it."""
+        self._next = None if resume_after is None else self._resumed + 1
+        """Index of the next interval that has to become a sample; None before the first."""
+        self._idle = resume_idle
+
+    def add(self, source: str, readings: Iterable[Reading], now: float) -> list[Sample]:
+        """Take in what `source` delivered together with its clock `now` (UTC s); the samples that close by it."""
+        begin = end = inf
+        rows: list[dict[float, float]] = []
+        for channel, time, value, quality, fault in readings:
+            if not begin <= time < end or fault is not None or quality is not Quality.GOOD or not isfinite(value):
+                index = self._accept(time, value, quality, fault)
+                if index is None:
+                    continue
+                interval = self._interval(index)
+                rows = interval.readings
+                begin, end = index * self._period, (index + 1) * self._period
+                if quality is Quality.UNCERTAIN and time not in rows[self._slots[channel]]:
+                    interval.uncertain.add((self._slots[channel], time))
+            row = rows[self._slots[channel]]
+            if time in row:
+                self.faults[Fault.DUPLICATED] += 1
+            elif len(row) >= MOST_READINGS:
+                self.faults[Fault.OVERRUN] += 1
+            else:
+                row[time] = value
+        if isfinite(now) and now >= self._earliest:
+            self._clocks[source] = max(now, self._clocks.get(source, -inf))
+        return self._advance()
+
+    def elapse(self, now: float) -> list[Sample]:
+        """Wall-clock time `now` (UTC s) has come, whatever the sources say: the samples that close by it.
+
+        This is how the intervals of live sources close when these are silent.
+        """
+        if now < self._earliest:
+            return []
+        self._clocks = {source: max(now, clock) for source, clock in self._clocks.items()}
+        return self._advance()
+
+    @property
+    def closes_at(self) -> float:
+        """UTC s at which the next interval closes, if no source has gone past it before."""
+        return (self._closed + 2) * self._period + self._lateness
+
+    @property
+    def closed_until(self) -> int:
+        """UTC s up to which every interval is closed."""
+        return (self._closed + 1) * self._period
+
+    def last_before(self, now: float) -> int:
+        """Time of the last interval that is over at `now`, UTC s."""
+        return (int((now - self._lateness) // self._period) - 1) * self._period
+
+    def set_back(self, now: float) -> None:
+        """The wall clock was set back to `now`, and what lies ahead of it was set aside: the grid goes on from there.
+
+        Open intervals are given up; their readings were dated by the clock that was wrong.
+        """
+        self._open.clear()
+        self._clocks = dict.fromkeys(self._clocks, -inf)
+        self._closed = self.last_before(now) // self._period
+        self._next, self._idle = self._closed + 1, 0
+        self.last_good = {channel: when for channel, when in self.last_good.items() if when <= now}
+
+    def end(self, source: str) -> list[Sample]:
+        """`source` has come to its end. With the last one every open interval closes, the incomplete one too."""
+        self._clocks.pop(source, None)
+        return self._advance() if self._clocks else self.flush()
+
+    @property
+    def ended(self) -> bool:
+        """Whether every source has come to its end."""
+        return not self._clocks
+
+    def flush(self) -> list[Sample]:
+        """Close every interval that holds a reading, whatever the clock says: the end of a recorded period."""
+        return self._close(max(self._open, default=self._closed))
+
+    def _accept(self, time: float, value: float, quality: Quality, fault: Fault | None) -> int | None:
+        """Index of the interval that the reading belongs to, or None if it is not used; then its fault is counted."""
+        if not self._earliest <= time < LATEST:
+            self.faults[fault or Fault.BAD_TIMESTAMP] += 1
+            return None
+        index = int(time // self._period)
+        if index <= self._resumed and not self._live:
+            return None
+        if fault is None and index <= self._closed:
+            fault = Fault.OUT_OF_ORDER
+        if fault is None and quality is not Quality.BAD and not isfinite(value):
+            fault = Fault.NOT_FINITE
+        if fault is not None:
+            self.faults[fault] += 1
+        return index if fault is None and quality is not Quality.BAD else None
+
+    def _interval(self, index: int) -> _Interval:
+        if index not in self._open:
+            self._open[index] = _Interval([{} for _ in self._channels], set())
+        return self._open[index]
+
+    def _advance(self) -> list[Sample]:
+        clock = min(self._clocks.values(), default=-inf)
+        if not isfinite(clock):
+            return []
+        return self._close(int((clock - self._lateness) // self._period) - 1)
+
+    def _close(self, last: int) -> list[Sample]:
+        """Close the intervals up to index `last`."""
+        if last <= self._closed:
+            return []
+        samples: list[Sample] = []
+        for index in sorted(index for index in self._open if index <= last):
+            samples += self._silence(index)
+            samples.append(self._sample(index, self._open.pop(index)))
+            self._idle = 0
+            self._next = index + 1
+        samples += self._silence(last + 1)
+        self._closed = last
+        return samples
+
+    def _silence(self, end: int) -> list[Sample]:
+        """Samples of NaN for the intervals before index `end`, as far as the limit allows."""
+        if self._next is None:
+            return []
+        begin = self._next
+        self._next = max(begin, min(end, begin + self._idle_limit - self._idle))
+        self._idle += self._next - begin
+        return [self._sample(index, None) for index in range(begin, self._next)]
+
+    def _sample(self, index: int, interval: _Interval | None) -> Sample:
+        values: Array = np.full(len(self._channels), np.nan)
+        qualities = [Quality.BAD] * len(self._channels)
+        if interval is not None:
+            for slot, readings in enumerate(interval.readings):
+                if readings:
+                    values[slot], qualities[slot] = self._aggregated(slot, index, readings, interval.uncertain)
+        split = self._outputs
+        return Sample(
+            index * self._period, values[:split], values[split:], tuple(qualities[:split]), tuple(qualities[split:])
+        )
+
+    def _aggregated(
+        self, slot: int, index: int, readings: dict[float, float], uncertain: set[tuple[int, float]]
+    ) -> tuple[float, Quality]:
+        rule = self._rules[slot]
+        times = sorted(readings)
+        used = times[rule.used]
+        try:
+            values = [readings[time] for time in used]
+            value = rule.combine(Span(used, values, index * self._period, (index + 1) * self._period))
+        except OverflowError:
+            return nan, Quality.BAD
+        lower, upper = self._believable[slot]
+        if not lower <= value <= upper:
+            self.faults[Fault.OUT_OF_RANGE] += 1
+            return nan, Quality.BAD
+        channel = self._channels[slot]
+        self.last_good[channel] = times[-1]
+        doubtful = bool(uncertain) and any((slot, time) in uncertain for time in used)
+        return value, Quality.UNCERTAIN if doubtful else Quality.GOOD

@@ -1,0 +1,132 @@
+"""What a zone takes in: readings become samples, samples become durable and wait in the mailbox of its worker."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Iterable
+
+from adapters.reading import Reading
+from service.errors import ServiceError
+from service.records.sample import Sample
+from service.store.store import Store
+from service.zone.alignment import Alignment
+from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
+from service.zone.mailbox import Accepted, Mailbox
+from service.zone.pauses import GrowingPause
+
+FIRST_PAUSE = 1.0
+LONGEST_PAUSE = 60.0
+
+GRACE = 1.0
+"""How long after its end and lateness an interval of a live zone waits for what is on its way, in s."""
+
+_log = logging.getLogger(__name__)
+
+
+class Intake:
+    """The way of a zone's telemetry from its sources to its mailbox, which only `service.zone.zone` empties."""
+
+    def __init__(self, zone: str, period: float, store: Store, clock: Clock) -> None:
+        self.mailbox = Mailbox()
+        self.alignment: Alignment | None = None
+        self.live = False
+        self.trouble: dict[str, str] = {}
+        """Why a source does not deliver, by its name."""
+        self.clocks: dict[str, float] = {}
+        """A recording's own time, by source."""
+        self.unwritten: str | None = None
+        """Why a sample cannot be made durable now."""
+        self.clock = clock
+        self._behind_since: float | None = None
+        """Since when the wall clock has been behind the newest sample, steady s."""
+        self._waited_out = max(period, WAITED_OUT)
+        self._zone = zone
+        self._store = store
+        self._closed = False
+        self.accepting = asyncio.Lock()
+        """Held while samples are on their way into journal and mailbox."""
+
+    def align(self, alignment: Alignment, live: bool) -> None:
+        """Take telemetry through `alignment` from now on; a `live` zone goes by the wall clock."""
+        self.alignment, self.live = alignment, live
+
+    @property
+    def aligned(self) -> Alignment:
+        """The alignment of a zone that takes telemetry."""
+        assert self.alignment is not None
+        return self.alignment
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Readings of `source`, and its clock: the samples that close by them are accepted."""
+        self.trouble.pop(source, None)
+        if not self.live:
+            self.clocks[source] = now
+        await self.accept(self.aligned.add(source, readings, now))
+
+    async def elapse(self, now: float) -> None:
+        """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
+        await self.accept(self.aligned.elapse(now))
+
+    def is_due(self) -> bool:
+        """Whether the wall clock asks for anything: an interval to close, or a zone to go back."""
+        now = self.clock.wall()
+        return now - GRACE >= self.aligned.closes_at or self.is_ahead(now) or self._behind_since is not None
+
+    async def keep_time(self) -> None:
+        """Close the intervals that the wall clock has come past, and go back with a clock that stays behind."""
+        now, steady = self.clock.wall(), self.clock.steady()
+        if not self.is_ahead(now):
+            self._behind_since = None
+            await self.elapse(now - GRACE)
+        elif self._behind_since is None:
+            self._behind_since = steady
+        elif steady - self._behind_since >= SETTLING:
+            self._behind_since = None
+            self.mailbox.set_back()
+
+    def is_ahead(self, now: float) -> bool:
+        """Whether the newest sample lies further ahead of wall-clock time `now` than can be waited out."""
+        return now >= PLAUSIBLE and self.aligned.closed_until > now + self._waited_out
+
+    async def end(self, source: str, after: float | None) -> None:
+        """`source` has come to its end. One that had ended before this start brings no time of its own any more; it
+        then ended at `after`, UTC s."""
+        if source not in self.clocks and after is not None:
+            self.clocks[source] = after
+        self.trouble.pop(source, None)
+        await self.accept(self.aligned.end(source))
+        if self.aligned.ended:
+            self.mailbox.end()
+
+    async def accept(self, samples: Iterable[Sample]) -> None:
+        """Make samples durable and hand them to the worker."""
+        # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
+        async with self.accepting:
+            if self._closed:
+                return
+            for sample in samples:
+                accepted = Accepted(sample, time.monotonic())
+                await self._append(sample)
+                await self.mailbox.put(accepted, patient=not self.live)
+
+    async def close(self) -> None:
+        """No sample follows: what is being accepted still is, what comes later is passed over."""
+        async with self.accepting:
+            self._closed = True
+        self.mailbox.close()
+
+    async def _append(self, sample: Sample) -> None:
+        """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
+        pause = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)
+        while True:
+            try:
+                await self._store.append(self._zone, sample)
+                self.unwritten = None
+                return
+            except ServiceError as error:
+                self.unwritten = f"it cannot accept samples: {error}; trying again every {pause.seconds:.0f} s or more"
+                _log.error("zone '%s' cannot accept samples: %s", self._zone, error)
+                await asyncio.sleep(pause.seconds)
+                pause.grow()

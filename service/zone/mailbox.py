@@ -1,0 +1,145 @@
+"""The mailbox of a zone: bounded, in order, and never in the way of live telemetry."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from enum import Enum
+from typing import NamedTuple
+
+from service.records.sample import Sample
+
+ROOM = 16
+"""Samples that wait in memory at most."""
+
+
+class Accepted(NamedTuple):
+    """A sample that is in the journal, and when it was accepted (monotonic s)."""
+
+    sample: Sample
+    at: float
+
+
+class Left(NamedTuple):
+    """Samples that wait in the journal alone: from UTC s `time` on, where that is known, accepted from `at` on."""
+
+    time: int | None
+    at: float
+
+
+class Mark(Enum):
+    """What a mailbox tells besides samples."""
+
+    SET_BACK = "the wall clock was set back"
+    ENDED = "no telemetry will follow"
+    CLOSED = "nothing at all will follow"
+
+
+class Mailbox:
+    """Samples on their way from the intake, which puts, to the worker, which gets; both in the event loop.
+
+    Where there is no room a recording waits. Live telemetry cannot: its samples are left to the journal, where they are
+    safe, until the worker has caught up with it. Then the mailbox takes samples again.
+    """
+
+    def __init__(self) -> None:
+        self._items: deque[Accepted] = deque()
+        self._left: Left | None = None
+        self._set_back = False
+        self._ended = False
+        self._closed = asyncio.Event()
+        self._news = asyncio.Event()
+        self._emptied = asyncio.Event()
+        """Set while the worker waits for news."""
+        self._room = asyncio.Event()
+
+    def __len__(self) -> int:
+        """Samples that wait in memory."""
+        return len(self._items)
+
+    @property
+    def waiting(self) -> int:
+        """How much waits; what is left to the journal counts as one sample."""
+        return len(self._items) + (self._left is not None)
+
+    @property
+    def waiting_since(self) -> float | None:
+        """When the sample that comes next was accepted, monotonic s; None where none waits."""
+        if self._items:
+            return self._items[0].at
+        return None if self._left is None else self._left.at
+
+    async def put(self, accepted: Accepted, patient: bool) -> None:
+        """Leave a sample that is in the journal; one that is `patient` waits for room."""
+        while patient and self._left is None and len(self._items) >= ROOM:
+            self._room.clear()
+            await self._room.wait()
+        if self._left is not None:
+            return
+        if len(self._items) >= ROOM:
+            self._left = Left(accepted.sample.time, accepted.at)
+        else:
+            self._items.append(accepted)
+        self._bring()
+
+    async def get(self) -> Accepted | Left | Mark:
+        """What comes next. After a `Left` the journal has to be read to its end; samples that come meanwhile may be
+        found in both places. Nothing is lost if the waiting is cancelled."""
+        while True:
+            if self._items:
+                self._room.set()
+                return self._items.popleft()
+            if self._left is not None:
+                left, self._left = self._left, None
+                self._room.set()
+                return left
+            if self._set_back:
+                self._set_back = False
+                return Mark.SET_BACK
+            if self._ended:
+                self._ended = False
+                return Mark.ENDED
+            if self._closed.is_set():
+                return Mark.CLOSED
+            self._news.clear()
+            self._emptied.set()
+            await self._news.wait()
+
+    def discard(self) -> None:
+        """Leave everything that waits, and what comes from now on, to the journal."""
+        since = self.waiting_since
+        self._left = Left(None, asyncio.get_running_loop().time() if since is None else since)
+        self._items.clear()
+        self._room.set()
+        self._bring()
+
+    def set_back(self) -> None:
+        """The zone has to go back with the wall clock, once everything that waits is assimilated."""
+        self._set_back = True
+        self._bring()
+
+    def end(self) -> None:
+        """No telemetry will follow."""
+        self._ended = True
+        self._bring()
+
+    def close(self) -> None:
+        """Nothing at all will follow."""
+        self._closed.set()
+        self._bring()
+
+    async def emptied(self) -> None:
+        """Wait until the worker has finished with everything and asks for more."""
+        await self._emptied.wait()
+
+    def _bring(self) -> None:
+        self._emptied.clear()
+        self._news.set()
+
+    async def closed_within(self, seconds: float) -> bool:
+        """Whether it is closed, or becomes so within `seconds`."""
+        try:
+            async with asyncio.timeout(seconds):
+                return await self._closed.wait()
+        except TimeoutError:
+            return False

@@ -1,0 +1,32 @@
+"""What all zones of the daemon share."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from typing import NamedTuple
+
+from service.publish.metrics import Metrics
+from service.publish.sinks import Sink
+from service.store.store import Store
+from service.zone.clock import Clock
+
+
+class Plumbing(NamedTuple):
+    """What all zones share."""
+
+    site: str
+    store: Store
+    pool: Executor
+    """Runs the estimator steps."""
+    asking: Executor
+    """Runs what REST asks for, so that no question keeps a zone waiting."""
+    stopping: threading.Event
+    """Set when the daemon begins to stop."""
+    metrics: Metrics
+    sinks: Sequence[Sink]
+    """Where zones announce what they know, from the estimator's threads; the metrics are one of them."""
+    checkpoint_every: float
+    """Wall-clock s between two checkpoints of a zone."""
+    clock: Clock = Clock()

@@ -1,0 +1,362 @@
+"""One zone inside the daemon: its worker, fed from its mailbox, and what happens when the worker fails.
+
+A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
+zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
+into the journal, so that nothing is lost and no other zone waits. A sample on which the zone fails
+repeatedly is marked in the journal and passed over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from math import inf
+
+from adapters.reading import Reading
+from estimator.types import ParameterSummary
+from service.errors import ServiceError, StateMismatch
+from service.publish.sinks import Announcement, Occasion
+from service.records.fan import Fan
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.records.skill import Skill
+from service.records.status import Busy, ZoneStatus
+from service.records.update import Update
+from service.zone.alignment import Alignment
+from service.zone.health import state_and_reason
+from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
+from service.zone.mailbox import Left, Mark
+from service.zone.pauses import GrowingPause
+from service.zone.plumbing import Plumbing
+from service.zone.recovery import Recovery
+from service.zone.timeliness import Timeliness
+from service.zone.worker import ZoneWorker
+
+ATTEMPTS = 3
+
+_HOUR = 3600
+
+_log = logging.getLogger(__name__)
+
+
+class Zone:
+    """A running zone; also what REST, metrics and the publisher see of it (`service.records.view.ZoneView`)."""
+
+    def __init__(self, name: str, estimator: str, fingerprint: str, worker: ZoneWorker, plumbing: Plumbing) -> None:
+        """`worker` has seen nothing yet; `fingerprint` is what stored state of the zone belongs to."""
+        self.id = name
+        self.estimator = estimator
+        self._plumbing = plumbing
+        self._worker = worker
+        self.network = worker.network
+        self.period = float(worker.period)
+        self._intake = Intake(name, self.period, plumbing.store, plumbing.clock)
+        self._recovery = Recovery(name, estimator, fingerprint, plumbing)
+        self._failure: str | None = None
+        self._at: int | None = None
+        """Time of the sample that is being assimilated; None between two."""
+        self._timeliness = Timeliness(name)
+        self._finished = 0
+        """How many samples were assimilated, or could not be."""
+        self._replayed = 0
+        """How many samples the last restoring took from the journal."""
+        self.empty_samples = 0
+        """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
+        that is not known."""
+        self._skilled: int | None = None
+        """The hour in which the skill was last announced."""
+        self._hurried = False
+        self._ended = False
+        """Whether the last sample of the last source has been assimilated."""
+
+    def status(self) -> ZoneStatus:
+        """How the zone is doing."""
+        # Copied in one go: the event loop may change them while a worker thread asks.
+        progress, intake = self._worker.progress, self._intake
+        alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
+        state, reason = state_and_reason(
+            progress,
+            has_forecast=self._worker.latest is not None,
+            failure=self._failure or intake.unwritten,
+            trouble=trouble,
+            live=intake.live,
+            ended=self._ended,
+            now=self._plumbing.clock.wall(),
+            lag=self._timeliness.lag(intake.mailbox.waiting_since),
+        )
+        return ZoneStatus(
+            state=state,
+            reason=reason,
+            last_sample_time=progress.last_time,
+            samples=progress.samples,
+            segment=progress.segment,
+            faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
+            last_good=dict(alignment.last_good) if alignment else {},
+            channels=self.network.channels,
+            now=min(clocks, default=None),
+            overruns=self._timeliness.overruns,
+            delay=self._timeliness.delay,
+        )
+
+    @property
+    def fingerprint(self) -> str:
+        """What its state belongs to."""
+        return self._recovery.fingerprint
+
+    @property
+    def worker(self) -> ZoneWorker:
+        """What it has learned with; another one after a failure."""
+        return self._worker
+
+    @property
+    def live(self) -> bool:
+        """Whether the zone goes by the wall clock."""
+        return self._intake.live
+
+    @property
+    def busy(self) -> Busy:
+        """What waits, and what was finished."""
+        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
+
+    def latest(self) -> Update | None:
+        """The newest update."""
+        return self._worker.latest
+
+    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
+        """The standing forecast and `steps` beyond it, under `plan`."""
+        rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
+        fan = partial(self._worker.fan, levels, rows, self._plumbing.stopping.is_set)
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, fan)
+
+    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+        """Posterior quantiles of the parameters."""
+        worker = self._worker
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+
+    async def skill(self) -> Skill | None:
+        """What the zone's forecasts have been worth."""
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, self._worker.skill)
+
+    async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """History rows, oldest first."""
+        return await self._plumbing.store.history(self.id, start, end, limit)
+
+    async def restore(self) -> int | None:
+        """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.
+
+        Raises StateMismatch where the stored state belongs to another network.
+        """
+        worker = self._worker.anew()
+        checkpoint = await self._recovery.restore(worker)
+        self._replayed = replayed = await self._catch_up(worker)
+        self._worker = worker
+        if checkpoint is not None or replayed:
+            _log.info(
+                "zone '%s' goes on after %d samples, %d intervals replayed from the journal",
+                self.id,
+                worker.progress.samples,
+                replayed,
+            )
+        return await self._plumbing.store.resume_after(self.id, checkpoint)
+
+    def align(self, alignment: Alignment, live: bool = False, pace: float = inf) -> None:
+        """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
+        wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
+        `pace`."""
+        self._intake.align(alignment, live)
+        self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Readings of `source`, and its clock: the samples that close by them are accepted."""
+        await self._intake.deliver(source, readings, now)
+
+    async def elapse(self, now: float) -> None:
+        """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
+        await self._intake.elapse(now)
+
+    def is_due(self) -> bool:
+        """Whether there is anything to do for `keep_time`."""
+        return self._intake.live and self._intake.is_due()
+
+    async def keep_time(self) -> None:
+        """The wall clock goes on, in a live zone."""
+        await self._intake.keep_time()
+
+    async def end(self, source: str) -> None:
+        """`source` has come to its end."""
+        last = self._worker.progress.last_time
+        await self._intake.end(source, None if last is None else last + self.period)
+
+    async def source_failed(self, source: str, reason: str) -> None:
+        """`source` does not deliver for now, and why."""
+        self._intake.trouble[source] = reason
+        await self._announce_status()
+
+    async def accept(self, samples: Iterable[Sample]) -> None:
+        """Make samples durable and hand them to the worker."""
+        await self._intake.accept(samples)
+
+    async def settled(self) -> None:
+        """Wait until everything that has been accepted is assimilated, while `run` is under way."""
+        async with self._intake.accepting:
+            pass
+        await self._intake.mailbox.emptied()
+
+    async def prepare(self) -> int | None:
+        """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
+        leaves the zone failed, to be retried by `run`."""
+        try:
+            last = await self.restore()
+            if last == self._worker.progress.last_time:
+                self.empty_samples = self._worker.empty_samples
+            if self._replayed:
+                # The next start need not replay the same samples again.
+                await self._recovery.save(self._worker)
+            return last
+        except StateMismatch:
+            raise
+        except Exception as error:
+            self._fail(error, FIRST_PAUSE)
+            return await self._plumbing.store.last_sample_time(self.id)
+
+    async def close_mailbox(self) -> None:
+        """No sample follows: `run` ends when the mailbox is empty."""
+        await self._intake.close()
+
+    def hurry(self) -> None:
+        """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
+        self._hurried = True
+
+    async def run(self) -> None:
+        """Serve the mailbox, in order, until it is closed; then write a checkpoint."""
+        pause, failed_on, attempts = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), None, 0
+        while True:
+            try:
+                if self._failure is not None:
+                    await self._recover()
+                    pause.reset()
+                await self._serve()
+                return
+            except StateMismatch:
+                raise
+            except Exception as error:
+                attempts = attempts + 1 if failed_on == self._at else 1
+                failed_on, self._at = self._at, None
+                self._fail(error, pause.seconds)
+                if failed_on is not None and attempts >= ATTEMPTS:
+                    await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
+                if await self._intake.mailbox.closed_within(pause.seconds):
+                    return
+                pause.grow()
+
+    async def _serve(self) -> None:
+        # What was restored is announced, so that a late joiner need not wait for the next sample.
+        await self._announce_in_pool(Occasion.RESTORED)
+        while not self._hurried:
+            self._timeliness.rest()
+            try:
+                async with asyncio.timeout(self._recovery.patience):
+                    item = await self._intake.mailbox.get()
+            except TimeoutError:
+                await self._recovery.save(self._worker)
+                continue
+            if item is Mark.CLOSED:
+                break
+            if item is Mark.ENDED:
+                await self._end()
+            elif item is Mark.SET_BACK:
+                if await self._recovery.set_back(self._worker, self._intake):
+                    await self._announce_status()
+            elif isinstance(item, Left):
+                await self._catch_up(self._worker, item)
+            else:
+                last = self._worker.progress.last_time
+                # After a recovery the mailbox may still hold what the journal has already brought.
+                if last is None or item.sample.time > last:
+                    await self._step(self._worker, item.sample, item.at)
+        # A source that was stopped between journal and mailbox leaves its last sample in the journal alone.
+        await self._catch_up(self._worker)
+        await self._recovery.save(self._worker)
+
+    async def _end(self) -> None:
+        self._ended = True
+        if faults := self.status().faults:
+            counts = ", ".join(f"{count} {fault}" for fault, count in faults.items())
+            _log.warning("zone '%s': readings refused: %s", self.id, counts)
+        await self._announce_status()
+
+    async def _step(self, worker: ZoneWorker, sample: Sample, accepted: float | None) -> None:
+        """Take `worker` over a sample that was `accepted` then (monotonic s); None where that is long ago."""
+        loop, patience = asyncio.get_running_loop(), self._recovery.patience
+        if patience is not None and patience <= 0:
+            await self._recovery.save(self._worker)
+        self._at = sample.time
+        if accepted is not None:
+            self._timeliness.begin(accepted)
+        update = await loop.run_in_executor(self._plumbing.pool, self._work, worker, sample)
+        self._at = None
+        self._recovery.went_on()
+        self._finished += 1
+        if update is not None:
+            self._plumbing.store.record(self.id, update)
+
+    def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
+        """In a worker thread: one step, and its publication while the worker is the zone's own."""
+        update = worker.step(sample)
+        if worker is self._worker:
+            self._timeliness.published()
+            self._announce(Occasion.STATUS if update is None else Occasion.UPDATE)
+        return update
+
+    async def _announce_status(self) -> None:
+        await self._announce_in_pool(Occasion.STATUS)
+
+    async def _announce_in_pool(self, occasion: Occasion) -> None:
+        await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, self._announce, occasion)
+
+    def _announce(self, occasion: Occasion) -> None:
+        """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
+        update, skill = self._worker.latest, None
+        if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
+            self._skilled, skill = update.time // _HOUR, self._worker.skill()
+        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill)
+        for sink in self._plumbing.sinks:
+            try:
+                sink.publish(announcement)
+            except ServiceError as error:
+                _log.warning("zone '%s': %s", self.id, error)
+
+    def _fail(self, error: Exception, pause: float) -> None:
+        self._finished += 1
+        self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
+        self._intake.mailbox.discard()
+        self._timeliness.rest()
+        self._plumbing.metrics.failed(self.id)
+        _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))
+        self._announce(Occasion.STATUS)
+
+    async def _recover(self) -> None:
+        await self.restore()
+        # What was accepted meanwhile is left to the journal, and comes next.
+        self._failure = None
+        _log.info("zone '%s' has recovered", self.id)
+
+    async def _catch_up(self, worker: ZoneWorker, left: Left | None = None) -> int:
+        """Step `worker` through what the journal holds beyond it; how many samples that were. `left` says when those
+        were accepted for which there was no room."""
+        caught_up = 0
+        while samples := await self._recovery.beyond(worker):
+            for sample in samples:
+                if self._hurried:
+                    return caught_up
+                await self._step(worker, sample, None if left is None else self._accepted(left, sample))
+                caught_up += 1
+        return caught_up
+
+    def _accepted(self, left: Left, sample: Sample) -> float:
+        """When `sample` was accepted, monotonic s: one came after the other at the pace of the telemetry."""
+        if left.time is None or self._timeliness.patience == inf:
+            return left.at
+        return left.at + (sample.time - left.time) / self.period * self._timeliness.patience

@@ -1,0 +1,80 @@
+"""Counters in recorded files, and what a probe of a recording shows."""
+
+import asyncio
+from itertools import pairwise
+
+import pytest
+
+from adapters.csv.source import CsvChannel, CsvSource
+from adapters.edge import Edge
+from adapters.errors import SourceUnavailable
+from adapters.reading import Fault
+from adapters.units import conversion
+
+METER = Edge(conversion=conversion("kWh", "W"), valid=(-1e6, 1e6), counter=True)
+
+
+def source(tmp_path, *texts, **settings):
+    files = []
+    for number, text in enumerate(texts):
+        files.append(tmp_path / f"{number}.csv")
+        files[-1].write_text("t,E,T\n" + text)
+    channels = [CsvChannel("z/u", ("E",), METER), CsvChannel("z/T", ("T",), Edge(valid=(-60.0, 80.0)))]
+    return CsvSource("log", files, channels, timestamp_column="t", timestamp_format="epoch", **settings)
+
+
+def powers(csv_source, start=None):
+    async def collect():
+        batches = [batch async for batch in csv_source.batches(start)]
+        return [r for batch in batches for r in batch.readings if r.channel == "z/u"]
+
+    return [(reading.time, reading.fault or reading.value) for reading in asyncio.run(collect())]
+
+
+ROWS = "0,10,1\n900,10.5,1\n1800,10.5,1\n2700,,1\n3600,11.5,1\n"
+
+
+def test_a_counter_becomes_the_power_of_the_stretch_that_begins_at_a_row(tmp_path):
+    assert powers(source(tmp_path, ROWS)) == [(0.0, 2000.0), (900.0, 0.0), (1800.0, 2000.0)]
+
+
+def test_it_counts_on_from_file_to_file(tmp_path):
+    assert powers(source(tmp_path, "0,10,1\n", "900,10.5,1\n")) == [(0.0, 2000.0)]
+
+
+def test_a_new_meter_is_a_fault_and_no_huge_power(tmp_path):
+    assert powers(source(tmp_path, "0,9000,1\n900,0,1\n1800,0.25,1\n")) == [
+        (0.0, Fault.COUNTER_RESET),
+        (900.0, 1000.0),
+    ]
+
+
+def test_a_start_in_the_middle_has_the_power_from_there_on(tmp_path):
+    assert powers(source(tmp_path, ROWS), 900.0) == [(900.0, 0.0), (1800.0, 2000.0)]
+
+
+def test_rows_of_the_hour_that_autumn_repeats_are_an_hour_apart(tmp_path):
+    path = tmp_path / "autumn.csv"
+    hours = ["02:00", "02:30", "02:00", "02:30", "03:00"]
+    rows = [f"2025-10-26 {hour},{10 + k / 2},1" for k, hour in enumerate(hours)]
+    path.write_text("t,E,T\n" + "\n".join(rows) + "\n")
+    channels = [CsvChannel("z/u", ("E",), METER)]
+    found = powers(CsvSource("log", [path], channels, timestamp_column="t", zone="Europe/Berlin"))
+    assert [value for _, value in found] == [1000.0] * 4
+    assert [later[0] - earlier[0] for earlier, later in pairwise(found)] == [1800.0] * 3
+
+
+def test_a_probe_shows_the_first_and_the_last_row(tmp_path):
+    probes = asyncio.run(source(tmp_path, ROWS, "4500,12,95\n").probe(1.0))
+    assert [(probe.channel, probe.time, probe.value, probe.verdict) for probe in probes] == [
+        ("z/u", 0.0, None, "good"),
+        ("z/u", 4500.0, None, "good"),
+        ("z/T", 0.0, 1.0, "good"),
+        ("z/T", 4500.0, None, "out of range"),
+    ]
+    assert [probe.raw for probe in probes[:2]] == ["10", "12"]
+
+
+def test_a_probe_of_a_file_without_rows_is_one_sentence(tmp_path):
+    with pytest.raises(SourceUnavailable, match=r"sources.log: file '.*0.csv' has no rows; give one that has"):
+        asyncio.run(source(tmp_path, "").probe(1.0))

@@ -1,0 +1,344 @@
+import asyncio
+import gzip
+import threading
+import time
+from datetime import UTC, datetime
+from math import inf, isnan, nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.waiting import until, wait_until
+
+import adapters.csv.source
+from adapters.csv.source import CsvChannel, CsvSource
+from adapters.csv.table import read_table
+from adapters.edge import Edge
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.reading import Fault, Quality, Reading
+from adapters.units import conversion
+
+TEMPERATURE = CsvChannel("living/T_air", ("T",))
+
+
+def utc(text):
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+
+
+def write(path, text, encoding="utf-8"):
+    data = text.encode(encoding)
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    return path
+
+
+def source(*files, channels=(TEMPERATURE,), timestamp_column="t", **settings):
+    return CsvSource("recording", files, channels, timestamp_column=timestamp_column, **settings)
+
+
+def batches(csv_source, start=None):
+    async def collect():
+        return [batch async for batch in csv_source.batches(start)]
+
+    return asyncio.run(collect())
+
+
+def readings(csv_source, start=None):
+    return [reading for batch in batches(csv_source, start) for reading in batch.readings]
+
+
+def values(csv_source, start=None):
+    return [(reading.time, reading.value) for reading in readings(csv_source, start)]
+
+
+@pytest.fixture
+def plain(tmp_path):
+    return write(tmp_path / "plain.csv", "t,T\n2025-05-03 00:00:00Z,20.5\n2025-05-03 00:00:10Z,20.6\n")
+
+
+def test_rows_become_good_readings_of_the_bound_channel(plain):
+    start = utc("2025-05-03")
+    (batch,) = batches(source(plain))
+    assert batch.readings == [
+        Reading("living/T_air", start, 20.5),
+        Reading("living/T_air", start + 10, 20.6),
+    ]
+    assert batch.now == start + 10
+    assert all(reading.quality is Quality.GOOD for reading in batch.readings)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "settings"),
+    [
+        ("quoted.csv", '"t","T"\n"2025-05-03T00:00:00Z","20.5"\n', {}),
+        ("bom.csv", '\ufeff"t","T"\n2025-05-03T00:00:00Z,20.5\n', {}),
+        ("packed.csv.gz", "t,T\n2025-05-03T00:00:00Z,20.5\n", {}),
+        ("windows.csv", "t,T\r\n2025-05-03T00:00:00Z,20.5\r\n\r\n", {}),
+        ("german.csv", "t;T;x\n03.05.2025 02:00;20,5;\n", {"delimiter": ";", "decimal": ","}),
+        ("latin.csv", "t;T;°C\n03.05.2025 02:00;20,5;\n", {"delimiter": ";", "decimal": ",", "encoding": "latin-1"}),
+        ("index.csv", ",t,T\n0,2025-05-03T00:00:00Z,20.5\n", {}),
+        ("blanks.csv", "\n t , T\n 2025-05-03T00:00:00Z , 20.5 \n", {}),
+        ("short.csv", "t,other,T\n2025-05-03T00:00:00Z,1,20.5\n2025-05-03T00:00:10Z,1\n", {}),
+        ("tabs.csv", "t\tT\n2025-05-03T00:00:00Z\t20.5\n", {"delimiter": "\t"}),
+    ],
+)
+def test_files_as_loggers_write_them(tmp_path, name, text, settings):
+    if settings.get("decimal") == ",":
+        settings = settings | {"timestamp_format": "%d.%m.%Y %H:%M", "zone": "Europe/Berlin"}
+    path = write(tmp_path / name, text, settings.get("encoding", "utf-8"))
+    recording = source(path, **settings)
+    assert recording.check() == []
+    assert values(recording) == [(utc("2025-05-03"), 20.5)]
+
+
+def test_an_unnamed_first_column_can_be_the_timestamp(tmp_path):
+    path = write(tmp_path / "a.csv", ",T\n2025-05-03T00:00:00Z,20.5\n")
+    assert values(source(path, timestamp_column="")) == [(utc("2025-05-03"), 20.5)]
+
+
+def test_columns_are_summed_then_scaled_then_converted(tmp_path):
+    path = write(tmp_path / "a.csv", "t,a,b\n0,0.5,0.25\n10,1,\n20,x,1\n30,,x\n40,1,1\n")
+    heat = CsvChannel("z/u", ("a", "b"), Edge(2.0, 0.1, conversion("kW", "W"), (0.0, 3000.0)))
+    assert readings(source(path, channels=[heat], timestamp_format="epoch")) == [
+        Reading("z/u", 0.0, 1600.0),
+        Reading("z/u", 20.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.NON_NUMERIC),
+        Reading("z/u", 30.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.NON_NUMERIC),
+        Reading("z/u", 40.0, pytest.approx(nan, nan_ok=True), Quality.BAD, Fault.OUT_OF_RANGE),
+    ]
+
+
+def test_each_bad_cell_is_delivered_with_its_fault_and_missing_ones_not_at_all(tmp_path):
+    lines = ["t,T", "0,20", "10,broken", "20,nan", "30,-inf", "40,81", "50,", "60,NA", "70,21"]
+    path = write(tmp_path / "a.csv", "\n".join(lines))
+    channel = CsvChannel("z/T", ("T",), Edge(valid=(-60.0, 80.0)))
+    got = readings(source(path, channels=[channel], timestamp_format="epoch"))
+    assert [(reading.time, reading.fault) for reading in got] == [
+        (0.0, None),
+        (10.0, Fault.NON_NUMERIC),
+        (20.0, Fault.NOT_FINITE),
+        (30.0, Fault.NOT_FINITE),
+        (40.0, Fault.OUT_OF_RANGE),
+        (70.0, None),
+    ]
+    for reading in got:
+        assert isnan(reading.value) == (reading.quality is Quality.BAD) == (reading.fault is not None)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"), [("2025-05-03 00:00:10", Fault.NAIVE_TIMESTAMP), ("garbage", Fault.BAD_TIMESTAMP)]
+)
+def test_a_refused_timestamp_is_one_fault_per_channel_where_it_stands(tmp_path, text, fault):
+    path = write(tmp_path / "a.csv", f"t,T,U\n1970-01-01 00:00:00Z,1,2\n{text},1,\n1970-01-01 00:00:20Z,1,2\n")
+    channels = [CsvChannel("z/T", ("T",)), CsvChannel("z/U", ("U",))]
+    first, last = batches(source(path, channels=channels, pace=1e6))
+    assert (first.now, last.now) == (0.0, 20.0)
+    refused = [reading for reading in first.readings if reading.fault]
+    assert [(reading.channel, reading.fault) for reading in refused] == [("z/T", fault), ("z/U", fault)]
+    assert all(isnan(reading.time) and isnan(reading.value) for reading in refused)
+    assert len(last.readings) == 2
+
+
+def test_a_file_without_any_usable_timestamp_only_counts(tmp_path):
+    garbage = write(tmp_path / "a.csv", "t,T\nx,1\ny,2\n")
+    paced = batches(source(garbage, pace=1.0))
+    assert [(len(batch.readings), batch.now) for batch in paced] == [(2, -inf)]
+    good = write(tmp_path / "b.csv", "t,T\n1970-01-01T00:00:10Z,1\n")
+    assert [batch.now for batch in batches(source(good, garbage))] == [10.0, 10.0]
+
+
+def test_rows_of_one_file_are_ordered_by_time_and_equal_times_keep_their_order(tmp_path):
+    path = write(tmp_path / "a.csv", "t,T\n30,3\n10,1\n20,2\n10,1.5\n")
+    assert values(source(path, timestamp_format="epoch")) == [(10.0, 1.0), (10.0, 1.5), (20.0, 2.0), (30.0, 3.0)]
+
+
+def test_files_follow_one_another_and_the_clock_never_goes_back(tmp_path):
+    paths = [
+        write(tmp_path / "a.csv", "t,T\n10,1\n30,3\n"),
+        write(tmp_path / "empty.csv", "T,t\n"),
+        write(tmp_path / "b.csv.gz", "x,T,t\n0,2,20\n0,4,40\n"),
+    ]
+    got = batches(source(*paths, timestamp_format="epoch", pace=1e9))
+    assert [(batch.readings[0].value, batch.now) for batch in got] == [(1.0, 10), (3.0, 30), (2.0, 30), (4.0, 40)]
+
+
+def test_start_skips_what_came_before_in_every_file(tmp_path):
+    first = write(tmp_path / "a.csv", "t,T\nx,9\n10,1\nx,9\n20,2\nx,9\n")
+    second = write(tmp_path / "b.csv", "t,T\n25,3\n")
+    recording = source(first, second, timestamp_format="epoch")
+    assert [reading.time for reading in readings(recording, 20.0)][0::2] == [20.0, 25.0]
+    assert values(recording, 20.5) == [(25.0, 3.0)]
+    assert values(recording, 26.0) == []
+
+
+def test_the_hour_that_autumn_repeats_and_the_one_that_spring_skips(tmp_path):
+    rows = ["2025-10-26 02:30:00", "2025-10-26 02:59:50", "2025-10-26 02:00:00", "2025-10-26 02:30:00"]
+    autumn = write(tmp_path / "autumn.csv", "t,T\n" + "".join(f"{row},20\n" for row in rows))
+    times = [reading.time - utc("2025-10-26") for reading in readings(source(autumn, zone="Europe/Berlin"))]
+    assert times == [1800.0, 3590.0, 3600.0, 5400.0]
+    spring = write(tmp_path / "spring.csv", "t,T\n2025-03-30 02:30:00,20\n2025-03-30 03:00:00,20\n")
+    faults = [reading.fault for reading in readings(source(spring, zone="Europe/Berlin"))]
+    assert faults == [Fault.BAD_TIMESTAMP, None]
+
+
+def test_many_rows_come_in_few_batches_and_all_of_them(tmp_path):
+    path = write(tmp_path / "a.csv", "t,T\n" + "".join(f"{i},{i % 7}\n" for i in range(10_000)))
+    got = batches(source(path, timestamp_format="epoch"))
+    assert [reading.time for batch in got for reading in batch.readings] == list(range(10_000))
+    assert all(batch.now == batch.readings[-1].time for batch in got)
+    assert len(got) < 10
+
+
+def test_paced_rows_come_when_they_are_due(tmp_path):
+    path = write(tmp_path / "a.csv", "t,T\n" + "".join(f"{100 + i},{i}\n" for i in range(6)))
+
+    async def arrivals():
+        begin = time.monotonic()
+        return [(time.monotonic() - begin, batch.now) async for batch in paced.batches(None)]
+
+    paced = source(path, timestamp_format="epoch", pace=20.0)
+    got = asyncio.run(arrivals())
+    assert [now for _, now in got] == [100, 101, 102, 103, 104, 105]
+    # Sleeping may end late on a busy machine, but never early.
+    for elapsed, now in got:
+        assert elapsed >= (now - 100) / 20 - 0.005
+
+
+def test_lateness_does_not_add_up(tmp_path, monkeypatch):
+    """Every sleep ends 30 ms late."""
+    path = write(tmp_path / "a.csv", "t,T\n" + "".join(f"{100 + i},{i}\n" for i in range(101)))
+    paced = source(path, timestamp_format="epoch", pace=20.0)
+    sleep, now = asyncio.sleep, [0.0]
+
+    async def oversleep(seconds):
+        now[0] += seconds + 0.03 if seconds else 0.0
+        await sleep(0)
+
+    async def arrivals():
+        monkeypatch.setattr(asyncio.get_running_loop(), "time", lambda: now[0])
+        monkeypatch.setattr(adapters.csv.source.asyncio, "sleep", oversleep)
+        try:
+            return [now[0] async for _ in paced.batches(None)]
+        finally:
+            monkeypatch.undo()
+
+    got = asyncio.run(arrivals())
+    assert len(got) == 101
+    assert all(0 <= when - i / 20 <= 0.031 for i, when in enumerate(got))
+
+
+def test_closing_ends_a_delivery_that_is_asleep(tmp_path):
+    path = write(tmp_path / "a.csv", "t,T\n0,1\n100000,2\n")
+    recording = source(path, timestamp_format="epoch", pace=1.0)
+
+    async def close_soon():
+        await asyncio.sleep(0.05)
+        await recording.close()
+        await recording.close()
+
+    async def close_while_asleep():
+        closing = asyncio.create_task(close_soon())
+        got = [batch.now async for batch in recording.batches(None)]
+        await closing
+        return got
+
+    assert asyncio.run(asyncio.wait_for(close_while_asleep(), 60)) == [0.0]
+
+
+def test_reading_a_large_file_leaves_the_event_loop_alive_and_stops_when_cancelled(tmp_path, monkeypatch):
+    path = write(tmp_path / "a.csv", "t,T\n" + "1746230410,20.5\n" * 1000)
+    begun, read = threading.Event(), []
+
+    def read_large(file, channels, layout, stopped):
+        begun.set()
+        wait_until(stopped)
+        read.append(read_table(file, channels, layout, stopped).order.size)
+
+    async def cancel_while_reading():
+        monkeypatch.setattr(adapters.csv.source, "read_table", read_large)
+        task = asyncio.ensure_future(anext(aiter(source(path, timestamp_format="epoch").batches(None))))
+        await until(begun.is_set)
+        assert not task.done()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    # It waits for the reading thread, which must have noticed.
+    asyncio.run(cancel_while_reading())
+    assert read == [0]
+
+
+def test_check_names_every_problem_with_its_file(tmp_path):
+    missing, empty = tmp_path / "missing.csv", write(tmp_path / "empty.csv", "")
+    wrong = write(tmp_path / "wrong.csv", "time,T,T\n")
+    semicolons = write(tmp_path / "semi.csv", "t;T\n1;2\n")
+    torn = tmp_path / "torn.csv.gz"
+    torn.write_bytes(gzip.compress(b"t,T\n")[:12])
+    problems = source(missing, empty, wrong, semicolons, torn, tmp_path).check()
+    expected = [
+        f"sources.recording: file '{missing}' cannot be read (No such file or directory); check its path",
+        f"sources.recording: file '{empty}' is empty; it needs a first line with the names of its columns",
+        f"sources.recording: file '{wrong}' has no column 't' (the timestamp); its columns are: time, T, T",
+        f"sources.recording: file '{wrong}' has the column 'T' (channel living/T_air) more than once",
+        f"sources.recording: file '{semicolons}' has no column 't' (the timestamp); its columns are: t;T; is the del",
+        f"sources.recording: file '{semicolons}' has no column 'T' (channel living/T_air); its columns are: t;T; is",
+        f"sources.recording: file '{torn}' is no complete gzip file",
+        f"sources.recording: file '{tmp_path}' cannot be read (Is a directory)",
+    ]
+    assert len(problems) == len(expected)
+    for problem, beginning in zip(problems, expected, strict=True):
+        assert problem.startswith(beginning)
+
+
+def test_an_unreadable_file_is_unavailable_when_its_turn_comes(tmp_path, plain):
+    recording = source(plain, tmp_path / "later.csv")
+
+    async def until_it_fails():
+        delivery = recording.batches(None)
+        assert len((await anext(delivery)).readings) == 2
+        with pytest.raises(SourceUnavailable, match=r"sources.recording: file '.*later.csv' cannot be read"):
+            await anext(delivery)
+
+    asyncio.run(until_it_fails())
+
+
+def test_a_missing_column_and_an_endless_quote_are_told_when_running(tmp_path):
+    with pytest.raises(SourceConfigError, match="has no column 'T'"):
+        batches(source(write(tmp_path / "a.csv", "t,U\n0,1\n")))
+    with pytest.raises(SourceUnavailable, match="look for a quote that is not closed"):
+        batches(source(write(tmp_path / "b.csv", 't,T\n0,"1' + "0" * 200_000)))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.binary(max_size=300), st.sampled_from(["utf-8", "latin-1", "utf-16"]))
+def test_no_bytes_can_crash_the_source(tmp_path_factory, data, encoding):
+    path = tmp_path_factory.mktemp("garbage") / "a.csv"
+    path.write_bytes("t,T\n".encode(encoding) + data)
+    got = readings(source(path, encoding=encoding, zone="Europe/Berlin"))
+    assert all((reading.fault is None) == (reading.quality is Quality.GOOD) for reading in got)
+    path.write_bytes(data)
+    with pytest.raises(SourceError, match=r"a\.csv"):
+        batches(source(path, encoding=encoding))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"delimiter": ";;"}, "delimiter ';;' is not usable"),
+        ({"delimiter": ""}, "delimiter '' is not usable"),
+        ({"decimal": ";"}, "decimal mark ';' is not usable"),
+        ({"decimal": ","}, "delimiter and decimal mark are both ','"),
+        ({"encoding": "utf-9"}, "encoding 'utf-9' is unknown"),
+        ({"encoding": "base64"}, "encoding 'base64' is unknown"),
+        ({"pace": 0.0}, "pace 0 is not usable"),
+        ({"pace": nan}, "pace nan is not usable"),
+        ({"zone": "Mars/Olympus"}, "time zone 'Mars/Olympus' is unknown"),
+        ({"timestamp_format": "%H"}, "timestamp format '%H' is not usable"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused(plain, wrong, sentence):
+    with pytest.raises(SourceConfigError, match=sentence):
+        source(plain, **wrong)
+
+
+def test_a_source_without_files_is_refused():
+    with pytest.raises(SourceConfigError, match="list at least one in 'files'"):
+        source()

@@ -1,0 +1,152 @@
+from datetime import UTC, datetime
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from adapters.csv.cells import Status
+from adapters.csv.times import parse_timestamps, to_utc
+from adapters.errors import SourceConfigError
+from adapters.timestamps import local_to_utc, time_zone, timestamp_parser
+
+BERLIN = ZoneInfo("Europe/Berlin")
+
+
+def seconds(text):
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+
+
+def utc_of(texts, pattern="iso8601", zone=None):
+    return to_utc(parse_timestamps(texts, timestamp_parser(pattern)), zone)
+
+
+def wall_clock(utc, zone):
+    """Wall-clock seconds of UTC seconds, one by one through the standard library: the oracle's direction."""
+    moments = [datetime.fromtimestamp(time, zone) for time in utc]
+    return np.array([moment.replace(tzinfo=UTC).timestamp() for moment in moments])
+
+
+@pytest.mark.parametrize(
+    ("pattern", "text", "expected"),
+    [
+        ("iso8601", "2025-05-03T00:00:10Z", "2025-05-03T00:00:10"),
+        ("iso8601", " 2025-05-03 00:00:10+02:00 ", "2025-05-02T22:00:10"),
+        ("iso8601", "2025-05-03 02:00:10.25", "2025-05-03T00:00:10.25"),
+        ("epoch", "1746230410.5", "2025-05-03T00:00:10.5"),
+        ("%d.%m.%Y %H:%M", "03.05.2025 02:00", "2025-05-03T00:00:00"),
+        ("%Y-%m-%d %H:%M:%S%z", "2025-05-03 00:00:10-0100", "2025-05-03T01:00:10"),
+    ],
+)
+def test_timestamps_become_utc(pattern, text, expected):
+    times, status = utc_of([text], pattern, BERLIN)
+    assert status.tolist() == [Status.GOOD]
+    assert times[0] == seconds(expected)
+
+
+def test_a_naive_timestamp_without_a_zone_is_refused_as_naive():
+    times, status = utc_of(["2025-05-03 00:00:10", "2025-05-03 00:00:10Z"])
+    assert status.tolist() == [Status.NAIVE_TIMESTAMP, Status.GOOD]
+    assert np.isnan(times[0])
+
+
+@pytest.mark.parametrize(
+    ("pattern", "text"),
+    [
+        ("iso8601", ""),
+        ("iso8601", "yesterday"),
+        ("iso8601", "2025-02-30 00:00:00"),
+        ("iso8601", "0001-01-01 00:00:00"),
+        ("iso8601", "9999-12-31 23:59:59"),
+        ("iso8601", "1969-12-31T23:59:59Z"),
+        ("epoch", "1746230410000"),
+        ("epoch", "nan"),
+        ("epoch", "inf"),
+        ("epoch", "2025-05-03"),
+        ("%d.%m.%Y", "2025-05-03"),
+    ],
+)
+@pytest.mark.parametrize("zone", [None, BERLIN])
+def test_an_unreadable_or_implausible_timestamp_is_bad(pattern, text, zone):
+    times, status = utc_of([text], pattern, zone)
+    assert status.tolist() == [Status.BAD_TIMESTAMP]
+    assert np.isnan(times[0])
+
+
+@given(st.lists(st.text(max_size=30) | st.datetimes().map(str)), st.sampled_from(["iso8601", "epoch", "%Y-%m-%d"]))
+def test_no_text_can_crash_the_parser(texts, pattern):
+    times, status = utc_of(texts, pattern, BERLIN)
+    assert np.array_equal(np.isfinite(times), status == Status.GOOD)
+
+
+@pytest.mark.parametrize("pattern", ["iso", "%H:%M:%S", "%d.%m.", "%Q", "%", "", "%Y-%m-%d %m"])
+def test_a_pattern_without_a_full_date_is_refused(pattern):
+    with pytest.raises(SourceConfigError, match="use 'iso8601', 'epoch' or a strptime pattern"):
+        timestamp_parser(pattern)
+
+
+@pytest.mark.parametrize("name", ["Europe/Atlantis", "Europe", "../etc", ""])
+def test_an_unknown_zone_is_refused(name):
+    with pytest.raises(SourceConfigError, match="IANA name such as 'Europe/Berlin'"):
+        time_zone(name)
+
+
+@pytest.mark.parametrize(
+    ("zone", "change"),
+    [
+        ("Europe/Berlin", "2025-10-26T01:00:00"),
+        ("Europe/Berlin", "2025-03-30T01:00:00"),
+        ("America/New_York", "2025-11-02T06:00:00"),
+        ("Australia/Lord_Howe", "2025-04-05T15:00:00"),  # half an hour back
+        ("Atlantic/Azores", "2025-10-26T01:00:00"),  # back over midnight
+        ("UTC", "2025-10-26T01:00:00"),
+    ],
+)
+@pytest.mark.parametrize("cadence", [10.0, 60.0, 900.0])
+@pytest.mark.parametrize("direction", [1, -1], ids=["oldest first", "newest first"])
+def test_a_recording_over_a_clock_change_comes_back_as_it_was(zone, change, cadence, direction):
+    utc = (seconds(change) + np.arange(-5 * 3600, 5 * 3600, cadence))[::direction]
+    assert np.array_equal(local_to_utc(wall_clock(utc, ZoneInfo(zone)), ZoneInfo(zone)), utc)
+
+
+def test_two_autumns_in_one_file_are_told_apart():
+    hours = np.arange(-3 * 3600, 3 * 3600, 600.0)
+    utc = np.concatenate([seconds("2024-10-27T01:00:00") + hours, seconds("2025-10-26T01:00:00") + hours])
+    assert np.array_equal(local_to_utc(wall_clock(utc, BERLIN), BERLIN), utc)
+
+
+def test_the_second_pass_is_found_across_a_gap_in_the_repeated_hour():
+    local = [seconds(f"2025-10-26T{clock}") for clock in ("01:59:00", "02:05:00", "02:20:00", "02:10:00", "03:00:00")]
+    expected = [
+        seconds(f"2025-10-25T{clock}" if clock > "23" else f"2025-10-26T{clock}")
+        for clock in ("23:59:00", "00:05:00", "00:20:00", "01:10:00", "02:00:00")
+    ]
+    assert local_to_utc(np.array(local), BERLIN).tolist() == expected
+
+
+def test_a_record_slightly_out_of_order_does_not_pass_for_the_clock_change():
+    utc = seconds("2025-10-26T00:00:00") + np.arange(0, 2 * 3600, 10.0)
+    for early in (30, 200, 500, 700):
+        swapped = utc.copy()
+        swapped[[early, early + 1]] = utc[[early + 1, early]]
+        assert np.array_equal(local_to_utc(wall_clock(swapped, BERLIN), BERLIN), swapped)
+
+
+def test_a_repeated_hour_recorded_once_is_taken_for_the_first_pass():
+    local = seconds("2025-10-26T02:00:00") + np.arange(0, 3600, 600.0)
+    assert np.array_equal(local_to_utc(local, BERLIN), local - 7200)
+
+
+def test_a_wall_clock_time_that_spring_skips_is_bad():
+    texts = ["2025-03-30 01:59:59", "2025-03-30 02:00:00", "2025-03-30 02:59:59", "2025-03-30 03:00:00"]
+    times, status = utc_of(texts, zone=BERLIN)
+    assert status.tolist() == [Status.GOOD, Status.BAD_TIMESTAMP, Status.BAD_TIMESTAMP, Status.GOOD]
+    assert times[3] - times[0] == 1.0
+
+
+def test_timestamps_with_an_offset_ignore_the_zone_even_in_the_repeated_hour():
+    texts = ["2025-10-26 02:30:00+01:00", "2025-10-26 02:30:00", "2025-10-26 02:30:00+02:00"]
+    times, status = utc_of(texts, zone=BERLIN)
+    assert status.tolist() == [Status.GOOD] * 3
+    assert (times - seconds("2025-10-26T00:30:00")).tolist() == [3600.0, 0.0, 0.0]

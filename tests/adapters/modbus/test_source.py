@@ -1,0 +1,411 @@
+"""The Modbus source against real servers on loopback: what it reads, what it survives, and that it never writes."""
+
+import asyncio
+import time
+from contextlib import aclosing
+
+import pytest
+from pymodbus.constants import ExcCodes
+from pymodbus.framer import FramerType
+from support.modbus_plant import READS, collect, plant, serving
+
+import adapters.modbus.source
+from adapters.edge import Edge
+from adapters.errors import SourceUnavailable
+from adapters.modbus.client import Line
+from adapters.modbus.codec import Format
+from adapters.modbus.plan import Limits
+from adapters.modbus.source import ModbusChannel, ModbusSource
+from adapters.reading import Fault, Quality
+from adapters.units import conversion
+
+INT16 = Format("int16")
+FLOAT = Format("float32")
+CELSIUS = Edge(valid=(-60.0, 80.0))
+
+
+def channel(name, address, format=INT16, **settings):
+    return ModbusChannel(f"z/{name}", address, format, register=address, **settings)
+
+
+def source(port, channels, limits=Limits(gap=8), poll=0.05, **line):  # noqa: B008 - a value, never changed
+    settings = {"host": "127.0.0.1", "port": port, "timeout": 0.3, "retries": 0} | line
+    return ModbusSource("bms", Line(**settings), channels, poll=poll, limits=limits)
+
+
+def values(batches):
+    """The latest value of every channel, or its fault."""
+    return {r.channel: r.fault or r.value for batch in batches for r in batch.readings}
+
+
+def run(job):
+    return asyncio.run(job)
+
+
+async def exhaust(stream):
+    async with asyncio.timeout(60):
+        async for _ in stream:
+            pass
+
+
+async def rounds(bms, count, per_round=1):
+    return await collect(bms, lambda batches: len(batches) >= count * per_round)
+
+
+@pytest.mark.parametrize(
+    ("transport", "framer"), [("tcp", FramerType.SOCKET), ("rtu-over-tcp", FramerType.RTU)], ids=["tcp", "rtu over tcp"]
+)
+def test_all_tables_are_read_over_either_framing(transport, framer):
+    async def job():
+        async with serving(
+            plant(holding=[215, 0x41AC, 0], input=[7, 0, 500], coil=[0b100], discrete=[0b10]), framer
+        ) as site:
+            channels = [
+                channel("tenths", 0, edge=Edge(0.1)),
+                channel("float", 1, FLOAT),
+                channel("input", 2, Format("uint16"), table="input"),
+                channel("coil", 2, Format("bool"), table="coil"),
+                channel("discrete", 0, Format("bool"), table="discrete"),
+                channel("bit", 0, Format("bool", bit=1)),
+            ]
+            before = time.time()
+            batches = await rounds(source(site.port, channels, transport=transport), 1, 4)
+            for batch in batches:
+                assert before <= batch.now <= time.time()
+                assert {reading.time for reading in batch.readings} == {batch.now}
+            return values(batches), site.asked
+
+    found, asked = run(job())
+    assert found == {
+        "z/tenths": 21.5,
+        "z/float": 21.5,
+        "z/input": 500.0,
+        "z/coil": 1.0,
+        "z/discrete": 0.0,
+        "z/bit": 1.0,
+    }
+    assert {code for _, code, _, _ in asked} == READS
+
+
+def test_a_poll_reads_in_batches_or_one_by_one():
+    async def job(limits):
+        async with serving(plant(holding=list(range(40)))) as site:
+            channels = [channel(f"c{k}", k) for k in (0, 1, 2, 9, 30)]
+            bms = source(site.port, channels, limits)
+            await collect(bms, lambda batches: len(values(batches)) == 5)
+            return site.requests()
+
+    assert run(job(Limits(gap=6))) == [(0, 10), (30, 1)]
+    assert run(job(Limits(gap=6, registers=3))) == [(0, 3), (9, 1), (30, 1)]
+    assert run(job(Limits(batch=False))) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
+
+
+def test_a_refused_register_loses_its_channel_only_and_is_found_once(caplog):
+    async def job():
+        site = plant(holding=list(range(100, 120)))
+        site.refused.add((1, "holding", 5))
+        async with serving(site):
+            bms = source(site.port, [channel(f"c{k}", k) for k in range(8)])
+            async with aclosing(bms.batches(None)) as stream:
+                batches = []
+                while len(values(batches)) < 8:
+                    batches.append(await anext(stream))
+                first = list(site.requests())
+                site.asked.clear()
+                for _ in range(6):
+                    batches.append(await anext(stream))
+                return values(batches), first, site.requests()
+
+    found, first, later = run(job())
+    assert found == {f"z/c{k}": Fault.REFUSED_BY_DEVICE if k == 5 else 100.0 + k for k in range(8)}
+    assert first == [(0, 8), (0, 4), (4, 4), (4, 2), (4, 1), (5, 1), (6, 2)]
+    assert all(not address <= 5 < address + count for address, count in later), "the culprit is remembered"
+    assert caplog.text.count("refuses z/c5 (unit 1 holding 5): exception 2 (illegal data address)") == 1
+
+
+def test_a_refused_register_is_asked_for_again_now_and_then(monkeypatch, caplog):
+    monkeypatch.setattr(adapters.modbus.source, "REFUSAL", 0.2)
+
+    async def job():
+        site = plant(holding=[1, 2, 3])
+        site.refused.add((1, "holding", 1))
+        async with serving(site):
+            bms = source(site.port, [channel(f"c{k}", k) for k in range(3)])
+            async with aclosing(bms.batches(None)) as stream:
+                batches = []
+                while values(batches).get("z/c1") is not Fault.REFUSED_BY_DEVICE:
+                    batches.append(await anext(stream))
+                site.refused.clear()
+                async with asyncio.timeout(60):
+                    while values(batches)["z/c1"] != 2.0:
+                        batches.append(await anext(stream))
+                return site.requests()[-1]
+
+    with caplog.at_level("INFO"):
+        assert run(job()) == (0, 3), "one request again"
+    assert "gives z/c1 (unit 1 holding 1) again" in caplog.text
+
+
+def test_a_hole_between_the_registers_costs_no_channel():
+    async def job():
+        site = plant(holding=list(range(20)))
+        site.refused.update({(1, "holding", 4), (1, "holding", 5)})
+        async with serving(site):
+            bms = source(site.port, [channel("a", 3), channel("b", 6)])
+            return values(await collect(bms, lambda batches: len(values(batches)) == 2))
+
+    assert run(job()) == {"z/a": 3.0, "z/b": 6.0}
+
+
+def test_an_end_of_the_table_is_found_by_splitting():
+    async def job():
+        async with serving(plant(holding=[10, 11, 12])) as site:
+            bms = source(site.port, [channel(f"c{k}", k) for k in range(5)])
+            return values(await collect(bms, lambda batches: len(values(batches)) == 5))
+
+    found = run(job())
+    assert [found[f"z/c{k}"] for k in range(3)] == [10.0, 11.0, 12.0]
+    assert found["z/c3"] is found["z/c4"] is Fault.REFUSED_BY_DEVICE
+
+
+def test_a_silent_unit_does_not_hold_up_the_others(caplog):
+    async def job():
+        site = plant({1: [21], 2: [22], 3: [23]})
+        site.silent.add(2)
+        async with serving(site):
+            bms = source(site.port, [channel(f"c{k}", 0, unit=k) for k in (1, 2, 3)], timeout=0.2)
+            async with aclosing(bms.batches(None)) as stream:
+                batches = [await anext(stream) for _ in range(20)]
+                asked = len(site.requests(2))
+                site.silent.clear()
+                async with asyncio.timeout(60):
+                    while "z/c2" not in values(batches):
+                        batches.append(await anext(stream))
+            return values(batches), asked
+
+    with caplog.at_level("INFO"):
+        found, asked = run(job())
+    assert found == {"z/c1": 21.0, "z/c2": 22.0, "z/c3": 23.0}
+    assert asked < 7, "it is left alone for a while that grows"
+    assert caplog.text.count("unit 2 is silent: no answer within 0.2 s") == 1
+    assert "unit 2 answers again" in caplog.text
+
+
+def test_a_busy_unit_is_silent_and_not_taken_apart():
+    async def job():
+        site = plant({1: [21, 5], 2: [22, 6]})
+        site.exceptions[1] = ExcCodes.DEVICE_BUSY
+        async with serving(site):
+            channels = [channel(f"c{unit}{k}", k, unit=unit) for unit in (1, 2) for k in (0, 1)]
+            bms = source(site.port, channels)
+            await rounds(bms, 3)
+            return set(site.requests(1))
+
+    assert run(job()) == {(0, 2)}
+
+
+def test_a_device_that_accepts_and_stays_silent_is_unavailable():
+    async def job():
+        site = plant(holding=[1])
+        site.silent.add(1)
+        async with serving(site):
+            await rounds(source(site.port, [channel("c", 0)]), 1)
+
+    with pytest.raises(SourceUnavailable, match=r"sources.bms: 127.0.0.1:\d+ is connected but silent; check unit_id"):
+        run(job())
+
+
+def test_a_port_that_nobody_serves_is_unavailable_in_one_sentence():
+    async def job():
+        async with serving(plant(holding=[1])) as site:
+            port = site.port
+        await rounds(source(port, [channel("c", 0)]), 1)
+
+    with pytest.raises(SourceUnavailable, match=r"sources.bms: no connection to 127.0.0.1:\d+; check that the device"):
+        run(job())
+
+
+def test_a_dropped_connection_is_unavailable_and_the_next_call_goes_on():
+    async def job():
+        async with serving(plant(holding=[1, 2])) as site:
+            bms = source(site.port, [channel("a", 0), channel("b", 1)])
+            stream = bms.batches(None)
+            assert values([await anext(stream)]) == {"z/a": 1.0, "z/b": 2.0}
+            site.drop()
+            with pytest.raises(SourceUnavailable, match="has closed the connection; check that the device is on"):
+                await exhaust(stream)
+            again = await rounds(bms, 1)
+            await bms.close()
+            await bms.close()
+            return values(again), site.connections
+
+    assert run(job()) == ({"z/a": 1.0, "z/b": 2.0}, 2)
+
+
+def test_garbage_on_the_line_is_survived():
+    """A device that answers with something that is not Modbus at all."""
+
+    hung_up = asyncio.Event()
+
+    async def answer(reader, writer):
+        while await reader.read(100):
+            writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        writer.close()
+        await writer.wait_closed()
+        hung_up.set()
+
+    async def job():
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        async with server:
+            port = server.sockets[0].getsockname()[1]
+            with pytest.raises(SourceUnavailable):
+                await rounds(source(port, [channel("c", 0)]), 1)
+            await hung_up.wait()
+
+    run(job())
+
+
+def test_values_that_cannot_be_used_have_a_fault():
+    async def job():
+        async with serving(plant(holding=[0x8000, 0x7FC0, 0, 900])) as site:
+            channels = [
+                channel("absent", 0, Format("int16", not_available=(0x8000,)), edge=CELSIUS),
+                channel("nan", 1, FLOAT, edge=CELSIUS),
+                channel("hot", 3, edge=CELSIUS),
+            ]
+            return values(await rounds(source(site.port, channels), 1))
+
+    assert run(job()) == {"z/absent": Fault.NOT_AVAILABLE, "z/nan": Fault.NOT_FINITE, "z/hot": Fault.OUT_OF_RANGE}
+
+
+def test_a_stuck_value_becomes_uncertain_and_then_bad():
+    async def job():
+        async with serving(plant(holding=[21, 22])) as site:
+            bms = source(site.port, [channel("stuck", 0, stuck_after=0.3), channel("free", 1)])
+            batches = await collect(
+                bms, lambda batches: any(reading.fault is Fault.STUCK for reading in batches[-1].readings)
+            )
+            seen = [reading for batch in batches for reading in batch.readings]
+            return [
+                list(dict.fromkeys(r.quality for r in seen if r.channel == f"z/{name}")) for name in ("stuck", "free")
+            ]
+
+    assert run(job()) == [[Quality.GOOD, Quality.UNCERTAIN, Quality.BAD], [Quality.GOOD]]
+
+
+def test_a_counter_becomes_power():
+    async def job():
+        site = plant(holding=[65530])
+        async with serving(site):
+            meter = Edge(conversion=conversion("Wh", "W"), valid=(-1e6, 1e6), counter=True, rollover=65536.0)
+            bms = source(site.port, [channel("meter", 0, Format("uint16"), edge=meter)], poll=0.2)
+            async with aclosing(bms.batches(None)) as stream:
+                first = await anext(stream)
+                site.registers[1, "holding"][0] = 4
+                second = await anext(stream)
+            return first, second
+
+    first, second = run(job())
+    assert first.readings == []
+    (reading,) = second.readings
+    assert reading.value == pytest.approx(10 * 3600 / (second.now - first.now))
+
+
+def test_requests_keep_their_pause():
+    async def job():
+        async with serving(plant(holding=list(range(10)))) as site:
+            channels = [channel(f"c{k}", k) for k in range(4)]
+            bms = source(site.port, channels, Limits(batch=False), pause=0.1)
+            return await rounds(bms, 1, 4)
+
+    arrivals = [batch.now for batch in run(job())]
+    assert arrivals[-1] - arrivals[0] >= 0.29
+
+
+def test_a_request_is_repeated_before_it_is_given_up():
+    async def job():
+        site = plant({1: [5], 2: [6]})
+        site.silent.add(1)
+        async with serving(site):
+            bms = source(site.port, [channel("a", 0, unit=1), channel("b", 0, unit=2)], timeout=0.1, retries=2)
+            await rounds(bms, 1)
+            return len(site.requests(1))
+
+    assert run(job()) == 3
+
+
+def test_polls_keep_their_rhythm_and_late_ones_are_counted(caplog):
+    async def job(delay):
+        async with serving(plant(holding=[1])) as site:
+            bms = source(site.port, [channel("c", 0)], poll=0.1, pause=delay)
+            batches = await rounds(bms, 6)
+            return [batch.now for batch in batches], bms.late
+
+    times, late = run(job(0.0))
+    assert times[-1] - times[0] == pytest.approx(0.5, abs=0.09)
+    assert late == 0
+    _, late = run(job(0.35))
+    assert late >= 1
+    assert caplog.text.count("poll less often or read in batches") == 1
+
+
+def test_a_probe_shows_registers_values_and_what_else_they_might_be():
+    async def job():
+        site = plant({1: [0x0000, 0x41AC, 215, 0x8000, 50], 2: [1]})
+        site.refused.add((1, "holding", 4))
+        site.silent.add(2)
+        async with serving(site):
+            channels = [
+                channel("swapped", 0, FLOAT, edge=CELSIUS),
+                channel("tenths", 2, edge=Edge(0.1, valid=(-60.0, 80.0))),
+                channel("absent", 3, Format("int16", not_available=(0x8000,)), edge=CELSIUS),
+                channel("refused", 4),
+                channel("silent", 0, unit=2),
+                channel("silent_too", 1, unit=2),
+            ]
+            wide = Edge(conversion=conversion("kWh", "W"), counter=True, scale=0.1)
+            meter = channel("meter", 2, Format("uint16"), edge=wide)
+            found = await source(site.port, [*channels, meter], timeout=0.2).probe(1.0)
+            return found, len(site.requests(2))
+
+    probes, asked = run(job())
+    swapped, tenths, absent, refused, silent, silent_too, meter = probes
+    assert (swapped.raw, swapped.place) == ("0x0000 0x41ac", "unit 1 holding 0 float32 ABCD")
+    assert swapped.verdict.startswith("doubtful: nearly but not quite 0")
+    assert "CDAB would be 21.5, which is plausible" in swapped.hints
+    assert (tenths.value, tenths.raw, tenths.verdict) == (21.5, "0x00d7", "good")
+    assert absent.verdict.startswith("not available")
+    assert "exception 2 (illegal data address); check table and register" in refused.verdict
+    assert silent.verdict == silent_too.verdict == "no answer within 0.2 s; check unit_id and the device"
+    assert asked == 1, "a silent unit is asked once"
+    assert meter.hints == ("the counter stands at 21.5",)
+
+
+def test_a_probe_marks_the_order_that_would_be_plausible():
+    async def job():
+        async with serving(plant(holding=[0xA041, 0x00CC])) as site:
+            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe(1.0)
+
+    (probe,) = run(job())
+    assert probe.verdict == "doubtful: nearly but not quite 0, as numbers with swapped registers are"
+    assert [hint for hint in probe.hints if "plausible" in hint] == ["BADC would be 20.0996, which is plausible"]
+
+
+def test_a_probe_of_a_value_out_of_range_says_the_range_and_the_other_orders():
+    async def job():
+        async with serving(plant(holding=[0x4B41, 0xC0AC])) as site:
+            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe(1.0)
+
+    (probe,) = run(job())
+    assert probe.verdict == "implausible: not within -60 to 80"
+    assert len(probe.hints) == 3
+
+
+def test_a_probe_of_a_device_that_is_not_there_is_one_sentence():
+    async def job():
+        async with serving(plant(holding=[1])) as site:
+            port = site.port
+        await source(port, [channel("c", 0)]).probe(1.0)
+
+    with pytest.raises(SourceUnavailable, match="no connection to"):
+        run(job())

@@ -1,0 +1,93 @@
+"""The bytes on a serial line against those that the specification prints."""
+
+import asyncio
+import os
+import select
+import threading
+import tty
+
+import pytest
+
+from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.modbus.client import Line
+from adapters.modbus.codec import Format
+from adapters.modbus.plan import Limits
+from adapters.modbus.source import ModbusChannel, ModbusSource
+
+pytest.importorskip("serial", reason="pyserial is not installed")
+
+# Read holding registers 107 to 109 of unit 17: the frames as textbooks on the protocol print them.
+REQUEST = bytes.fromhex("11 03 00 6B 00 03 76 87")
+RESPONSE = bytes.fromhex("11 03 06 AE 41 56 52 43 40 49 AD")
+
+
+def meter(device, parity="N"):
+    line = Line("rtu", device=device, baudrate=9600, parity=parity, timeout=0.5, retries=0)
+    channels = [ModbusChannel(f"z/c{k}", 107 + k, Format("uint16"), unit=17, register=107 + k) for k in range(3)]
+    return ModbusSource("bus", line, channels, poll=0.1, limits=Limits())
+
+
+def test_a_serial_line_carries_the_frames_of_the_specification():
+    controller, device = os.openpty()
+    tty.setraw(device)
+    received = []
+
+    def answer():
+        if select.select([controller], [], [], 10)[0]:
+            received.append(os.read(controller, 64))
+            os.write(controller, RESPONSE)
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+
+    async def job():
+        bms = meter(os.ttyname(device))
+        stream = bms.batches(None)
+        batch = await anext(stream)
+        await stream.aclose()
+        return [reading.value for reading in batch.readings]
+
+    try:
+        assert asyncio.run(job()) == [0xAE41, 0x5652, 0x4340]
+        thread.join()
+        assert received == [REQUEST]
+    finally:
+        os.close(controller)
+        os.close(device)
+
+
+def test_a_serial_port_that_is_not_there_is_one_sentence():
+    async def job():
+        await anext(meter("/dev/no-such-port").batches(None))
+
+    with pytest.raises(SourceUnavailable, match=r"sources.bus: .*/dev/no-such-port.* check the cable, the name of the"):
+        asyncio.run(job())
+
+
+def test_a_port_that_does_not_know_the_settings_is_one_sentence():
+    """A pseudo-terminal has no parity."""
+    controller, device = os.openpty()
+
+    async def job():
+        await anext(meter(os.ttyname(device), "E").batches(None))
+
+    try:
+        with pytest.raises(SourceUnavailable, match="cannot be opened"):
+            asyncio.run(job())
+    finally:
+        os.close(controller)
+        os.close(device)
+
+
+def test_a_missing_serial_library_is_said_before_anything_is_opened(monkeypatch):
+    monkeypatch.setattr("adapters.modbus.source.find_spec", lambda name: None)
+    bms = meter("/dev/ttyUSB0")
+    assert bms.check() == [
+        "sources.bus: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
+    ]
+
+    async def job():
+        await anext(bms.batches(None))
+
+    with pytest.raises(SourceConfigError, match="needs pyserial"):
+        asyncio.run(job())

@@ -1,0 +1,558 @@
+"""The Zenoh source against real sessions on loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import time
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+import zenoh
+from support.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, session
+
+import adapters.zenoh.source
+from adapters.edge import Edge
+from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.payload.json_pointer import parse
+from adapters.payload.payload import PayloadFormat
+from adapters.reading import Quality
+from adapters.zenoh.access import ANYBODY, collecting
+from adapters.zenoh.connection import Connection, Tls
+from adapters.zenoh.points import Dating, ZenohChannel
+from adapters.zenoh.source import Intake, ZenohSource
+
+T = ZenohChannel("room/T", "bms/room/T")
+CELSIUS = Edge(valid=(-60.0, 80.0))
+JSON = PayloadFormat("json", parse("/value"), parse("/time"), parse("/quality"))
+SENML = PayloadFormat("senml", record="room/T")
+
+
+def source(
+    where: str | Connection, *channels: ZenohChannel, dating: Dating | None = None, **intake: object
+) -> ZenohSource:
+    """With access control as the daemon has it, though everyone may put readings."""
+    connection = where if isinstance(where, Connection) else Connection(connect=(where,), timeout=1.0)
+    connection = replace(connection, access=collecting((ANYBODY,), relaying=bool(connection.listen)))
+    return ZenohSource("bms", connection, channels or (T,), Intake(dating or Dating(), **intake))
+
+
+def iso(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).isoformat()
+
+
+FORMATS = {
+    "plain": (PayloadFormat(), lambda value: str(value)),
+    "json": (JSON, lambda value: json.dumps({"value": value, "time": iso(time.time()), "quality": "good"})),
+    "senml": (SENML, lambda value: json.dumps([{"bn": "room/", "n": "T", "v": value}, {"n": "u", "v": 0}])),
+}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_every_format_arrives(form: str) -> None:
+    written, write = FORMATS[form]
+
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place) as bms:
+            async with listening(source(place, ZenohChannel("room/T", "bms/room/T", written, CELSIUS))) as heard:
+                await heard.until(lambda: heard.values(), lambda: bms.put("bms/room/T", write(21.5)))
+                assert set(heard.values()) == {21.5}
+                assert heard.readings[-1].time == pytest.approx(time.time(), abs=10)
+                assert heard.batches[-1].now == pytest.approx(time.time() - 1.0, abs=10)
+
+    asyncio.run(run())
+
+
+def test_the_order_of_preference_decides_on_the_time() -> None:
+    async def run() -> dict[tuple[str, ...], float]:
+        place, found = endpoint(), {}
+        with session(listen=place) as bms:
+            payload = json.dumps({"value": 1, "time": iso(time.time() - 1000)})
+            stamp = zenoh.Timestamp(datetime.fromtimestamp(time.time() - 500, UTC), b"\x01")
+            form = PayloadFormat("json", parse("/value"), parse("/time"))
+            for times in (("payload", "zenoh"), ("zenoh", "payload"), ("arrival", "zenoh")):
+                tuned = source(place, ZenohChannel("room/T", "bms/room/T", form), dating=Dating(times))
+                async with listening(tuned) as heard:
+                    await heard.until(
+                        lambda heard=heard: heard.readings, lambda: bms.put("bms/room/T", payload, timestamp=stamp)
+                    )
+                    found[times] = time.time() - heard.readings[0].time
+        return found
+
+    found = asyncio.run(run())
+    assert list(found.values()) == [pytest.approx(1000, abs=10), pytest.approx(500, abs=10), pytest.approx(0, abs=10)]
+
+
+def test_a_payload_without_a_time_takes_the_next_one_and_none_at_all_is_refused() -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place, timestamping__enabled=False) as bms:
+            async with listening(source(place)) as heard:
+                await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+                assert heard.readings[0].time == pytest.approx(time.time(), abs=10)
+            async with listening(source(place, dating=Dating(("payload", "zenoh")))) as heard:
+                await heard.until(heard.faults, lambda: bms.put("bms/room/T", "1"))
+                assert set(heard.faults()) == {"bad_timestamp"}
+
+    asyncio.run(run())
+
+
+def test_a_time_ahead_of_the_clock_is_refused(caplog: pytest.LogCaptureFixture) -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place) as bms:
+            async with listening(source(place, ZenohChannel("room/T", "bms/room/T", JSON))) as heard:
+                document = {"value": 1, "time": iso(time.time() + 3600), "quality": "good"}
+                await heard.until(heard.faults, lambda: bms.put("bms/room/T", json.dumps(document)))
+                assert set(heard.faults()) == {"ahead_of_time"}
+                document["time"] = iso(time.time() - 3600)
+                await heard.until(heard.values, lambda: bms.put("bms/room/T", json.dumps(document)))
+
+    asyncio.run(run())
+    assert "room/T (key bms/room/T): the payload is dated 36" in caplog.text
+
+
+@pytest.mark.parametrize("ours", ["client", "peer", "listening peer", "listening router"])
+def test_client_peer_and_embedded_router(ours: str) -> None:
+    async def run() -> None:
+        place = endpoint()
+        if ours.startswith("listening"):
+            connection = Connection(ours.split()[1], listen=(place,))
+            async with listening(source(connection)) as heard:
+                await asyncio.sleep(0.3)
+                with session("client", connect=place) as bms:
+                    await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+        else:
+            with session(listen=place) as bms:
+                async with listening(source(Connection(ours, (place,), timeout=1.0))) as heard:
+                    await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+
+    asyncio.run(run())
+
+
+def test_an_embedded_router_relays_between_its_clients() -> None:
+    async def run() -> None:
+        place = endpoint()
+        async with listening(source(Connection("router", listen=(place,)))) as heard:
+            await asyncio.sleep(0.3)
+            with session("client", connect=place) as bms, session("client", connect=place) as other:
+                subscriber = other.declare_subscriber("bms/**")
+                await heard.until(lambda: subscriber.try_recv(), lambda: bms.put("bms/room/T", "1"))
+
+    asyncio.run(run())
+
+
+def test_a_client_takes_the_endpoint_that_answers() -> None:
+    async def run() -> None:
+        dead, alive = endpoint(), endpoint()
+        with session(listen=alive) as bms:
+            async with listening(source(Connection(connect=(dead, alive), timeout=2.0))) as heard:
+                await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+
+    asyncio.run(run())
+
+
+def test_a_peer_hears_every_endpoint() -> None:
+    async def run() -> None:
+        one, two = endpoint(), endpoint()
+        channels = (T, ZenohChannel("hall/T", "bms/hall/T"))
+        with session(listen=one) as first, session(listen=two) as second:
+            async with listening(source(Connection("peer", (one, two)), *channels)) as heard:
+
+                def publish() -> None:
+                    first.put("bms/room/T", "1")
+                    second.put("bms/hall/T", "2")
+
+                await heard.until(lambda: heard.values("room/T") and heard.values("hall/T"), publish)
+
+    asyncio.run(run())
+
+
+def test_what_is_missed_while_the_router_is_away_is_recovered() -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session("router", listen=place) as router, session("client", connect=place, **QUICK) as bms:
+            publisher = caching_publisher(bms, "bms/room/T")
+            async with listening(source(place, recover=60.0)) as heard:
+                await heard.until(lambda: heard.values(), lambda: publisher.put("0"))
+                router.close()
+                await asyncio.sleep(0.2)
+                for number in range(1, 6):
+                    publisher.put(str(number))
+                with session("router", listen=place):
+                    await heard.until(lambda: 5.0 in heard.values())
+                    publisher.put("6")
+                    await heard.until(lambda: 6.0 in heard.values())
+                later = [value for value in heard.values() if value]
+                assert later == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "each once, in order"
+
+    asyncio.run(run())
+
+
+def test_without_recover_what_was_missed_stays_missed_and_the_rest_comes() -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session("router", listen=place) as router, session("client", connect=place, **QUICK) as bms:
+            publisher = caching_publisher(bms, "bms/room/T")
+            async with listening(source(place)) as heard:
+                await heard.until(lambda: heard.values(), lambda: publisher.put("0"))
+                router.close()
+                await asyncio.sleep(0.2)
+                publisher.put("1")
+                with session("router", listen=place):
+                    await heard.until(lambda: 2.0 in heard.values(), lambda: publisher.put("2"))
+                assert 1.0 not in heard.values()
+
+    asyncio.run(run())
+
+
+def test_a_publisher_that_restarts_is_heard_again_with_what_it_published_before_we_were_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.3)
+
+    async def run() -> None:
+        place = endpoint()
+        async with listening(source(place, recover=60.0)) as heard:
+            for life in (1, 2):
+                await heard.until(lambda life=life: len(heard.failures) >= life)
+                with session(listen=place) as bms:
+                    publisher = caching_publisher(bms, "bms/room/T")
+                    for number in range(3):
+                        publisher.put(str(10 * life + number))
+                    await heard.until(lambda life=life: 10.0 * life + 2 in heard.values())
+            assert heard.values() == [10.0, 11.0, 12.0, 20.0, 21.0, 22.0]
+            assert f"no Zenoh session answers at {place}; start it, or correct the address" in heard.failures[0]
+
+    asyncio.run(run())
+
+
+def test_a_session_that_is_opened_anew_passes_over_what_was_had(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place) as bms:
+            publisher = caching_publisher(bms, "bms/room/T")
+            publisher.put("1")
+            ours = source(place, recover=60.0)
+            for expected in ([1.0], [2.0]):
+                async with listening(ours) as heard:
+                    await heard.until(lambda heard=heard: heard.values())
+                    await asyncio.sleep(0.2)
+                    assert heard.values() == expected
+                publisher.put("2")
+
+    asyncio.run(run())
+
+
+def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(caplog: pytest.LogCaptureFixture) -> None:
+    async def run() -> None:
+        place = endpoint()
+        busy, calm = T, ZenohChannel("room/calm", "bms/room/calm")
+        with session(listen=place) as bms:
+            ours = source(place, busy, calm, queue=10)
+            async with listening(ours) as heard:
+                await heard.until(lambda: heard.values(), lambda: bms.put("bms/room/T", "-1"))
+                so_far = len(heard.batches)
+                for number in range(500):
+                    bms.put("bms/room/T", str(number))
+                bms.put("bms/room/calm", "7")
+                # The event loop is held up, as by a long computation; Zenoh is not.
+                time.sleep(0.5)
+                await heard.until(lambda: len(heard.batches) > so_far)
+                values = [(one.channel, one.value) for one in heard.batches[so_far].readings if one.fault is None]
+                assert values == [*(("room/T", float(number)) for number in range(490, 500)), ("room/calm", 7.0)]
+                assert ours.dropped == 490
+                assert heard.faults() == ["overrun"]
+
+    asyncio.run(run())
+    assert caplog.text.count("come faster than they can be taken") == 1
+
+
+def test_a_bad_publisher_harms_its_channel_only(caplog: pytest.LogCaptureFixture) -> None:
+    bad = ["warm", b"\xff\xfe", "", "1e5", "x" * 100_000, "{}", "nan"]
+
+    async def run() -> None:
+        place = endpoint()
+        channels = (
+            ZenohChannel("room/T", "bms/room/T", edge=CELSIUS),
+            ZenohChannel("hall/T", "bms/hall/T", edge=CELSIUS),
+        )
+        with session(listen=place) as bms:
+            async with listening(source(place, *channels)) as heard:
+
+                def publish() -> None:
+                    for payload in bad:
+                        bms.put("bms/room/T", payload)
+                    bms.delete("bms/room/T")
+                    bms.put("bms/hall/T", "20")
+
+                await heard.until(lambda: len(heard.values("hall/T")) > 5, publish)
+                assert heard.values("room/T") == []
+                assert set(heard.faults()) == {"non_numeric", "not_available", "not_finite", "out_of_range"}
+                assert heard.failures == []
+
+    asyncio.run(run())
+    assert "room/T (key bms/room/T): the payload 'warm' is not a number" in caplog.text
+    assert caplog.text.count("is not a number") == 1, "said once, not with every sample"
+
+
+def test_qualities_go_through() -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place) as bms:
+            async with listening(source(place, ZenohChannel("room/T", "bms/room/T", JSON))) as heard:
+                for word in ("good", "uncertain"):
+                    document = json.dumps({"value": 1, "quality": word})
+                    await heard.until(
+                        lambda word=word: heard.readings and heard.readings[-1].quality == Quality(word),
+                        lambda document=document: bms.put("bms/room/T", document),
+                    )
+                await heard.until(
+                    heard.faults, lambda: bms.put("bms/room/T", json.dumps({"value": 1, "quality": "bad"}))
+                )
+                assert heard.faults()[0] == "reported_bad"
+
+    asyncio.run(run())
+
+
+def test_a_counter_becomes_power_and_a_frozen_sensor_is_stuck() -> None:
+    async def run() -> None:
+        place = endpoint()
+        meter = ZenohChannel(
+            "room/u", "bms/meter", SENML, Edge(conversion=Edge().conversion._replace(scale=3.6e6), counter=True)
+        )
+        frozen = ZenohChannel("room/T", "bms/room/T", stuck_after=0.1)
+        with session(listen=place) as bms:
+            async with listening(source(place, meter, frozen)) as heard:
+                begin = time.time() - 100
+
+                def publish() -> None:
+                    pack = [{"n": "room/T", "t": begin + 60, "v": 10.05}, {"n": "room/T", "t": begin, "v": 10.0}]
+                    bms.put("bms/meter", json.dumps(pack))
+                    bms.put("bms/room/T", "20")
+
+                await heard.until(lambda: heard.values("room/u") and heard.faults("room/T"), publish)
+                assert heard.values("room/u")[0] == pytest.approx(0.05 * 3.6e6 / 60), "records are put in order"
+                assert set(heard.faults("room/T")) == {"stuck"}
+
+    asyncio.run(run())
+
+
+def verdict(connection: Connection) -> str:
+    """ "connected", or why not."""
+
+    async def run() -> str:
+        try:
+            await source(connection).probe(0.3)
+        except (SourceUnavailable, SourceConfigError) as error:
+            return str(error)
+        return "connected"
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize("mode", ["client", "peer"])
+def test_user_and_password_are_accepted_and_refused(mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    users, password = tmp_path / "users", tmp_path / "password"
+    users.write_text("thermogate:secret-1\n", encoding="utf-8")
+    password.write_text("secret-1\n", encoding="utf-8")
+    place = endpoint()
+    mine = {f"{USER}user": "bms", f"{USER}password": "x", f"{USER}dictionary_file": str(users)}
+    ours = Connection(mode, (place,), timeout=1.0, user="thermogate", password_file=password)
+    with session(listen=place, **mine):
+        assert verdict(ours) == "connected"
+        monkeypatch.setenv("BMS_PASSWORD", "secret-1")
+        assert verdict(Connection(mode, (place,), user="thermogate", password_env="BMS_PASSWORD")) == "connected"
+        password.write_text("secret-2\n", encoding="utf-8")
+        refused = verdict(ours)
+        assert "check" in refused
+        assert "user" in refused
+        assert "secret" not in refused
+        assert verdict(Connection(mode, (place,), timeout=1.0)) != "connected"
+
+
+def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
+    (tmp_path / "users").write_text("bms:secret-1\n", encoding="utf-8")
+
+    async def run() -> None:
+        place = endpoint()
+        ours = source(Connection("router", listen=(place,), users_file=tmp_path / "users"))
+        async with listening(ours) as heard:
+            await asyncio.sleep(0.3)
+            with (
+                pytest.raises(zenoh.ZError),
+                session(
+                    "client", connect=place, connect__timeout_ms=1000, **{f"{USER}user": "bms", f"{USER}password": "no"}
+                ),
+            ):
+                pass
+            with session("client", connect=place, **{f"{USER}user": "bms", f"{USER}password": "secret-1"}) as bms:
+                await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+
+    asyncio.run(run())
+
+
+def test_tls_and_mutual_tls_are_accepted_and_refused(tmp_path: Path) -> None:
+    folder = certificates(tmp_path)
+    server = {
+        f"{TLS}listen_certificate": str(folder / "server.pem"),
+        f"{TLS}listen_private_key": str(folder / "server.key"),
+    }
+    mutual = server | {f"{TLS}enable_mtls": True, f"{TLS}root_ca_certificate": str(folder / "ca.pem")}
+    ca = folder / "ca.pem"
+
+    def ours(place: str, tls: Tls | None) -> str:
+        return verdict(Connection(connect=(place,), timeout=1.0, tls=tls))
+
+    def signed(name: str) -> Tls:
+        return Tls(ca, folder / f"{name}.pem", folder / f"{name}.key")
+
+    place = endpoint("tls")
+    with session(listen=place, **server):
+        assert ours(place, Tls(ca)) == "connected"
+        assert "certificates" in ours(place, Tls(folder / "other.pem"))
+        assert "certificates" in ours(place, None)
+    place = endpoint("tls")
+    with session(listen=place, **mutual):
+        assert ours(place, signed("client")) == "connected"
+        assert "certificates" in ours(place, Tls(ca))
+        assert "certificates" in ours(place, signed("stranger"))
+
+
+def test_files_of_certificates_that_cannot_be_used_are_said_before_connecting(tmp_path: Path) -> None:
+    folder = certificates(tmp_path)
+
+    def problems(tls: Tls, **settings: object) -> list[str]:
+        return source(Connection(connect=("tls/127.0.0.1:1",), tls=tls, **settings)).check()
+
+    (missing,) = problems(Tls(folder / "nothing.pem"))
+    assert missing == f"sources.bms: tls.ca: {folder}/nothing.pem cannot be read (no such file or directory)"
+    (nonsense,) = problems(Tls(folder / "ca.key"))
+    assert "holds no certificate in PEM" in nonsense
+    (foreign,) = problems(Tls(None, folder / "client.pem", folder / "server.key"))
+    assert "the unlocked key that belongs to it" in foreign
+    (secret,) = problems(Tls(), user="x", password_file=folder / "nothing")
+    assert secret.startswith("sources.bms: password_file: ")
+    assert "tls.ca" in verdict(Connection(connect=("tls/127.0.0.1:1",), tls=Tls(folder / "nothing.pem")))
+
+
+def test_a_password_that_is_not_set_is_a_mistake_of_the_operator() -> None:
+    assert "NO_SUCH_VARIABLE is not set" in verdict(
+        Connection(connect=("tcp/127.0.0.1:1",), user="x", password_env="NO_SUCH_VARIABLE")
+    )
+
+
+@pytest.mark.parametrize(("key", "gist"), [("bms//T", "empty chunks"), ("/bms", "slashes"), ("bms/T?", "forbidden")])
+def test_a_wrong_key_expression_is_one_sentence(key: str, gist: str) -> None:
+    (problem,) = source("tcp/127.0.0.1:1", ZenohChannel("room/T", key)).check()
+    assert problem.startswith(f'sources.bms: room/T: key "{key}" is no key expression: ')
+    assert gist in problem
+    assert "/root/" not in problem
+
+
+def test_an_address_in_use_is_said() -> None:
+    place = endpoint()
+    with session(listen=place):
+        assert f"listen: an address of {place} cannot be used" in verdict(Connection("peer", listen=(place,)))
+
+
+def test_keys_on_which_nothing_comes_are_said(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(adapters.zenoh.source, "QUIET", 0.1)
+    monkeypatch.setattr(adapters.zenoh.source, "_LOOK", 0.05)
+
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place):
+            async with listening(source(place)) as heard:
+                await heard.until(lambda: "nothing has come for room/T (key bms/room/T)" in caplog.text)
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(run())
+    assert "connected" in caplog.text
+
+
+def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.1)
+    monkeypatch.setattr(adapters.zenoh.source, "_LOOK", 0.05)
+
+    async def run() -> None:
+        place = endpoint()
+        async with listening(source(Connection("peer", listen=(place,)))) as heard:
+            await heard.until(lambda: "nobody has connected to" in caplog.text)
+            with session("client", connect=place) as bms:
+                await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
+            assert heard.failures == []
+
+    asyncio.run(run())
+
+
+def test_probe_takes_the_last_value_from_a_cache_or_a_query_and_says_what_is_wrong() -> None:
+    async def run() -> None:
+        place = endpoint()
+        wrong = ZenohChannel("room/x", "bms/room/Tt")
+        asked = ZenohChannel("room/q", "store/q", JSON)
+        bad = ZenohChannel("room/b", "bms/room/b")
+        hot = ZenohChannel("room/h", "bms/room/h", edge=CELSIUS)
+        with session(listen=place) as bms:
+            publishers = [caching_publisher(bms, f"bms/room/{name}") for name in "Tbh"]
+            for publisher, payload in zip(publishers, ("21.5", "warm", "300"), strict=True):
+                publisher.put(payload)
+
+            def answer(query: zenoh.Query) -> None:
+                with query:
+                    document = {"value": 3, "time": iso(time.time() - 60), "quality": "uncertain"}
+                    query.reply("store/q", json.dumps(document))
+
+            with bms.declare_queryable("store/q", zenoh.handlers.Callback(answer, indirect=False)):
+                probes = await source(place, T, wrong, asked, bad, hot).probe(1.0)
+        good, nothing, queried, refused, implausible = probes
+        assert (good.value, good.verdict, good.raw) == (21.5, "good", "21.5")
+        assert good.time == pytest.approx(time.time(), abs=20)
+        assert good.hints[0].endswith("by Zenoh's time stamp")
+        assert "nothing came within 1 s" in nothing.verdict
+        assert nothing.hints[0].startswith("heard meanwhile: bms/room/T, ")
+        assert queried.value == 3.0
+        assert queried.time == pytest.approx(time.time() - 60, abs=20)
+        assert queried.hints[0].endswith("by its payload")
+        assert queried.verdict.startswith("uncertain")
+        assert refused.verdict == "refused: the payload 'warm' is not a number"
+        assert implausible.verdict == "implausible: not within -60 to 80"
+
+    asyncio.run(run())
+
+
+def test_probe_says_what_was_heard_instead() -> None:
+    async def run() -> None:
+        place = endpoint()
+        with session(listen=place) as bms:
+            probing = asyncio.create_task(source(place, ZenohChannel("room/x", "bms/room/Temp")).probe(1.0))
+            while not probing.done():
+                bms.put("bms/room/T", "1")
+                await asyncio.sleep(0.05)
+            (probe,) = await probing
+            assert probe.hints == ("heard meanwhile: bms/room/T",)
+
+    asyncio.run(run())
+
+
+def test_cancelling_while_the_session_opens_leaves_nothing_behind() -> None:
+    async def run() -> float:
+        async def first() -> None:
+            await anext(aiter(source(Connection(connect=(endpoint(),), timeout=3600.0)).batches(None)))
+
+        task = asyncio.create_task(first())
+        await asyncio.sleep(0.2)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        return time.monotonic()
+
+    cancelled = asyncio.run(run())
+    assert time.monotonic() - cancelled < 60

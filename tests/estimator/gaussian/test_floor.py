@@ -1,0 +1,63 @@
+"""The floor: nothing to learn, nothing unknown but the noise."""
+
+import numpy as np
+import pytest
+
+from estimator.errors import NetworkError
+from estimator.gaussian.floor import GAIN_CHANNEL, floor, with_known_gain
+from estimator.network.presets import building_67
+from replay.scores import coverage, rmse, winkler
+from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD, generate
+
+NOISE = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}
+
+
+def scores(estimator, recording):
+    """RMSE against the true T_i, Winkler score and coverage of the 95 % interval, one step ahead."""
+    columns = recording.columns | {GAIN_CHANNEL: recording.truth.unmeasured_gain}
+    inputs = np.column_stack([columns[channel] for channel in estimator.network.inputs])
+    outputs = recording.columns["T_i"][:, None]
+    state, rows = estimator.start(1, outputs[0], inputs[0]), []
+    for u, y in zip(inputs[:-1], outputs[1:], strict=True):
+        state = estimator.predict(state, u)
+        mixture = estimator.predictive(state)
+        rows.append([mixture.means[0, 0], *estimator.quantiles(mixture, np.array([0.025, 0.975]), 0)])
+        state = estimator.update(state, y).state
+    mean, lower, upper = np.array(rows).T
+    y = outputs[1:, 0]
+    return rmse(mean - recording.truth.states[1:, 0]), winkler(y, lower, upper, 0.95), coverage(y, lower, upper)
+
+
+def test_the_floor_is_calibrated_and_ignoring_the_gain_costs():
+    """With sd s of the predicted temperature and r of the noise, a calibrated interval scores 4.676 sqrt(s^2 + r^2).
+
+    The standard deviation of one interval's score is about .8 of that, and there are 4,031.
+    """
+    recording = generate(None, days=28, seed=3)
+    error, score, covered = scores(floor(with_known_gain(building_67(), "T_i"), PERIOD, **NOISE), recording)
+    assert covered == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 4000))
+    assert score == pytest.approx(4.676 * np.hypot(error, MEASUREMENT_NOISE_SD), rel=0.05)
+    ignorant = scores(floor(building_67(), PERIOD, **NOISE), recording)
+    assert ignorant[0] > 3 * error
+    assert ignorant[1] > 3 * score
+
+
+def test_theta_overrides_the_nominal_values_and_nothing_is_learned():
+    estimator = floor(building_67(), PERIOD, theta={"C_i": 1e7}, **NOISE)
+    state = estimator.start(1, np.array([20.0]), np.array([5.0, 0.0, 0.0]))
+    posterior = estimator.update(estimator.predict(state, np.array([5.0, 0.0, 0.0])), np.array([25.0]))
+    nominal = [p.nominal for p in building_67().parameters]
+    assert posterior.parameters.tolist() == [1e7, *nominal[1:]]
+    summary = estimator.parameters(posterior.state, np.array([0.1, 0.9]))
+    assert (np.ptp(summary.time_constants, axis=1) == 0).all()
+
+
+def test_a_parameter_without_a_value_is_named():
+    network = building_67().with_parameter("C_h", nominal=None)
+    with pytest.raises(NetworkError, match="parameter 'C_h' is not free and has no value"):
+        floor(network, PERIOD, **NOISE)
+
+
+def test_a_gain_needs_a_state_node():
+    with pytest.raises(NetworkError, match="heat input 'q_unmeasured' enters 'T_x', which is not a state node"):
+        with_known_gain(building_67(), "T_x")

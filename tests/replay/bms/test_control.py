@@ -1,0 +1,95 @@
+"""The control surface: the truth, and faults on and off at run time."""
+
+from __future__ import annotations
+
+import csv
+from typing import Any
+
+import pytest
+from support.bms_plant import Clock, ask, simulation
+
+
+def test_the_state_is_the_truth() -> None:
+    plant = simulation(Clock())
+    (response,) = ask(plant, ("GET", "/state", None))
+    state = response.json()
+    assert state["simulated_time"] == "2025-01-13T05:00:00Z"
+    assert [*state["rooms"]] == ["room1", "room2", "room3"]
+    assert state["rooms"]["room2"]["T_air"] == pytest.approx(plant.world.now.air[1])
+    assert state["rooms"]["room2"]["parameters"] == plant.building.rooms[1].theta
+
+
+def test_a_fault_is_switched_on_shown_and_switched_off() -> None:
+    clock = Clock()
+    plant = simulation(clock)
+    body = {"kind": "drift", "device": "room1", "channel": "T_air", "value": 0.5, "for": "5min"}
+    switched, listed = ask(plant, ("POST", "/faults", body), ("GET", "/faults", None))
+    assert switched.status_code == 201
+    assert listed.json() == [switched.json()]
+    assert switched.json() == {
+        "id": 1,
+        "kind": "drift",
+        "device": "room1",
+        "channel": "T_air",
+        "value": 0.5,
+        "active": True,
+        "begins_in": 0,
+        "ends_in": 300,
+    }
+    assert plant.faults.active("drift", "room1", "T_air")
+    gone, again = ask(plant, ("DELETE", "/faults/1", None), ("DELETE", "/faults/1", None))
+    assert (gone.status_code, again.status_code) == (204, 404)
+    assert again.json()["detail"] == "there is no fault 1; GET /faults lists them"
+    assert plant.faults.active("drift", "room1", "T_air") is None
+
+
+def test_a_fault_for_later_says_when() -> None:
+    clock = Clock()
+    plant = simulation(clock)
+    ask(plant, ("POST", "/faults", {"kind": "freeze", "after": "1min"}))
+    clock.now += 20
+    (waiting,) = ask(plant, ("GET", "/faults", None))
+    assert (waiting.json()[0]["active"], waiting.json()[0]["begins_in"], waiting.json()[0]["ends_in"]) == (
+        False,
+        40,
+        None,
+    )
+    (cleared,) = ask(plant, ("DELETE", "/faults", None))
+    assert cleared.status_code == 204
+    assert plant.faults.listed() == []
+
+
+@pytest.mark.parametrize(
+    ("body", "gist"),
+    [
+        ({"kind": "explosion"}, 'there is no fault "explosion"'),
+        ({"kind": "slow", "device": "attic"}, 'there is no device "attic"'),
+        ({"kind": "slow", "for": "soon"}, '"soon" is not a duration'),
+        ({"kind": "slow", "strength": 3}, "'strength' is not known"),
+        ({}, "'kind' is missing"),
+    ],
+)
+def test_mistakes_are_explained(body: dict[str, Any], gist: str) -> None:
+    (response,) = ask(simulation(Clock()), ("POST", "/faults", body))
+    assert response.status_code == 422
+    assert gist in response.json()["detail"]
+
+
+def test_menu_and_registers() -> None:
+    plant = simulation(Clock())
+    menu, registers = ask(plant, ("GET", "/menu", None), ("GET", "/registers", None))
+    assert {name: menu.json()[-1][name] for name in ("kind", "value", "default")} == {
+        "kind": "window",
+        "value": "W/K",
+        "default": 80.0,
+    }
+    rows = list(csv.DictReader(registers.text.splitlines()))
+    assert [row["channel"] for row in rows if row["device"] == "room3"] == ["T_air", "heat_power", "energy", "pump"]
+
+
+def test_its_documentation_needs_nothing_from_elsewhere() -> None:
+    root, page, script = ask(
+        simulation(Clock()), ("GET", "/", None), ("GET", "/docs", None), ("GET", "/static/docs.js", None)
+    )
+    assert root.headers["location"] == "/docs"
+    assert (page.status_code, script.status_code) == (200, 200)

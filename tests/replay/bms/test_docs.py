@@ -1,0 +1,89 @@
+"""docs/simulate-bms.md says what the simulated BMS does: its examples run, its tables are those in force."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from support.bms_plant import Clock, ask, simulation
+
+from replay.bms import register_map
+from replay.bms.building import design
+from replay.bms.control import create_control
+from replay.bms.faults import MENU, parse_spec
+from replay.bms.plant import devices
+from service.cli.main import main
+
+TEXT = (Path(__file__).parents[3] / "docs" / "simulate-bms.md").read_text(encoding="utf-8")
+BASE = "http://127.0.0.1:5021"
+
+
+def table(heading: str) -> list[list[str]]:
+    section = re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", TEXT, re.DOTALL | re.MULTILINE)
+    assert section
+    lines = [line for line in section[1].splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
+
+
+def test_the_menu_is_the_one_in_force() -> None:
+    shown = [
+        [
+            f"`{name}`",
+            kind.scope,
+            kind.value_unit or "none",
+            "" if kind.default is None else f"{kind.default:g}",
+            kind.meaning,
+        ]
+        for name, kind in MENU.items()
+    ]
+    assert table("Faults") == shown
+
+
+def test_the_register_map_is_the_one_printed() -> None:
+    assert "\n".join(register_map.as_text(devices(design(3, 1), pace=60.0))) in TEXT
+
+
+def test_the_options_and_their_defaults_are_those_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate-bms", "--help"]) == 0
+    helped = " ".join(capsys.readouterr().out.split())
+    for option, default, _ in table("Options"):
+        name = option.strip("`")
+        assert f"{name} " in helped
+        if default != "none":
+            own = helped[helped.rindex(f"{name} ") :]
+            assert f"(default {default.strip('`')})" in own[: own.find(" --", 3)], name
+
+
+def test_fault_examples_are_faults_that_the_plant_can_have() -> None:
+    plant = simulation(Clock())
+    examples = re.findall(r"--fault (\S+)", TEXT)
+    assert len(examples) >= 4
+    for text in examples:
+        plant.faults.add(parse_spec(text))
+
+
+def test_control_examples_work_one_after_the_other() -> None:
+    lines = [line for line in TEXT.splitlines() if line.startswith("curl ")]
+    assert len(lines) >= 5
+    requests = []
+    for line in lines:
+        words = shlex.split(line)
+        method = words[words.index("-X") + 1] if "-X" in words else "GET"
+        body = json.loads(words[words.index("-d") + 1]) if "-d" in words else None
+        (url,) = (word for word in words if word.startswith(BASE))
+        requests.append((method, url.removeprefix(BASE), body))
+    answers = ask(simulation(Clock()), *requests)
+    assert all(answer.is_success for answer in answers), [answer.text for answer in answers]
+
+
+def test_every_request_of_the_control_surface_is_listed() -> None:
+    documented = {tuple(row[0].strip("`").replace("<id>", "{number}").split()) for row in table("Control surface")}
+    offered = {
+        (method.upper(), path)
+        for path, methods in create_control(simulation(Clock())).openapi()["paths"].items()
+        for method in methods
+    }
+    assert documented == offered

@@ -1,0 +1,73 @@
+"""The fault menu: what is asked for, and the sentences for what the plant cannot have."""
+
+from __future__ import annotations
+
+import pytest
+from support.bms_plant import Clock, simulation
+
+from replay.bms.faults import MENU, FaultError, parse_spec
+
+
+def test_a_fault_as_it_is_written_on_the_command_line() -> None:
+    spec = parse_spec("drift:room1/T_air, value=-0.5, after=10min, for=1h")
+    assert (spec.kind, spec.device, spec.channel) == ("drift", "room1", "T_air")
+    assert (spec.value, spec.after, spec.duration) == (-0.5, 600, 3600)
+    bare = parse_spec("clock-jump")
+    assert (bare.device, bare.channel, bare.value, bare.after, bare.duration) == (None, None, None, 0, None)
+    assert parse_spec("slow,for=30").duration == 30
+
+
+@pytest.mark.parametrize(
+    ("text", "gist"),
+    [
+        ("slow:room1,delay=3", '"delay=3" must be value=..., after=... or for=...'),
+        ("slow:room1,value=fast", "value: Input should be a valid number"),
+        ("slow:room1,for=soon", '"soon" is not a duration'),
+    ],
+)
+def test_what_cannot_be_read_is_explained(text: str, gist: str) -> None:
+    with pytest.raises(FaultError, match=r"^--fault ") as mistake:
+        parse_spec(text)
+    assert gist in str(mistake.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "gist"),
+    [
+        ("explosion", 'there is no fault "explosion"; the menu is freeze, '),
+        ("freeze:room1,value=3", '"freeze" takes no value'),
+        ("exception,value=99", "must be from 1 to 11 (exception code), not 99"),
+        ("slow:room9", 'there is no device "room9"; the devices are weather, room1, room2, room3'),
+        ("slow:room1/T_wall", 'device "room1" has no channel "T_wall"; it has T_air, set_point, relay, energy'),
+        ("window:weather", '"weather" is in none'),
+        ("window:room1/T_air", "concerns a device as a whole"),
+        ("nan:room1/relay", "room1/relay (bool) cannot say that it has no value"),
+        ("swapped-words:room1/T_air", "room1/T_air (int16) has one word only"),
+        ("freeze:/T_air", 'channel "T_air" needs its device'),
+    ],
+)
+def test_what_the_plant_cannot_have_is_refused(text: str, gist: str) -> None:
+    plant = simulation(Clock())
+    with pytest.raises(FaultError) as mistake:
+        plant.faults.add(parse_spec(text))
+    assert gist in str(mistake.value)
+    assert plant.faults.listed() == []
+
+
+@pytest.mark.parametrize("kind", MENU)
+def test_every_kind_can_be_switched_on_everywhere_and_off(kind: str) -> None:
+    plant = simulation(Clock())
+    fault = plant.faults.add(parse_spec(kind))
+    assert plant.faults.active(kind, "room1") == fault
+    assert plant.faults.remove(fault.id)
+    assert plant.faults.active(kind, "room1") is None
+    assert not plant.faults.remove(fault.id)
+
+
+def test_the_newest_of_two_faults_counts_and_clear_ends_all() -> None:
+    plant = simulation(Clock())
+    plant.faults.add(parse_spec("slow:room1,value=1"))
+    newest = plant.faults.add(parse_spec("slow,value=2"))
+    assert plant.faults.active("slow", "room1") == newest
+    plant.faults.clear()
+    assert plant.faults.listed() == []

@@ -1,0 +1,101 @@
+"""Runs of an experiment: known again, kept, gone on with, spread over processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from estimator.errors import EstimatorError
+from estimator.network.presets import titeth
+from replay.errors import ReplayError
+from replay.experiments.jobs import Arrays, Job, Tick, fingerprint
+from replay.experiments.pool import run_jobs
+from replay.experiments.store import load, run_file, save
+
+
+class Payload(NamedTuple):
+    number: float
+    folder: str = ""
+
+
+def double(payload: Payload, tick: Tick) -> Arrays:
+    """Leaves a mark each time it runs."""
+    if payload.number < 0:
+        raise EstimatorError("a number below 0")
+    if payload.folder:
+        marks = Path(payload.folder) / f"{payload.number:g}"
+        marks.write_text(marks.read_text() + "x" if marks.exists() else "x")
+    for _ in range(10):
+        tick(1)
+    return {"doubled": np.array(2 * payload.number)}
+
+
+def job(number: float, folder: Path | None = None) -> Job:
+    return Job(f"double {number:g}", 1, double, Payload(number, str(folder or "")), 10)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (1.0, 1.5),
+        (1, 1.0),
+        ("1", 1),
+        (None, 0.0),
+        ((1, 2), [1, 2]),
+        ((1, (2, 3)), (1, 2, 3)),
+        (np.zeros(3), np.zeros((3, 1))),
+        (np.zeros(3), np.zeros(3, dtype=np.float32)),
+        ({"a": 1}, {"b": 1}),
+        (titeth(), titeth().with_parameter("C_i", upper=2e8)),
+    ],
+)
+def test_other_settings_have_another_fingerprint(one: object, other: object) -> None:
+    first, second = (fingerprint(Job("x", 1, double, payload, 1)) for payload in (one, other))
+    assert first == fingerprint(Job("renamed", 2, double, one, 9)), "label and steps change no result"
+    assert first != second
+
+
+def test_a_payload_that_has_no_stable_fingerprint_is_refused() -> None:
+    with pytest.raises(TypeError, match="cannot hold a set"):
+        fingerprint(Job("x", 1, double, {1, 2}, 1))
+
+
+def test_a_damaged_result_counts_as_missing(tmp_path: Path) -> None:
+    path = run_file(tmp_path, job(1))
+    assert load(path) is None
+    save(path, {"a": np.arange(3)})
+    assert load(path)["a"].tolist() == [0, 1, 2]
+    path.write_bytes(path.read_bytes()[:40])
+    assert load(path) is None
+    assert [file.name for file in tmp_path.iterdir()] == [path.name], "no unfinished file is left"
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_finished_runs_are_not_run_again(workers: int, tmp_path: Path) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    runs = tmp_path / "runs"
+    first = run_jobs([job(1, marks), job(2, marks)], runs, workers=workers, progress=False)
+    again = run_jobs([job(2, marks), job(3, marks), job(1, marks)], runs, workers=workers, progress=False)
+    assert [float(result["doubled"]) for result in first] == [2, 4]
+    assert [float(result["doubled"]) for result in again] == [4, 6, 2], "in the order of the jobs"
+    assert {mark.name: mark.read_text() for mark in marks.iterdir()} == {"1": "x", "2": "x", "3": "x"}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_run_that_fails_is_named_and_the_others_stay(workers: int, tmp_path: Path) -> None:
+    run_jobs([job(1)], tmp_path, workers=1, progress=False)
+    with pytest.raises(ReplayError, match=r"run 'double -1, seed 1': a number below 0"):
+        run_jobs([job(1), job(-1), job(-1)], tmp_path, workers=workers, progress=False)
+    assert load(run_file(tmp_path, job(1))) is not None
+
+
+def test_progress_counts_the_steps_of_the_runs_that_are_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_jobs([job(1)], tmp_path, workers=1, progress=False)
+    run_jobs([job(1), job(2), job(3)], tmp_path, workers=2, progress=True)
+    assert "1 of 3 runs were there: 100%" in capsys.readouterr().err.split("\r")[-1]

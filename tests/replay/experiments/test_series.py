@@ -1,0 +1,93 @@
+"""What every experiment rests on: the loop over a series, recordings as series, nights, scores of a run."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.gaussian.floor import floor
+from estimator.network.presets import building_67
+from replay.errors import ReplayError
+from replay.experiments.ecolar.nights import state_at
+from replay.experiments.request import Request
+from replay.experiments.semi_synthetic.case import simulated_case
+from replay.experiments.semi_synthetic.causes import first_rise
+from replay.experiments.semi_synthetic.scores import DOMINATED, OVERALL, score, since_change, true_parameters
+from replay.experiments.series.filtering import REGIMES, FilterRun, Trace, run_filter
+from replay.experiments.series.recorded import series_of
+from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
+from service.cli.main import main
+from service.config.load import load
+
+ECOLAR = Path(__file__).parents[3] / "deploy/examples/ecolar.toml"
+
+
+def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
+    settings = ["zones.living.estimator_options.particles=60", "zones.living.seed=3"]
+    overrides = [word for setting in settings for word in ("--set", setting)]
+    assert main(["replay", str(ECOLAR), "--out", str(tmp_path), *overrides]) == 0
+    with (tmp_path / "living" / "updates.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    config = load(ECOLAR, settings)
+    zone = config.zones[0]
+    series = series_of(config, zone)
+    run = FilterRun("rbpf", zone.estimator_options, zone.network, zone.period, series, 3)
+    trace = Trace(**run_filter(run, lambda steps: None))
+    assert len(rows) == len(series.times)
+    assert sum(series.starts) == len({row["segment"] for row in rows}) > 1
+    for name in ("mean", "lower", "upper", "gate"):
+        published = np.array([float(row[name] or "nan") for row in rows])
+        np.testing.assert_array_equal(getattr(trace, name), published)
+    assert {REGIMES[place] for place in trace.regime if place >= 0} <= set(REGIMES)
+
+
+def test_a_recording_can_be_cut_and_an_empty_one_is_refused() -> None:
+    config = load(ECOLAR)
+    zone = config.zones[0]
+    day = series_of(config, zone, days=1)
+    assert day.times[-1] - day.times[0] < 86_400
+    assert day.starts[0]
+    assert (np.diff(day.times)[~day.starts[1:]] == zone.period).all()
+    with pytest.raises(ReplayError, match="complete samples in the recording"):
+        series_of(config, zone, days=0)
+
+
+def test_the_state_before_a_night_is_that_of_the_kalman_filter() -> None:
+    network, case = building_67(), simulated_case(building_67(), Request(days=1), 1)
+    series, theta = case.series, true_parameters(network)
+    reference = floor(network, PERIOD, process_sd=0.03, measurement_sd=0.15)
+    state = reference.start(1, series.outputs[0], series.inputs[0])
+    for k in range(50):
+        state = reference.predict(state, series.inputs[k - 1]) if k else state
+        state = reference.update(state, series.outputs[k]).state
+    found = state_at(network, theta, PERIOD, series, 49, 0.15)
+    np.testing.assert_allclose(found, state.mean, rtol=1e-9)
+
+
+def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None:
+    network, case = building_67(), simulated_case(building_67(), Request(days=12), 4)
+    options = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}
+    run = FilterRun("floor", options, network, PERIOD, case.series, 4)
+    scores = score(network, case.series, case.truth, Trace(**run_filter(run, lambda steps: None)))
+    assert scores.h2.tolist() == [0.0, 0.0, 0.0]
+    assert np.isnan(scores.parasitic_learning), "nothing moves, so there is no index"
+    # The gain is ignored here: quiet steps are covered, disturbed ones are not.
+    assert scores.one_step[DOMINATED].coverage < 0.3 < 0.8 < scores.one_step[OVERALL].coverage
+    assert scores.one_step[OVERALL].width == pytest.approx(0.640, abs=0.003)
+    assert scores.filtered[OVERALL].width == pytest.approx(0.231, abs=0.003)
+    assert scores.onset[0] > scores.onset[3]
+    assert (scores.open_loop > 0).all()
+
+
+def test_steps_since_the_label_changed() -> None:
+    dominated = np.array([False, False, True, True, True, False])
+    assert since_change(dominated)[2:].tolist() == [0, 1, 2, 0]
+    assert (since_change(dominated)[:2] > 6).all()
+
+
+def test_a_gain_shows_at_once_but_not_by_much() -> None:
+    # 7 kW for 10 min into 9.9 MJ/K of air alone would be .425 K; some goes on into heater, walls and mass.
+    assert 0.2 < first_rise(building_67()) < 0.425

@@ -1,0 +1,104 @@
+"""`thermogate replay`: rows, seeds, bounds in time, and the mistakes it explains."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay.recorded.runner import replay_recording
+from replay.scores import coverage, winkler
+from service.config.load import load
+from service.errors import ServiceError
+
+EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
+ZONE = "building-67"
+
+
+def config(*settings):
+    return load(EXAMPLE, ["zones.0.estimator_options.particles=200", *settings])
+
+
+def replay(out, *settings, **options):
+    arguments = {"zone": None, "seed": None, "start": None, "end": None, "progress": False} | options
+    assert replay_recording(config(*settings), out, **arguments) == 0
+    with (out / ZONE / "updates.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return rows, json.loads((out / "summary.json").read_text())["zones"][ZONE]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    out = tmp_path_factory.mktemp("whole")
+    return out, *replay(out)
+
+
+def test_the_rows_are_the_ones_the_summary_scores(whole):
+    out, rows, summary = whole
+    assert ",".join(rows[0]) == (
+        "time,y,mean,lower,upper,sd,residual,alpha_lower,alpha_median,alpha_upper,cdf,gate,n_eff,resampled,"
+        "log_likelihood,segment"
+    )
+    assert len(rows) == summary["samples"] == 432
+    y, lower, upper = (np.array([float(row[name] or "nan") for row in rows]) for name in ("y", "lower", "upper"))
+    assert math.isnan(lower[0])
+    assert summary["coverage"] == coverage(y, lower, upper)
+    assert summary["winkler_K"] == winkler(y, lower, upper, 0.95)
+    assert summary["scored"] == 431
+    assert summary["after_first_day"]["scored"] == 432 - 144
+    with (out / ZONE / "parameters.csv").open() as file:
+        parameters = list(csv.DictReader(file))
+    assert [row["time"] for row in parameters] == [row["time"] for row in rows]
+    assert list(parameters[0])[1:] == list(summary["parameters"])
+
+
+def test_the_same_seed_gives_the_same_file_and_another_seed_another(whole, tmp_path):
+    out, rows, summary = whole
+    again, _ = replay(tmp_path / "again")
+    other, _ = replay(tmp_path / "other", seed=1)
+    assert again == rows
+    assert other[-1]["mean"] != rows[-1]["mean"]
+    assert (tmp_path / "again" / ZONE / "updates.csv").read_bytes() == (out / ZONE / "updates.csv").read_bytes()
+    assert summary["seed"] != 1
+
+
+def test_start_and_end_bound_the_samples(whole, tmp_path):
+    _, rows, _ = whole
+    begin, end = 1712793600.0, 1712880000.0  # 11 April 2024, a whole day UTC
+    part, summary = replay(tmp_path, start=begin, end=end)
+    assert [row["time"] for row in part] == [row["time"] for row in rows if "04-11T" in row["time"]]
+    assert summary["samples"] == 144
+
+
+def test_a_time_without_recording_is_said(tmp_path):
+    (tmp_path / "summary.json").write_text("{}")
+    with pytest.raises(ServiceError, match=r"no usable sample in the recording between --start and --end$"):
+        replay(tmp_path, start=4e9)
+    assert not (tmp_path / "summary.json").exists(), "no scores of an earlier replay are left beside it"
+
+
+def test_a_recording_whose_every_cell_is_refused_says_so(tmp_path):
+    with pytest.raises(ServiceError, match=r"no usable sample in the recording; refused: \d+ bad_timestamp; look at"):
+        replay(tmp_path, 'sources.simulation.timestamp.format="%m/%d/%Y"')
+
+
+def test_an_unknown_zone_is_said(tmp_path):
+    with pytest.raises(ServiceError, match="there is no zone 'attic'; the zones are building-67"):
+        replay(tmp_path, zone="attic")
+
+
+def test_an_output_folder_that_cannot_be_made_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ServiceError, match="cannot be written"):
+        replay(tmp_path / "file" / "out")
+
+
+def test_a_recording_that_disappears_is_said(tmp_path):
+    recording = tmp_path / "gone.csv"
+    recording.write_text("timestamp,T_i,T_out,u_heat,I_sol\n2024-01-01T00:00:00Z,20,1,0,0\n")
+    settings = config(f'sources.simulation.files=["{recording}"]')
+    recording.unlink()
+    with pytest.raises(ServiceError, match=r"gone\.csv"):
+        replay_recording(settings, tmp_path / "out", zone=None, seed=None, start=None, end=None, progress=False)

@@ -1,0 +1,57 @@
+import numpy as np
+
+from estimator.network.presets import titeth
+from replay.simulated.heating import Heated, Loads, Panel, simulate_heated
+from replay.simulated.simulate import dynamics, simulate
+
+THETA = {"C_i": 1.8e6, "C_e": 1.9e7, "C_h": 1.5e5, "g_ie": 420.0, "g_e_out": 70.0, "g_ih": 110.0}
+SAMPLES = 3 * 1440
+PANEL = Panel(2500.0, 0.0, 0.5, 10)
+START = np.array([20.0, 18.0, 20.0])
+
+
+def _loads(**changes: np.ndarray) -> Loads:
+    loads = Loads(
+        set_point=np.full(SAMPLES, 20.0),
+        forced=np.zeros((SAMPLES, 1), dtype=bool),
+        gain=np.zeros(SAMPLES),
+        opening=np.zeros(SAMPLES),
+        noise=np.zeros((SAMPLES, 3)),
+    )
+    return loads._replace(**changes)  # type: ignore[arg-type]
+
+
+def _run(loads: Loads, outdoor: float = 0.0) -> Heated:
+    boundaries = np.full((SAMPLES, 1), outdoor)
+    return simulate_heated(titeth(), dynamics(titeth(), THETA, 60.0), boundaries, loads, (PANEL,), x0=START)
+
+
+def test_thermostat_holds_the_set_point_and_switches_on_its_cycle_only() -> None:
+    heated = _run(_loads())
+    assert np.abs(heated.states[1440:, 0] - 20.0).max() < 0.9
+    switches = np.flatnonzero(np.diff(heated.powers[:, 0])) + 1
+    assert switches.size > 4
+    assert (switches % 10 == 0).all()
+
+
+def test_what_it_reports_reproduces_its_temperatures_in_open_loop() -> None:
+    rng = np.random.default_rng(1)
+    opening = np.where(rng.random(SAMPLES) < 0.05, 60.0, 0.0)
+    heated = _run(_loads(gain=rng.uniform(0, 500, SAMPLES), opening=opening))
+    inputs = np.column_stack([np.zeros(SAMPLES), heated.powers.sum(axis=1)])
+    unmeasured = np.column_stack([heated.unmeasured, np.zeros((SAMPLES, 2))])
+    np.testing.assert_allclose(
+        simulate(titeth(), THETA, inputs, 60.0, x0=START, unmeasured=unmeasured), heated.states, rtol=1e-10
+    )
+    assert (heated.unmeasured[opening > 0] < 0).all()
+
+
+def test_forcing_overrides_the_thermostat_up_to_the_ceiling() -> None:
+    forced = np.ones((SAMPLES, 1), dtype=bool)
+    heated = _run(_loads(forced=forced), outdoor=15.0)
+    assert 25.5 < heated.states[:, 0].max() < 27.0
+    assert (heated.powers[heated.states[:, 0] >= 26.0] == 0).all()
+
+
+def test_a_warm_zone_is_not_heated() -> None:
+    assert _run(_loads(), outdoor=25.0).powers[600:].sum() == 0

@@ -1,0 +1,98 @@
+"""`thermogate health` against servers that answer as the daemon does."""
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import pytest
+
+from service.cli.main import main
+
+ALIVE = (200, {"status": "ok", "version": "1.2.3", "uptime_s": 60.4})
+
+
+@pytest.fixture
+def serve():
+    """Serve documents by path; what was asked, with its headers, is noted."""
+    servers = []
+
+    def start(answers):
+        asked = []
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self):
+                asked.append((self.path, self.headers.get("Authorization")))
+                status, document = answers[self.path]
+                self.send_response(status)
+                self.end_headers()
+                self.wfile.write(document if isinstance(document, bytes) else json.dumps(document).encode())
+
+            def log_message(self, *arguments):
+                pass
+
+        server = HTTPServer(("127.0.0.1", 0), Handler)
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        servers.append((server, thread))
+        return f"http://127.0.0.1:{server.server_port}", asked
+
+    yield start
+    for server, thread in servers:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def health(capsys, *words):
+    code = main(["health", *words])
+    (line,) = capsys.readouterr().out.splitlines()
+    return code, line
+
+
+def behind(*states):
+    zones = [{"id": f"z{number}", "state": state} for number, state in enumerate(states)]
+    return 503, {"detail": "zone 'z0' is behind", "zones": zones}
+
+
+@pytest.mark.parametrize(
+    ("ready", "expected"),
+    [
+        ((200, {"status": "ready", "zones": [{}, {}]}), (0, "OK - zones running: 2")),
+        (behind("stalled", "waiting"), (1, "WARNING - zone 'z0' is behind")),
+        (behind("stalled", "failed"), (2, "CRITICAL - zone 'z0' is behind")),
+        ((401, {"detail": "this needs an API key"}), (3, "UNKNOWN - this needs an API key")),
+        ((503, {"detail": "too many connections"}), (3, "UNKNOWN - too many connections")),
+    ],
+)
+def test_zones(serve, capsys, ready, expected):
+    url, asked = serve({"/healthz": ALIVE, "/readyz": ready})
+    assert health(capsys, "--url", url) == expected
+    assert [path for path, _ in asked] == ["/healthz", "/readyz"]
+
+
+def test_alive_alone_asks_for_no_more(serve, capsys):
+    url, asked = serve({"/healthz": ALIVE})
+    assert health(capsys, "--url", f"{url}/", "--alive") == (0, "OK - version 1.2.3, up for 60 s")
+    assert asked == [("/healthz", None)]
+
+
+def test_a_daemon_that_hangs_is_critical_whatever_its_zones_say(serve, capsys):
+    url, asked = serve({"/healthz": (503, {"detail": "the journal has not answered for 61 s"})})
+    assert health(capsys, "--url", url) == (2, "CRITICAL - the journal has not answered for 61 s")
+    assert len(asked) == 1
+
+
+def test_the_key_comes_from_a_file(serve, capsys, tmp_path):
+    (tmp_path / "key").write_text("tg_secret\n")
+    url, asked = serve({"/healthz": ALIVE, "/readyz": (200, {"zones": [{}]})})
+    assert health(capsys, "--url", url, "--key-file", str(tmp_path / "key"))[0] == 0
+    assert asked[-1] == ("/readyz", "Bearer tg_secret")
+
+
+def test_what_does_not_answer_or_is_no_daemon(serve, capsys):
+    code, line = health(capsys, "--url", "http://127.0.0.1:9", "--timeout", "2")
+    assert code == 2
+    assert line.startswith("CRITICAL - http://127.0.0.1:9 does not answer: ")
+    url, _ = serve({"/healthz": (200, b"<html>")})
+    assert health(capsys, "--url", url)[0] == 2
+    assert health(capsys, "--url", "file:///etc/passwd")[0] == 3

@@ -1,0 +1,75 @@
+"""`thermogate keys` as an operator uses it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from support.config_samples import sound, write
+
+from service.cli.main import main
+from service.web.keys import KeyRing
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return write(tmp_path, sound(tmp_path) | {"http": {"keys_file": "secrets/keys.json"}})
+
+
+def keys(*words: object) -> int:
+    return main(["keys", *map(str, words)])
+
+
+def test_create_prints_the_key_alone_on_stdout(config: Path, capsys: Capture) -> None:
+    assert keys("create", config, "grafana", "--scope", "read", "--zone", "living") == 0
+    shown = capsys.readouterr()
+    assert re.fullmatch(r"tg_[\w-]{43}\n", shown.out), "so that it can be piped into a file"
+    assert "only time" in shown.err
+    assert shown.out.strip() not in shown.err
+    key = KeyRing(config.parent / "secrets" / "keys.json", required=False).find(shown.out.strip())
+    assert key is not None
+    assert (key.name, key.scope, key.zones) == ("grafana", "read", ("living",))
+
+
+def test_list_and_revoke(config: Path, capsys: Capture) -> None:
+    assert keys("list", config) == 0
+    assert capsys.readouterr().out.startswith("no keys in ")
+    assert keys("create", config, "mpc", "--scope", "admin", "--expires", "2099-01-31T00:00:00+01:00") == 0
+    assert keys("create", config, "old", "--scope", "read", "--expires", "90d") == 0
+    secret = capsys.readouterr().out.splitlines()[0]
+    assert keys("revoke", config, "old") == 0
+    assert "'old' is revoked" in capsys.readouterr().out
+    assert keys("list", config) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"^mpc +admin +all +\S+Z +2099-01-30T23:00:00Z +active$", shown, re.MULTILINE)
+    assert re.search(r"^old +read +all .* revoked$", shown, re.MULTILINE)
+    assert secret not in shown
+    assert keys("revoke", config, "old") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["create"], "keys create needs the name"),
+        (["create", "x"], "needs --scope read or --scope admin"),
+        (["create", "X!", "--scope", "read"], "cannot be an id"),
+        (["create", "x", "--scope", "read", "--zone", "attic"], 'there is no zone "attic"; the zones are living'),
+        (["create", "x", "--scope", "admin", "--zone", "living"], "--zone goes with --scope read"),
+        (["create", "x", "--scope", "read", "--expires", "soon"], "neither a duration"),
+        (["create", "x", "--scope", "read", "--expires", "2099-01-01T00:00:00"], "no time zone"),
+        (["create", "x", "--scope", "read", "--expires", "2020-01-01T00:00:00Z"], "not in the future"),
+        (["create", "x", "--scope", "read", "--expires", "0s"], "not in the future"),
+        (["list", "x"], "leave the name out"),
+        (["list", "--scope", "read"], "--scope is for keys create"),
+        (["revoke"], "keys revoke needs the name"),
+    ],
+)
+def test_mistakes(config: Path, words: list[str], sentence: str, capsys: Capture) -> None:
+    action, *rest = words
+    assert keys(action, config, *rest) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert sentence in line
+    assert not (config.parent / "secrets").exists()

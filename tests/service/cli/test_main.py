@@ -1,0 +1,349 @@
+"""The command line: arguments, exit codes, and what an operator reads when something is wrong."""
+
+from __future__ import annotations
+
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.config_samples import sound, write
+
+from adapters.errors import SourceUnavailable
+from replay.errors import ReplayError
+from service.cli.main import main
+from service.errors import JournalError
+
+Capture = pytest.CaptureFixture[str]
+Call = tuple[tuple[Any, ...], dict[str, Any]]
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return write(tmp_path, sound(tmp_path))
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch, module: str, name: str, answer: Callable[..., Any]) -> list[Call]:
+    """Replace a function that a command imports; returns the list its calls are noted in."""
+    calls: list[Call] = []
+
+    def function(*args: Any, **kwargs: Any) -> Any:
+        calls.append((args, kwargs))
+        return answer(*args, **kwargs)
+
+    monkeypatch.setitem(sys.modules, module, types.SimpleNamespace(**{name: function}))
+    return calls
+
+
+def daemon(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any] = lambda *_, **__: 0) -> list[Call]:
+    return stand_in(monkeypatch, "service.daemon.run", "run_daemon", answer)
+
+
+def replay(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any] = lambda *_, **__: 0) -> list[Call]:
+    return stand_in(monkeypatch, "replay.recorded.runner", "replay_recording", answer)
+
+
+def complaint(capsys: Capture) -> str:
+    """The only line on stderr."""
+    shown = capsys.readouterr()
+    (line,) = shown.err.splitlines()
+    assert line.startswith("thermogate: ")
+    return line.removeprefix("thermogate: ")
+
+
+def raising(error: BaseException) -> Callable[..., Any]:
+    def answer(*_: Any, **__: Any) -> Any:
+        raise error
+
+    return answer
+
+
+def test_version(capsys: Capture) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("thermogate ")
+
+
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["check"], ["show-config"], ["demo"], ["simulate-bms"], ["networks"], ["replay"]]
+)
+def test_help(command: list[str], capsys: Capture) -> None:
+    assert main([*command, "--help"]) == 0
+
+    shown = capsys.readouterr().out
+    assert shown.startswith(f"usage: {' '.join(['thermogate', *command])} ")
+    assert not command or "folder of the configuration file" in " ".join(shown.split())
+
+
+@pytest.mark.parametrize(
+    ("argv", "gist"),
+    [
+        ([], "COMMAND; see thermogate --help"),
+        (["rnu"], "invalid choice: 'rnu'"),
+        (["check"], "required: CONFIG; see thermogate check --help"),
+        (["check", "a.toml", "--sett", "x=1"], "--sett"),
+        (["replay", "a.toml"], "--out"),
+        (["replay", "a.toml", "--out", "d", "--seed", "-1"], "--seed"),
+        (["replay", "a.toml", "--out", "d", "--seed", "x"], "'x' is not a whole number"),
+        (["replay", "a.toml", "--out", "d", "--start", "yesterday"], "'yesterday' is not a time; write it as 2025-"),
+        (["replay", "a.toml", "--out", "d", "--start", "2025-05-03T00:00:00"], "has no time zone; end it with Z"),
+        (["replay", "a.toml", "--out", "d", "--end", "2025-05-03"], "has no time zone"),
+        (["demo", "--port", "65536"], "'65536' is not a whole number from 0 to 65535"),
+        (["demo", "--pace", "0"], "'0' is not"),
+        (["demo", "--pace", "fast"], "'fast' is not"),
+        (["demo", "--days", "0"], "'0' is not a whole number"),
+        (["demo", "--live", "--days", "3"], "--days is the length of a recording"),
+        (["demo", "--live", "--pace", "9000"], "--pace 9000: a --live building lives at 0.01 to 3600"),
+        (["simulate-bms", "--zones", "0"], "'0' is not a whole number from 1 to 80"),
+        (["simulate-bms", "--zenoh", "nowhere"], "is not an endpoint"),
+        (["demo", "--duration", "inf"], "'inf' is not a number above 0"),
+    ],
+)
+def test_usage_mistakes_are_one_sentence(argv: list[str], gist: str, capsys: Capture) -> None:
+    assert main(argv) == 2
+    assert gist in complaint(capsys)
+
+
+def test_check_says_what_will_run(config: Path, capsys: Capture) -> None:
+    assert main(["check", str(config)]) == 0
+
+    assert capsys.readouterr().out.splitlines() == [
+        f"OK: site 'house', 2 zones, 1 source; state in {config.parent}/var/thermogate",
+        "source log: csv, 1 file (log.csv)",
+        "zone living: network tite, estimator rbpf, a sample every 5min",
+        "  states: T_i, T_e",
+        "  free parameters (4): C_i, C_e, g_ie, g_e_out",
+        "  T_i [degC]: mean of Living [degC] from log",
+        "  T_out [degC]: mean of Outside [degC] from log",
+        "  u_heat [W]: first of Power1 + Power2 [kW] from log",
+        "zone bedroom: network titeth, estimator rbpf, a sample every 10min",
+        "  states: T_i, T_e, T_h",
+        "  free parameters (7): C_i, C_e, C_h, g_ie, g_e_out, g_ih, A_w",
+        "  T_i [degC]: mean of Bedroom [degC] from log",
+        "  T_out [degC]: mean of Outside [degC] from log",
+        "  u_heat [W]: first of Power1 [kW] from log",
+        "  I_sol [W/m2]: mean of Sun [W/m2] from log",
+    ]
+
+
+def test_check_names_fixed_parameters(config: Path, capsys: Capture) -> None:
+    assert main(["check", str(config), "--set", 'zones.bedroom.network.fixed=["C_h"]']) == 0
+    assert "  fixed parameters (1): C_h" in capsys.readouterr().out.splitlines()
+
+
+def test_check_applies_overrides(config: Path, capsys: Capture) -> None:
+    assert main(["check", str(config), "--set", "zones.living.period=15min", "--set", "site.id=villa"]) == 0
+
+    shown = capsys.readouterr().out
+    assert "site 'villa'" in shown
+    assert "zone living: network tite, estimator rbpf, a sample every 15min" in shown
+
+
+def test_one_mistake_is_one_line(config: Path, capsys: Capture) -> None:
+    assert main(["check", str(config), "--set", "zones.living.period=7min"]) == 2
+    assert complaint(capsys).startswith("zones[0] ('living').period: \"7min\" does not divide a day")
+
+
+def test_several_mistakes_are_a_line_each_and_a_count(config: Path, capsys: Capture) -> None:
+    assert main(["check", str(config), "--set", "colour=1", "--set", "http.port=-1"]) == 2
+
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(": ")[1] for line in lines[:-1]] == ["colour", "http.port"]
+    assert lines[-1] == "thermogate: 2 mistakes in the configuration; nothing was started"
+
+
+def test_missing_configuration(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["check", str(tmp_path / "gone.toml")]) == 2
+    assert "gone.toml: cannot be read (no such file or directory)" in complaint(capsys)
+
+
+def test_wrong_override(config: Path, capsys: Capture) -> None:
+    assert main(["check", str(config), "--set", "zones.attic.period=5min"]) == 2
+    assert complaint(capsys).startswith('--set zones.attic.period=5min: zones has no item "attic"')
+
+
+def test_run_starts_the_daemon(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = daemon(monkeypatch)
+
+    assert main(["run", str(config)]) == 0
+
+    (((started,), options),) = calls
+    assert [zone.id for zone in started.zones] == ["living", "bedroom"]
+    assert options["reset"] == []
+    assert options["reread"]().zones == started.zones
+
+
+def test_run_passes_on_the_zones_to_reset_and_the_exit_code(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = daemon(monkeypatch, lambda *_, **__: 1)
+
+    assert main(["run", str(config), "--reset", "bedroom", "--reset", "living"]) == 1
+    assert main(["run", str(config), "--reset", "bedroom", "living"]) == 1
+
+    assert [options["reset"] for _, options in calls] == [["bedroom", "living"]] * 2
+
+
+def test_run_refuses_to_reset_an_unknown_zone(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    calls = daemon(monkeypatch)
+
+    assert main(["run", str(config), "--reset", "attic"]) == 2
+
+    assert complaint(capsys) == '--reset: there is no zone "attic"; the zones are living, bedroom'
+    assert calls == []
+
+
+def test_run_does_not_start_on_a_wrong_configuration(
+    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    calls = daemon(monkeypatch)
+
+    assert main(["run", str(config), "--set", "http.host=0.0.0.0"]) == 2
+
+    assert "lets other machines in" in complaint(capsys)
+    assert calls == []
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        JournalError("site.state_dir: cannot be written; choose another folder"),
+        SourceUnavailable("sources.log: gone; bring it back"),
+        ReplayError("--out: not a folder; name another"),
+    ],
+)
+def test_failures_said_on_purpose_are_shown_as_they_are(
+    error: Exception, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    daemon(monkeypatch, raising(error))
+
+    assert main(["run", str(config)]) == 1
+    assert complaint(capsys) == str(error)
+
+
+def test_operating_system_errors_name_the_file(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    daemon(monkeypatch, raising(PermissionError(13, "Permission denied", "/srv/state")))
+
+    assert main(["run", str(config)]) == 1
+    assert complaint(capsys).startswith("/srv/state: Permission denied; check the path")
+
+
+def test_unexpected_failure_is_one_sentence_with_a_hint(
+    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    daemon(monkeypatch, raising(RuntimeError("two\nlines")))
+
+    assert main(["run", str(config)]) == 1
+
+    said = complaint(capsys)
+    assert said.startswith("unexpected RuntimeError: two lines; ")
+    assert "--debug" in said
+
+
+def test_debug_shows_the_traceback(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    daemon(monkeypatch, raising(RuntimeError("oops")))
+
+    assert main(["run", "--debug", str(config)]) == 1
+    assert "Traceback (most recent call last)" in capsys.readouterr().err
+
+
+def test_interrupt_is_clean(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    daemon(monkeypatch, raising(KeyboardInterrupt()))
+
+    assert main(["run", str(config)]) == 130
+    assert complaint(capsys) == "interrupted"
+
+
+def test_replay_passes_everything_on(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = replay(monkeypatch)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+
+    code = main(
+        [
+            *("replay", str(config), "--out", str(tmp_path / "out"), "--zone", "living", "--seed", "9"),
+            *("--start", "2025-05-03T00:00:00Z", "--end", "2025-05-03T04:00:00+02:00"),
+        ]
+    )
+
+    assert code == 0
+    (((loaded, out), options),) = calls
+    assert loaded.site.id == "house"
+    assert out == tmp_path / "out"
+    assert options == {"zone": "living", "seed": 9, "start": 1746230400.0, "end": 1746237600.0, "progress": True}
+
+
+def test_replay_defaults(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = replay(monkeypatch)
+
+    assert main(["replay", str(config), "--out", "out"]) == 0
+
+    ((_, options),) = calls
+    assert options == {"zone": None, "seed": None, "start": None, "end": None, "progress": False}
+
+
+@pytest.mark.parametrize(
+    ("options", "gist"),
+    [
+        (["--zone", "attic"], '--zone: there is no zone "attic"; the zones are living, bedroom'),
+        (["--start", "2025-05-03T00:00:00Z", "--end", "2025-05-03T01:00:00+01:00"], "--start is not before --end"),
+    ],
+)
+def test_replay_refuses_what_makes_no_sense(
+    options: list[str], gist: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    calls = replay(monkeypatch)
+
+    assert main(["replay", str(config), "--out", "out", *options]) == 2
+
+    assert gist in complaint(capsys)
+    assert calls == []
+
+
+def write_stand_in_home(directory: Path, **_: object) -> Path:
+    directory.mkdir(exist_ok=True)
+    return write(directory, sound(directory))
+
+
+def test_demo_in_a_temporary_folder(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    homes = stand_in(monkeypatch, "replay.simulated.home", "write_demo", write_stand_in_home)
+    runs = daemon(monkeypatch)
+
+    assert main(["demo"]) == 0
+
+    (((directory,), _),) = homes
+    assert not directory.exists()
+    (((_,), options),) = runs
+    assert options == {"duration": None}
+    shown = capsys.readouterr().out
+    assert "http://127.0.0.1:8080/docs" in shown
+    assert sum(line.startswith("  curl ") for line in shown.splitlines()) == 3
+
+
+def test_demo_passes_everything_on_and_keeps_a_given_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    homes = stand_in(monkeypatch, "replay.simulated.home", "write_demo", write_stand_in_home)
+    runs = daemon(monkeypatch)
+    home = tmp_path / "home"
+
+    code = main(
+        [
+            *("demo", "--directory", str(home), "--port", "0", "--pace", "60", "--days", "3", "--duration", "2.5"),
+            *("--set", "zones.living.period=10min"),
+        ]
+    )
+
+    assert code == 0
+    assert homes == [((home,), {"port": 0, "pace": 60.0, "days": 3})]
+    (((loaded,), options),) = runs
+    assert options == {"duration": 2.5}
+    assert loaded.zones[0].period == 600
+    assert home.exists()
+
+
+def test_demo_on_any_free_port_points_to_the_log(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    stand_in(monkeypatch, "replay.simulated.home", "write_demo", write_stand_in_home)
+    daemon(monkeypatch)
+
+    assert main(["demo", "--set", "http.port=0"]) == 0
+
+    shown = capsys.readouterr().out
+    assert ":0/" not in shown
+    assert "log below" in shown

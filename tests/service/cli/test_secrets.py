@@ -1,0 +1,95 @@
+"""The configuration has no place for a secret, only for where secrets are; and a misplaced one is not shown."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
+
+import pytest
+from pydantic import BaseModel, SecretBytes, SecretStr
+from support.config_samples import sound, write
+
+from service.cli.main import main
+from service.config.http import HttpConfig
+from service.config.site import Config
+from service.sources.kinds import SOURCE_KINDS
+
+SECRET = re.compile(r"password|passphrase|secret|token|credential|private|api_?key|users?_file|keys_file")
+PLACE = re.compile(r".*_(file|env)")
+PATHS = {"private_key"}
+MARK = "hush-hush-MARKER"
+
+
+def models(annotation: Any, seen: set[type[BaseModel]]) -> Iterator[type[BaseModel]]:
+    """Every model in an annotation, and in the annotations of its fields."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel) and annotation not in seen:
+        seen.add(annotation)
+        yield annotation
+        for field in annotation.model_fields.values():
+            yield from models(field.annotation, seen)
+    elif get_origin(annotation) in (Union, UnionType) or get_args(annotation):
+        for part in get_args(annotation):
+            yield from models(part, seen)
+
+
+def all_models() -> list[type[BaseModel]]:
+    seen: set[type[BaseModel]] = set()
+    roots = [Config, *(kind.table for kind in SOURCE_KINDS.values()), *(kind.channel for kind in SOURCE_KINDS.values())]
+    return [model for root in roots for model in models(root, seen)]
+
+
+def test_secrets_are_named_by_their_place() -> None:
+    found = set()
+    for model in all_models():
+        for name, field in model.model_fields.items():
+            if SECRET.search(name):
+                hidden = any(kind in str(field.annotation) for kind in (SecretStr.__name__, SecretBytes.__name__))
+                place = PLACE.fullmatch(name) or (name in PATHS and "Path" in str(field.annotation))
+                assert place or hidden, f"{model.__name__}.{name} would hold a secret, which show-config prints"
+                found.add(name)
+    assert found >= {"password_file", "password_env", "users_file", "private_key", "keys_file"}
+    assert HttpConfig in all_models()
+
+
+def tables(raw: Mapping[str, Any], place: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """The place of every table of a configuration."""
+    yield place
+    for key, value in raw.items():
+        for index, item in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if isinstance(item, dict):
+                yield from tables(item, (*place, key) if index is None else (*place, key, index))
+
+
+def at(raw: Any, place: tuple[str | int, ...]) -> Any:
+    for part in place:
+        raw = raw[part]
+    return raw
+
+
+@pytest.mark.parametrize("key", ["password", "api_key", "Token", "client_secret"])
+def test_a_secret_in_the_wrong_place_is_refused_and_not_shown(
+    tmp_path: Path, key: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    raw = sound(tmp_path) | {"http": {"limits": {}}, "zenoh": {}}
+    for place in tables(raw):
+        spoilt = tomllib.loads(write(tmp_path, raw).read_text())
+        at(spoilt, place)[key] = MARK
+        for command in ("check", "show-config", "run"):
+            assert main([command, str(write(tmp_path, spoilt)), "--debug"]) != 0, (place, key)
+            shown = capsys.readouterr()
+            assert MARK not in shown.out + shown.err, (place, key)
+
+
+@pytest.mark.parametrize("command", ["check", "show-config"])
+def test_contents_of_files_are_not_shown(tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("c.pem", "k.pem", "keys.json"):
+        (tmp_path / name).write_text(f"{MARK}\n")
+    http = {"certificate": "c.pem", "private_key": "k.pem", "keys_file": "keys.json"}
+    main([command, str(write(tmp_path, sound(tmp_path) | {"http": http})), "--debug"])
+    shown = capsys.readouterr()
+    assert "k.pem" in shown.out + shown.err or command == "check"
+    assert MARK not in shown.out + shown.err

@@ -1,0 +1,201 @@
+"""`thermogate show-config` and `thermogate networks`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.config_samples import inline_network, sound, write
+
+from estimator.network import presets
+from service.cli.main import main
+from service.config.load import load
+
+Capture = pytest.CaptureFixture[str]
+
+
+def effective(path: Path, capsys: Capture, *options: str) -> dict[str, Any]:
+    assert main(["show-config", str(path), *options]) == 0
+    return tomllib.loads(capsys.readouterr().out)
+
+
+def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
+    shown = effective(write(tmp_path, sound(tmp_path)), capsys)
+
+    assert shown["site"] == {
+        "id": "house",
+        "state_dir": str(tmp_path / "var/thermogate"),
+        "checkpoint_every": "5min",
+        "keep_history": "400d",
+        "max_journal": "2GB",
+    }
+    assert shown["log"] == {"format": "plain", "level": "info", "limit": 10}
+    assert shown["http"]["limits"]["send_timeout"] == "30s"
+    assert shown["http"] | {"limits": None} == {
+        "host": "127.0.0.1",
+        "port": 8080,
+        "behind_tls_proxy": False,
+        "trusted_proxies": ["127.0.0.1", "::1"],
+        "allowed_hosts": [],
+        "limits": None,
+    }
+    assert shown["zenoh"] == {
+        "enabled": True,
+        "mode": "peer",
+        "listen": ["tcp/127.0.0.1:7447"],
+        "connect": [],
+        "await_subscriber": "0s",
+        "timeout": "5s",
+    }
+    assert shown["sources"]["log"]["pace"] == "max"
+    living = shown["zones"][0]
+    assert (living["period"], living["hold_inputs"], living["max_gap"]) == ("5min", "15min", 12)
+    assert living["channels"]["u_heat"] == {
+        "source": "log",
+        "columns": ["Power1", "Power2"],
+        "unit": "kW",
+        "scale": 1.0,
+        "offset": 0.0,
+        "aggregate": "first",
+        "valid": [-1e6, 1e6],
+    }
+    assert living["network"]["capacitances"]["T_i"] == {"name": "C_i", "lower": 1e5, "upper": 1e8, "nominal": 2e6}
+    assert living["network"]["initial"]["T_e"] == {"source": "measured", "sd": 3.0}
+    assert living["estimator_options"]["particles"] == 9000
+    assert living["estimator_options"]["coordinates"] == "logit"
+    assert shown["zones"][1]["network"]["heat_inputs"][1] == {
+        "channel": "I_sol",
+        "node": "T_i",
+        "unit": "W/m2",
+        "gain": {"name": "A_w", "unit": "m2", "lower": 0.1, "upper": 30.0, "nominal": 3.0},
+    }
+
+
+def test_overrides_and_options_show(tmp_path: Path, capsys: Capture) -> None:
+    path = write(tmp_path, sound(tmp_path))
+
+    shown = effective(
+        path,
+        capsys,
+        *("--set", "zones.living.estimator_options.preset=paper"),
+        *("--set", "zones.living.estimator_options.volatility_blocks={air = ['T_i'], wall = ['T_e']}"),
+        *("--set", "sources.log.pace=60"),
+    )
+
+    assert shown["sources"]["log"]["pace"] == 60
+    options = shown["zones"][0]["estimator_options"]
+    assert options["coordinates"] == "log"
+    assert options["volatility_blocks"] == {"air": ["T_i"], "wall": ["T_e"]}
+
+
+def test_what_is_shown_is_a_configuration_that_means_the_same(tmp_path: Path, capsys: Capture) -> None:
+    tables = sound(tmp_path)
+    tables["zones"][0] |= {
+        "network": inline_network(),
+        "estimator_options": {"preset": "paper", "particles": 500},
+        "channels": {
+            "T_air": {"source": "log", "column": "Living", "unit": "degC"},
+            "T_out": {"source": "log", "column": "Outside", "unit": "degC"},
+            "u_heat": {"source": "log", "column": "Power1", "unit": "kW"},
+            "I_sol": {"source": "log", "column": "Sun", "unit": "W/m2"},
+            "n_people": {"source": "log", "column": "Sun", "unit": "people"},
+        },
+    }
+    tables["zones"][1]["network"] = {"preset": "m5", "fixed": ["C_h"], "parameters": {"g_wi_adj": {"value": 50.0}}}
+    tables["zones"][1]["channels"] = {
+        "T_air": {"source": "log", "column": "Bedroom", "unit": "degC"},
+        "T_out": {"source": "log", "column": "Outside", "unit": "degC"},
+        "T_adj": {"source": "log", "column": "Living", "unit": "degC"},
+        "u_heat": {"source": "log", "column": "Power1", "unit": "kW"},
+    }
+    path = write(tmp_path, tables)
+    assert main(["show-config", str(path)]) == 0
+    shown = capsys.readouterr().out
+    again = tmp_path / "again.toml"
+    again.write_text(shown, encoding="utf-8")
+
+    assert main(["show-config", str(again)]) == 0
+    assert capsys.readouterr().out == shown
+    first, second = load(path), load(again)
+    assert (first.site, first.http, first.sinks, first.sources) == (
+        second.site,
+        second.http,
+        second.sinks,
+        second.sources,
+    )
+    for before, after in zip(first.zones, second.zones, strict=True):
+        assert after.model_copy(update={"network": before.network, "estimator_options": {}}) == before.model_copy(
+            update={"estimator_options": {}}
+        )
+        was, now = before.network, after.network
+        assert {p.name: (p.nominal, p.free) for p in was.parameters} == {
+            p.name: (p.nominal, p.free) for p in now.parameters
+        }
+        assert [p for p in was.parameters if p.free] == sorted(
+            now.free, key=lambda p: [q.name for q in was.parameters].index(p.name)
+        )
+        assert was.heat_inputs == now.heat_inputs
+
+
+def test_networks_lists_every_preset_with_its_states_and_inputs(capsys: Capture) -> None:
+    assert main(["networks"]) == 0
+
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == ["network", "states", "inputs", "parameters", "what", "it", "is"]
+    assert [line.split()[0] for line in lines] == list(presets.PRESETS)
+    tite = next(line for line in lines if line.startswith("tite "))
+    assert tite.split()[1:6] == ["T_i,", "T_e", "T_out,", "u_heat", "4"]
+
+
+def test_network_by_name_lists_its_parameters(capsys: Capture) -> None:
+    assert main(["networks", "tite", "--set", "solar=true", "--set", "parameters.C_e.value=3e7"]) == 0
+
+    _, states, channels, *table = capsys.readouterr().out.splitlines()
+    assert states == "states: T_i, T_e"
+    assert channels == "channels: T_i [degC], T_out [degC], u_heat [W], I_sol [W/m2]"
+    assert [line.split() for line in table] == [
+        ["parameter", "unit", "lower", "upper", "nominal", "free"],
+        ["C_i", "J/K", "100000", "1e+08", "2e+06", "yes"],
+        ["C_e", "J/K", "-", "-", "3e+07", "no"],
+        ["g_ie", "W/K", "10", "10000", "500", "yes"],
+        ["g_e_out", "W/K", "5", "5000", "150", "yes"],
+        ["A_w", "m2", "0.1", "30", "3", "yes"],
+    ]
+
+
+def test_unknown_network(capsys: Capture) -> None:
+    assert main(["networks", "titet"]) == 2
+    assert 'unknown network "titet"' in capsys.readouterr().err
+
+
+def test_overrides_of_all_networks_at_once_are_refused(capsys: Capture) -> None:
+    assert main(["networks", "--set", "solar=true"]) == 2
+    assert capsys.readouterr().err.startswith("thermogate: --set changes one network here; name it")
+
+
+def test_output_that_nobody_reads_to_the_end_is_no_failure_to_talk_about(tmp_path: Path) -> None:
+    path = write(tmp_path, sound(tmp_path))
+    reading, writing = os.pipe()
+    os.close(reading)
+
+    ended = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "import sys; from service.cli.main import main; sys.exit(main())",
+            "show-config",
+            str(path),
+        ],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        cwd=Path(__file__).parents[3],
+        check=False,
+    )
+    os.close(writing)
+
+    assert (ended.returncode, ended.stderr) == (1, b"")

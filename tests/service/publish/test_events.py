@@ -1,0 +1,290 @@
+"""Server-sent events on the real HTTP server: what is sent, who is too slow, who comes back, who leaves, who stops."""
+
+import asyncio
+import json
+import socket
+import threading
+import time
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+from prometheus_client import CollectorRegistry
+from support.fake_zones import PERIOD, START, announced, make_update, running, waiting
+
+import service.publish.events
+import service.web.server.server
+from service.config.http import HttpConfig, LimitsConfig
+from service.publish.events import Event, Stream, Streams
+from service.publish.rendering import forecast_payload, gate_payload, volatility_payload
+from service.web.app import create_app
+from service.web.server.server import HttpServer
+
+SITE = "home"
+
+
+class Client:
+    """One connection to a stream, read as bytes and parsed into events."""
+
+    def __init__(self, reader, writer):
+        self.reader, self.writer, self.text = reader, writer, ""
+
+    async def events(self, count):
+        """Read until `count` events have come; (event, id, data) of every one of them."""
+        async with asyncio.timeout(60):
+            while len(found := self.parsed()) < count:
+                chunk = await self.reader.read(65536)
+                assert chunk, f"ended after {self.text}"
+                self.text += chunk.decode()
+        return found
+
+    async def heard(self, stamp):
+        """Read until the status of the sample at `stamp` has come; what came before is forgotten."""
+        news = ""
+        async with asyncio.timeout(60):
+            while "event: status" not in news or f"id: {stamp}" not in news.split("event: status")[-1]:
+                news += (await self.reader.read(65536)).decode()
+        return news
+
+    async def to_the_end(self):
+        async with asyncio.timeout(60):
+            self.text += (await self.reader.read()).decode()
+        return self.text
+
+    def parsed(self):
+        events = []
+        for block in self.text.replace("\r\n", "\n").split("\n\n"):
+            lines = block.split("\n")
+            fields = dict(line.split(": ", 1) for line in lines if line.startswith(("event: ", "id: ", "data: ")))
+            if "data" in fields:
+                events.append((fields["event"], fields.get("id"), json.loads(fields["data"])))
+        return events
+
+
+class Serving:
+    """A server with one zone, whose updates tests announce."""
+
+    def __init__(self, url, streams, zone, app):
+        self.port = int(url.rpartition(":")[2])
+        self.streams, self.zone, self.app, self.clients = streams, zone, app, []
+
+    async def connect(self, path="/zones/living/stream", headers="", receive_buffer=None):
+        raw = socket.socket()
+        if receive_buffer is not None:
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        raw.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(raw, ("127.0.0.1", self.port))
+        # A reader with a tiny limit stops reading from its socket until it is asked to.
+        limit = 2**16 if receive_buffer is None else 16
+        reader, writer = await asyncio.open_connection(sock=raw, limit=limit)
+        writer.write(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\n{headers}\r\n".encode())
+        self.clients.append(Client(reader, writer))
+        return self.clients[-1]
+
+    def announce(self, step):
+        update = make_update(step, self.zone.network)
+        self.zone.updates.append(update)
+        # As the zones do, from another thread.
+        announcement = announced("living", update, self.zone.status(), site=SITE)
+        announcing = threading.Thread(target=self.streams.publish, args=(announcement,))
+        announcing.start()
+        announcing.join()
+        return update
+
+    async def until(self, done):
+        async with asyncio.timeout(60):
+            while not done():
+                await asyncio.sleep(0.01)
+
+
+@asynccontextmanager
+async def serving(limits=None, zones=None):
+    streams = Streams()
+    http = HttpConfig(port=0, limits=LimitsConfig(**(limits or {})))
+    zones = zones or {"living": running("living")}
+    app = create_app(SITE, zones, CollectorRegistry(), streams=streams, http=http)
+    server = HttpServer(app, http)
+    task = asyncio.create_task(server.run())
+    await server.started(task)
+    serving = Serving(server.url, streams, zones["living"], app)
+    try:
+        yield serving
+    finally:
+        streams.end()
+        await server.stop(task)
+        for client in serving.clients:
+            client.rest = b"" if client.writer.is_closing() else await client.reader.read(2**20)
+            client.writer.close()
+            with suppress(OSError):
+                await client.writer.wait_closed()
+
+
+def stamp(step):
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(START + step * PERIOD))
+
+
+def test_what_stands_comes_at_once_and_then_what_is_issued():
+    async def scenario():
+        async with serving() as server:
+            client = await server.connect(headers="Accept-Encoding: gzip\r\n")
+            first = await client.events(4)
+            assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "status"]
+            assert {id for _, id, _ in first} == {stamp(2)}
+            update = server.announce(3)
+            *_, forecast, volatility, gate, status = await client.events(8)
+            payloads = [
+                forecast_payload(SITE, "living", update),
+                volatility_payload(SITE, "living", update),
+                gate_payload(SITE, "living", update),
+            ]
+            for (_, id, data), payload in zip((forecast, volatility, gate), payloads, strict=True):
+                assert id == stamp(3)
+                assert data == json.loads(payload.model_dump_json(by_alias=True))
+            assert (status[0], status[2]["samples"]) == ("status", 4)
+            head = client.text.split("\r\n\r\n")[0].lower()
+            assert "200 ok" in head
+            assert "content-type: text/event-stream" in head
+            assert "content-encoding" not in head, "compression would hold events back"
+            assert "retry: 3000" in client.text
+
+    asyncio.run(scenario())
+
+
+def test_a_zone_without_a_sample_tells_its_state():
+    async def scenario():
+        async with serving(zones={"living": waiting("living")}) as server:
+            client = await server.connect()
+            ((kind, id, data),) = await client.events(1)
+            assert (kind, id, data["state"]) == ("status", None, "waiting")
+            changed = server.zone.status()._replace(reason="another one")
+            server.streams.publish(announced("living", None, changed, site=SITE))
+            assert (await client.events(2))[1][2]["reason"] == "another one"
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("last", "rows"), [(stamp(0), [stamp(1), stamp(2)]), (stamp(2), []), ("nonsense", []), (stamp(0)[:-1], [])]
+)
+def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
+    async def scenario():
+        async with serving() as server:
+            client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
+            events = await client.events(5 if rows else 4)
+            history = [data for kind, _, data in events if kind == "history"]
+            assert [row["time"] for data in history for row in data["rows"]] == rows
+            assert [kind for kind, _, _ in events][-4:] == ["forecast", "volatility", "gate", "status"]
+
+    asyncio.run(scenario())
+
+
+def test_an_unknown_zone_is_404_and_too_many_streams_are_refused():
+    async def scenario():
+        async with serving({"streams_per_client": 2, "streams": 2}) as server:
+            unknown = await server.connect("/zones/attic/stream", "Connection: close\r\n")
+            assert "404" in (await unknown.to_the_end()).split("\r\n")[0]
+            clients = [await server.connect() for _ in range(2)]
+            for client in clients:
+                await client.events(4)
+            refused = await (await server.connect(headers="Connection: close\r\n")).to_the_end()
+            assert "429" in refused.split("\r\n")[0]
+            assert "retry-after: 10" in refused.lower()
+            # Who leaves makes room.
+            clients[0].writer.close()
+            await server.until(lambda: server.app.state.stream_limits.open == 1)
+            await (await server.connect()).events(4)
+            assert server.app.state.stream_limits.open == 2
+
+    asyncio.run(scenario())
+
+
+def test_a_silent_zone_sends_comments(monkeypatch):
+    monkeypatch.setattr(service.publish.events, "KEEP_ALIVE", 0.02)
+
+    async def scenario():
+        async with serving() as server:
+            client = await server.connect()
+            await client.events(4)
+            async with asyncio.timeout(60):
+                while client.text.count(": ping") < 3:
+                    client.text += (await client.reader.read(1000)).decode()
+            assert len(client.parsed()) == 4
+
+    asyncio.run(scenario())
+
+
+def test_newer_events_take_the_place_of_those_that_were_not_read():
+    async def scenario():
+        stream = Stream()
+        reading = stream.read()
+        assert (await anext(reading)).startswith(b"retry")
+        stream.put([Event("forecast", b"f1"), Event("gate", b"g1")])
+        stream.put([Event("forecast", b"f2")])
+        assert await anext(reading) == b"g1f2"
+        assert stream.overtaken == 1
+        stream.put([Event("gate", b"g2")])
+        stream.end()
+        assert [data async for data in reading] == [b"g2"]
+
+    asyncio.run(scenario())
+
+
+def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
+    async def scenario():
+        async with serving({"streams_per_client": 200, "streams": 200}) as server:
+            clients = await asyncio.gather(*(server.connect() for _ in range(200)))
+            await asyncio.gather(*(client.events(4) for client in clients))
+            assert server.app.state.stream_limits.open == 200
+            for step in (3, 4, 5):
+                server.announce(step)
+                heard = await asyncio.gather(*(client.events(4 * (step - 1)) for client in clients))
+                assert {events[-1][1] for events in heard} == {stamp(step)}
+            for client in clients:
+                client.writer.close()
+            await server.until(lambda: server.app.state.stream_limits.open == 0)
+            assert not server.streams._open
+
+    asyncio.run(scenario())
+
+
+def held(server):
+    """Bytes that wait in the server for clients, whatever the kernel has taken."""
+    return sum(len(data) for streams in server.streams._open.values() for s in streams for data in s._pending.values())
+
+
+def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
+    async def scenario():
+        async with serving({"send_timeout": 1.0}) as server:
+            stuck, well = await server.connect(receive_buffer=2048), await server.connect()
+            await well.heard(stamp(2))
+            step = 3
+            # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
+            async with asyncio.timeout(60):
+                while server.streams.overtaken < 40:
+                    server.announce(step)
+                    assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
+                    step += 1
+            assert server.app.state.stream_limits.open == 2
+            assert held(server) < 10_000
+            await server.until(lambda: server.app.state.stream_limits.open == 1)
+            assert not stuck.writer.is_closing(), "it was not the client who left"
+
+    asyncio.run(scenario())
+
+
+def test_a_stop_does_not_wait_for_streams_read_or_not():
+    async def scenario():
+        async with serving() as server:
+            stuck, well = await server.connect(receive_buffer=2048), await server.connect()
+            step = 3
+            while server.streams.overtaken < 8:
+                server.announce(step)
+                await well.heard(stamp(step))
+                step += 1
+        assert well.rest.endswith(b"0\r\n\r\n"), "the answer was completed"
+        assert not stuck.rest.endswith(b"0\r\n\r\n")
+        late = service.publish.events.Streams()
+        late.end()
+        with late.opened("living") as opened:
+            assert [data async for data in opened.read()][1:] == []
+
+    asyncio.run(scenario())

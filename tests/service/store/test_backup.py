@@ -1,0 +1,254 @@
+"""A backup is whole or not at all, and what is restored goes on with the same bits."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import io
+import json
+import os
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from support.running_zone import Announced, finished, plumbing, straight
+from support.zone_samples import comparable, sample, worker
+
+from service.errors import BackupError, ServiceError
+from service.store import backup as module
+from service.store.backup import restore_backup, write_backup
+from service.store.checkpoint import CheckpointStore
+from service.store.journal import Journal
+from service.store.retention import Limits, prune
+from service.store.store import JOURNAL, RESTORING, Store
+from service.zone.zone import Zone
+
+ITEMS = [sample(k) for k in range(60)]
+
+
+def make(shared) -> Zone:  # type: ignore[no-untyped-def]
+    return Zone("z", "rbpf", "mark", worker(), shared)
+
+
+def fill(state: Path, items: list, in_the_middle: Callable[[], object] = lambda: None) -> None:
+    """A zone takes half of `items`, writes a checkpoint, and takes the other half; then something happens."""
+
+    async def scenario() -> None:
+        for part in (items[: len(items) // 2], items[len(items) // 2 :]):
+            async with plumbing(state) as shared:
+                zone = make(shared)
+                await zone.prepare()
+                running = asyncio.create_task(zone.run())
+                await zone.accept(part)
+                if part[-1] is items[-1]:
+                    while zone.status().last_sample_time != part[-1].time:
+                        await asyncio.sleep(0.005)
+                    await asyncio.to_thread(in_the_middle)
+                await finished(zone, running)
+
+    asyncio.run(scenario())
+
+
+def goes_on(state: Path, first: int) -> list[str]:
+    """What a zone on `state` publishes of ITEMS[first:], after what it had."""
+
+    async def scenario() -> list[str]:
+        announcer = Announced()
+        async with plumbing(state, announcer) as shared:
+            zone = make(shared)
+            assert await zone.prepare() == ITEMS[first - 1].time
+            running = asyncio.create_task(zone.run())
+            await zone.accept(ITEMS[first:])
+            await finished(zone, running)
+            assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in ITEMS]
+            return [comparable(update) for _, update in announcer.updates]
+
+    return asyncio.run(scenario())
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Path:
+    """A backup taken while the zone ran, after 40 samples, of which 20 are in the journal alone."""
+    target = tmp_path / "kept.tar"
+    fill(tmp_path / "state", ITEMS[:40], lambda: write_backup(tmp_path / "state", "house", target))
+    return target
+
+
+def test_what_is_restored_goes_on_bit_for_bit(kept: Path, tmp_path: Path) -> None:
+    restored, aside = restore_backup(tmp_path / "new", "house", kept, replace=False)
+    assert (restored.zones, aside) == (1, None)
+    assert goes_on(tmp_path / "new", 40) == straight(ITEMS)[39:]
+
+
+def test_a_backup_is_made_of_what_nobody_runs_too(tmp_path: Path) -> None:
+    fill(tmp_path / "state", ITEMS[:40])
+    (tmp_path / "backups").mkdir()
+    made = write_backup(tmp_path / "state", "house", tmp_path / "backups")
+    assert made.path.parent == tmp_path / "backups"
+    assert made.path.name.startswith("thermogate-house-")
+    assert os.listdir(tmp_path / "backups") == [made.path.name], "nothing else is left there"
+    restore_backup(tmp_path / "new", "house", made.path, replace=False)
+    assert goes_on(tmp_path / "new", 40) == straight(ITEMS)[39:]
+
+
+def test_the_manifest_says_what_is_in_it(kept: Path) -> None:
+    with tarfile.open(kept) as archive:
+        first, *others = archive.getnames()
+        manifest = json.load(archive.extractfile(first))  # type: ignore[arg-type]
+    assert first == "manifest.json"
+    assert sorted(others) == sorted(manifest["files"]) == ["checkpoints/z/000000005700.npz", JOURNAL]
+    assert (manifest["format"], manifest["site"]) == (1, "house")
+
+
+def test_nothing_is_overwritten(kept: Path, tmp_path: Path) -> None:
+    content = kept.read_bytes()
+    with pytest.raises(BackupError, match="exists already"):
+        write_backup(tmp_path / "state", "house", kept)
+    assert kept.read_bytes() == content
+    before = {path: path.read_bytes() for path in (tmp_path / "state").rglob("*.npz")}
+    with pytest.raises(BackupError, match="--replace"):
+        restore_backup(tmp_path / "state", "house", kept, replace=False)
+    assert {path: path.read_bytes() for path in (tmp_path / "state").rglob("*.npz")} == before
+    _, aside = restore_backup(tmp_path / "state", "house", kept, replace=True)
+    assert aside is not None
+    assert (aside / JOURNAL).exists()
+    assert len(list((aside / "checkpoints" / "z").glob("*.npz"))) == 2
+    assert goes_on(tmp_path / "state", 40) == straight(ITEMS)[39:]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may restore for another user")
+def test_root_restores_for_the_user_of_the_daemon(kept: Path, tmp_path: Path) -> None:
+    (tmp_path / "new").mkdir()
+    os.chown(tmp_path / "new", 12345, 12345)
+    restore_backup(tmp_path / "new", "house", kept, replace=False)
+    assert {path.stat().st_uid for path in (tmp_path / "new").rglob("*")} == {12345}
+
+
+def test_a_running_daemon_keeps_its_state(kept: Path, tmp_path: Path) -> None:
+    store = Store(tmp_path / "state")
+    with pytest.raises(ServiceError, match="another thermogate already runs"):
+        restore_backup(tmp_path / "state", "house", kept, replace=True)
+    store.close()
+
+
+def test_there_has_to_be_something_to_back_up(tmp_path: Path) -> None:
+    with pytest.raises(BackupError, match=r"no state in .*correct site.state_dir"):
+        write_backup(tmp_path / "nothing", "house", tmp_path / "out.tar")
+    fill(tmp_path / "state", ITEMS[:4])
+    with pytest.raises(BackupError, match="cannot be written"):
+        write_backup(tmp_path / "state", "house", tmp_path / "no such folder" / "out.tar")
+
+
+def test_a_backup_of_another_site_is_refused(kept: Path, tmp_path: Path) -> None:
+    with pytest.raises(BackupError, match="a backup of the site 'house'"):
+        restore_backup(tmp_path / "new", "school", kept, replace=False)
+    assert not (tmp_path / "new" / JOURNAL).exists()
+
+
+@pytest.mark.parametrize("stride", [997])
+def test_damage_anywhere_is_refused_and_changes_nothing(stride: int, kept: Path, tmp_path: Path) -> None:
+    content = kept.read_bytes()
+    damaged, state = tmp_path / "damaged.tar", tmp_path / "new"
+    sentences: list[str] = []
+    for offset in range(0, len(content), stride):
+        flipped = bytearray(content)
+        flipped[offset] ^= 0x10
+        damaged.write_bytes(flipped)
+        try:
+            restore_backup(state, "house", damaged, replace=True)
+        except BackupError as error:
+            sentences.append(str(error))
+            assert os.listdir(state) == ["lock"]
+        else:
+            # Padding and the owners in tar's headers are nobody's data.
+            journal = Journal.open(state / JOURNAL)
+            assert len(list(journal.samples_after("z", None))) == 40
+            journal.close()
+            for path in (state / JOURNAL, state / "checkpoints" / "z" / "000000005700.npz"):
+                path.unlink()
+            (state / "checkpoints" / "z").rmdir()
+            (state / "checkpoints").rmdir()
+    assert len(sentences) > 0.8 * len(range(0, len(content), stride))
+    assert all("\n" not in sentence for sentence in sentences)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.01, 0.5, 0.8])
+def test_a_part_of_a_backup_is_refused(part: float, kept: Path, tmp_path: Path) -> None:
+    content = kept.read_bytes()
+    kept.write_bytes(content[: int(part * len(content))])
+    with pytest.raises(BackupError):
+        restore_backup(tmp_path / "new", "house", kept, replace=False)
+    assert os.listdir(tmp_path / "new") == ["lock"]
+
+
+@pytest.mark.parametrize("name", ["../outside", "/etc/passwd", "checkpoints/../../x/1.npz", "checkpoints/z/evil.py"])
+def test_nothing_is_written_outside_the_state_folder(name: str, kept: Path, tmp_path: Path) -> None:
+    with tarfile.open(kept) as archive:
+        manifest = json.load(archive.extractfile("manifest.json"))  # type: ignore[arg-type]
+        journal = archive.extractfile(JOURNAL).read()  # type: ignore[union-attr]
+    manifest["files"] = {
+        JOURNAL: manifest["files"][JOURNAL],
+        name: {"size": 4, "sha256": hashlib.sha256(b"evil").hexdigest()},
+    }
+    evil = tmp_path / "evil.tar"
+    with tarfile.open(evil, "w") as archive:
+        parts = {"manifest.json": json.dumps(manifest).encode(), name: b"evil", JOURNAL: journal}
+        for member, content in parts.items():
+            info = tarfile.TarInfo(member)
+            info.size = len(content)
+            archive.addfile(info, io.BytesIO(content))
+    with pytest.raises(BackupError, match="does not belong into it"):
+        restore_backup(tmp_path / "new", "house", evil, replace=False)
+    assert not (tmp_path / "outside").exists()
+
+
+def test_an_interrupted_restore_starts_no_daemon_and_can_be_done_again(
+    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = tmp_path / "state"
+    real, moves = Path.rename, 0
+
+    def fails_at_the_last(path: Path, target: Path) -> Path:
+        nonlocal moves
+        moves += 1
+        if moves == 3:
+            raise OSError(5, "Input/output error")
+        return real(path, target)
+
+    monkeypatch.setattr(Path, "rename", fails_at_the_last)
+    with pytest.raises(BackupError, match="Input/output error"):
+        restore_backup(state, "house", kept, replace=True)
+    monkeypatch.undo()
+    assert (state / RESTORING).exists()
+    with pytest.raises(ServiceError, match="run `thermogate restore` again"):
+        Store(state)
+    restore_backup(state, "house", kept, replace=False)
+    assert goes_on(state, 40) == straight(ITEMS)[39:]
+
+
+def test_checkpoints_and_journal_go_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the copies of checkpoint and journal the daemon writes new checkpoints and prunes what they spare."""
+    state, pruned = tmp_path / "state", []
+    fill(state, ITEMS[:20])
+    copy_checkpoint = module._copy_checkpoint
+
+    def copied(zone: Path, folder: Path) -> int | None:
+        step = copy_checkpoint(zone, folder)
+        if not pruned:
+            store = CheckpointStore(state / "checkpoints")
+            newest = store.load("z", "mark")
+            assert newest is not None
+            for k in (20, 21, 22):
+                store.save("z", newest._replace(step=300 * k))
+            journal = Journal.open(state / JOURNAL)
+            for item in ITEMS[20:30]:
+                journal.append("z", item)
+            pruned.extend(prune(journal, store.oldest, Limits(600.0, 1e12)))
+            journal.close()
+        return step
+
+    monkeypatch.setattr(module, "_copy_checkpoint", copied)
+    made = write_backup(state, "house", tmp_path / "out.tar")
+    with tarfile.open(made.path) as archive:
+        assert "checkpoints/z/000000006600.npz" in archive.getnames(), "it was copied once more"

@@ -1,0 +1,195 @@
+"""Damaged and truncated files of every kind: a start heals, or says in one sentence what is wrong; it never lies."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from support.running_zone import finished, plumbing
+from support.zone_samples import comparable, sample, worker
+
+from service.errors import ServiceError
+from service.records.history import HistoryRow
+from service.zone.zone import Zone
+
+ITEMS = [sample(k) for k in range(40)]
+STRAIGHT = worker(particles=50)
+UPDATES = [STRAIGHT.step(item) for item in ITEMS]
+BITS = [comparable(update) for update in UPDATES]
+ROWS = [repr(HistoryRow.of(update)) for update in UPDATES if update is not None]
+
+
+def make(shared) -> Zone:  # type: ignore[no-untyped-def]
+    return Zone("z", "rbpf", "mark", worker(particles=50), shared)
+
+
+@pytest.fixture(scope="module")
+def crashed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The state folder of a zone that was killed 12 samples after its third checkpoint."""
+    live, copy = tmp_path_factory.mktemp("live"), tmp_path_factory.mktemp("crashed") / "state"
+
+    async def scenario() -> None:
+        for part in (ITEMS[:10], ITEMS[10:20], ITEMS[20:28]):
+            async with plumbing(live) as shared:
+                zone = make(shared)
+                await zone.prepare()
+                running = asyncio.create_task(zone.run())
+                await zone.accept(part)
+                await finished(zone, running)
+        async with plumbing(live) as shared:
+            for item in ITEMS[28:]:
+                await shared.store.append("z", item)
+            shutil.copytree(live, copy, ignore=shutil.ignore_patterns("*-shm"))
+
+    asyncio.run(scenario())
+    return copy
+
+
+class Outcome(NamedTuple):
+    """What a start on damaged files came to."""
+
+    said: bool
+    """Whether a sentence, as an error or in the log, tells of it."""
+    samples: int | None
+    """How many samples the zone has seen whose bits are right; None if it does not run."""
+
+
+def start(folder: Path, caplog: pytest.LogCaptureFixture) -> Outcome:
+    """Start on `folder`. Every number that is there must be one that was there before."""
+    caplog.clear()
+
+    async def scenario() -> tuple[int | None, str]:
+        async with plumbing(folder) as shared:
+            zone = make(shared)
+            await zone.prepare()
+            status, latest = zone.status(), zone.latest()
+            if status.state == "failed":
+                return None, status.reason
+            try:
+                rows = [repr(row) for row in await zone.history(None, None, 100)]
+            except ServiceError as error:
+                return None, str(error)
+            assert set(rows) <= set(ROWS), "a history row with other numbers"
+            if latest is None:
+                return 0, ""
+            seen = latest.time // 300
+            said = bool(warnings(caplog))
+            # A zone that had to leave something out learns anew and says so; what it then knows is its own.
+            assert comparable(latest) == BITS[seen] or said, f"other numbers at sample {seen}, and no word of it"
+            assert len(rows) == seen + 1 or said, "history is missing, and no word of it"
+            return seen + 1, ""
+
+    try:
+        samples, reason = asyncio.run(scenario())
+    except ServiceError as error:
+        samples, reason = None, str(error)
+    said = [reason, *warnings(caplog)] if reason else warnings(caplog)
+    assert all("\n" not in sentence and "Traceback" not in sentence for sentence in said), said
+    return Outcome(bool(said), samples)
+
+
+def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
+    return [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+
+
+def zeroed(content: bytes) -> bytes:
+    return bytes(len(content))
+
+
+def random_bytes(content: bytes) -> bytes:
+    return np.random.default_rng(len(content)).bytes(len(content))
+
+
+def empty(content: bytes) -> bytes:
+    return b""
+
+
+def half(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+def all_but_a_byte(content: bytes) -> bytes:
+    return content[:-1]
+
+
+def a_page_zeroed(content: bytes) -> bytes:
+    return content[:4096] + bytes(min(4096, max(0, len(content) - 4096))) + content[8192:]
+
+
+FILES = {
+    "journal": "journal.sqlite3",
+    "log": "journal.sqlite3-wal",
+    "newest checkpoint": "checkpoints/z/000000008100.npz",
+    "middle checkpoint": "checkpoints/z/000000005700.npz",
+    "oldest checkpoint": "checkpoints/z/000000002700.npz",
+    "lock": "lock",
+}
+DAMAGES = (zeroed, random_bytes, empty, half, all_but_a_byte, a_page_zeroed)
+
+
+def test_without_damage_everything_is_there_in_silence(
+    crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    shutil.copytree(crashed, tmp_path / "state")
+    assert start(tmp_path / "state", caplog) == (False, 40)
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=lambda damage: damage.__name__)
+@pytest.mark.parametrize("file", FILES)
+def test_a_damaged_file_is_healed_or_told(
+    file: str, damage: Callable[[bytes], bytes], crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "state"
+    shutil.copytree(crashed, folder)
+    path = folder / FILES[file]
+    path.write_bytes(damage(path.read_bytes()))
+    outcome = start(folder, caplog)
+    if file == "lock" or (file.endswith("checkpoint") and file != "newest checkpoint"):
+        assert outcome == (False, 40), "it is not needed"
+    elif file == "newest checkpoint":
+        assert outcome == (True, 40), "the one before and the journal make it good"
+    elif file == "log" and damage in (empty, half, all_but_a_byte):
+        # A log that ends earlier is what an earlier crash leaves: the state of that moment, never a mixture.
+        assert outcome.samples is None or outcome.samples >= 28
+    else:
+        # A page of the journal may be one of which the log has a newer copy.
+        assert outcome.said or outcome.samples == 40
+
+
+def damaged_at(path: Path, stride: int) -> Iterator[int]:
+    """Flip one bit of every `stride`-th byte of `path`, one after the other, and put it right again."""
+    content = path.read_bytes()
+    for offset in range(0, len(content), stride):
+        flipped = bytearray(content)
+        flipped[offset] ^= 1 << (offset % 8)
+        path.write_bytes(flipped)
+        yield offset
+
+
+@pytest.mark.parametrize(("file", "stride"), [("journal", 149), ("log", 211), ("newest checkpoint", 101)])
+def test_a_flipped_bit_never_gives_other_numbers_in_silence(
+    file: str, stride: int, crashed: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    outcomes: Counter[Outcome] = Counter()
+    source = tmp_path / "damaged"
+    shutil.copytree(crashed, source)
+    for offset in damaged_at(source / FILES[file], stride):
+        folder = tmp_path / "state"
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(source, folder)
+        try:
+            outcome = start(folder, caplog)
+        except Exception as error:
+            raise AssertionError(f"a bit flipped in byte {offset} of {file}: {error!r}") from error
+        # Where nothing is said nothing is missing either.
+        assert outcome.said or outcome.samples == 40, (offset, outcome)
+        outcomes[outcome] += 1
+    assert any(outcome.said for outcome in outcomes), outcomes
+    assert outcomes.total() > 40

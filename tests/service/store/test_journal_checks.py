@@ -1,0 +1,154 @@
+"""What SQLite does not notice: changed values, missing rows, a damaged log, a journal that ends too early."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from support.fake_zones import PERIOD, START, make_sample, make_update
+from support.running_zone import Announced, finished, plumbing, straight
+from support.zone_samples import comparable, sample, worker
+
+from service.errors import JournalError
+from service.store.journal import Journal
+from service.store.retention import Limits, prune
+from service.store.store import JOURNAL
+from service.zone.zone import Zone
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A journal with ten samples and rows of history of each of two zones."""
+    path = tmp_path / JOURNAL
+    with closing(Journal.open(path)) as journal:
+        for step in range(10):
+            journal.append_all([("living", make_sample(step)), ("bedroom", make_sample(step))])
+            journal.record("living", make_update(step))
+    return path
+
+
+def change(path: Path, statement: str) -> None:
+    with closing(sqlite3.connect(path)) as connection, connection:
+        assert connection.execute(statement).rowcount == 1
+
+
+def time_of(step: int) -> int:
+    return START + step * PERIOD
+
+
+@pytest.mark.parametrize(
+    "change_to",
+    [
+        "outputs = zeroblob(8)",
+        "inputs = substr(inputs, 1, 16)",
+        "input_quality = 'good,good,good'",
+        "time = time + 1",
+        "link = NULL",
+        "link = link + 1",
+    ],
+)
+def test_a_changed_sample_is_told_and_those_after_it_too(change_to: str, path: Path) -> None:
+    change(path, f"UPDATE samples SET {change_to} WHERE zone = 'living' AND time = {time_of(5)}")
+    with closing(Journal.open(path)) as journal:
+        with pytest.raises(JournalError, match=r"damaged sample of zone 'living' at .*--reset living"):
+            list(journal.samples_after("living", time_of(2)))
+        assert len(list(journal.samples_after("bedroom", None))) == 10, "the other zone is sound"
+        assert len(list(journal.samples_after("living", time_of(7)))) == 2, "what is not needed is not asked for"
+
+
+def test_a_missing_sample_is_told(path: Path) -> None:
+    change(path, f"DELETE FROM samples WHERE zone = 'living' AND time = {time_of(5)}")
+    with closing(Journal.open(path)) as journal, pytest.raises(JournalError, match="the one before it is missing"):
+        list(journal.samples_after("living", None))
+
+
+def test_a_changed_row_of_history_is_left_out_and_told_once(path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    change(path, f"UPDATE history SET gate = gate + 0.001 WHERE time = {time_of(4)}")
+    with closing(Journal.open(path)) as journal:
+        for _ in range(3):
+            rows = journal.history("living", None, None, 100)
+            assert [row.time for row in rows] == [time_of(step) for step in range(10) if step != 4]
+    assert [record.levelno for record in caplog.records] == [logging.ERROR]
+    assert f"damaged history row of zone 'living' at {time_of(4)}" in caplog.text
+
+
+def killed_log(path: Path, folder: Path) -> Path:
+    """A copy of the journal with a write-ahead log of four more transactions, as a kill leaves it."""
+    with closing(Journal.open(path)) as journal:
+        for step in range(10, 14):
+            journal.append("living", make_sample(step))
+        shutil.copytree(path.parent, folder, ignore=shutil.ignore_patterns("*-shm"))
+    return folder / JOURNAL
+
+
+def test_a_whole_log_is_no_word_worth(path: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with closing(Journal.open(killed_log(path, tmp_path / "copy"))) as journal:
+        assert len(list(journal.samples_after("living", None))) == 14
+    assert not caplog.records
+
+
+def test_what_sqlite_leaves_out_of_its_log_is_told(
+    path: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    copy = killed_log(path, tmp_path / "copy")
+    log = copy.with_name(f"{JOURNAL}-wal")
+    content = bytearray(log.read_bytes())
+    content[-2 * 4120 + 100] ^= 1
+    log.write_bytes(content)
+    with closing(Journal.open(copy)) as journal:
+        assert len(list(journal.samples_after("living", None))) == 12
+    assert "the last 2 transactions" in caplog.text
+
+
+def make(shared) -> Zone:  # type: ignore[no-untyped-def]
+    return Zone("z", "rbpf", "mark", worker(), shared)
+
+
+async def fed(folder: Path, items: list) -> list[str]:
+    """What a zone on `folder` announces when it takes `items` after what it had."""
+    announcer = Announced()
+    async with plumbing(folder, announcer) as shared:
+        zone = make(shared)
+        await zone.prepare()
+        running = asyncio.create_task(zone.run())
+        await zone.accept(items)
+        await finished(zone, running)
+    return [comparable(update) for _, update in announcer.updates]
+
+
+def test_with_the_journal_moved_away_a_zone_goes_on_from_its_checkpoint(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    items = [sample(k) for k in range(60)]
+    asyncio.run(fed(tmp_path, items[:40]))
+    (tmp_path / JOURNAL).unlink()
+
+    async def resumed() -> int | None:
+        async with plumbing(tmp_path) as shared:
+            return await make(shared).prepare()
+
+    assert asyncio.run(resumed()) == items[39].time, "telemetry goes on after the checkpoint, not from the beginning"
+    assert "goes on from its checkpoint at 1970-01-01T03:15:00Z, but the journal ends" in caplog.text
+    assert asyncio.run(fed(tmp_path, items[40:])) == straight(items)[39:]
+
+
+def test_without_checkpoints_a_pruned_zone_learns_anew_and_says_so(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    items = [sample(k) for k in range(60)]
+    asyncio.run(fed(tmp_path, items))
+    with closing(Journal.open(tmp_path / JOURNAL)) as journal:
+        list(prune(journal, lambda zone: items[-1].time, Limits(9.0 * PERIOD, 1e12)))
+    for file in (tmp_path / "checkpoints").rglob("*.npz"):
+        file.write_bytes(b"")
+    announced = asyncio.run(fed(tmp_path, []))
+    assert announced == straight(items[50:])[-1:], "it knows what the samples that are left teach"
+    assert "it has learned anew from the later ones" in caplog.text
+    caplog.clear()
+    asyncio.run(fed(tmp_path, []))
+    assert not [record for record in caplog.records if record.levelno >= logging.WARNING], "said once"

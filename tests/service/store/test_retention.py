@@ -1,0 +1,185 @@
+"""The journal keeps what its limits allow, never less than a start needs, and gives the space back to the disk."""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from support.fake_zones import make_sample, make_update
+from support.running_zone import Announced, finished, plumbing, straight
+from support.zone_samples import comparable, sample, worker
+
+import service.store.store
+from service.store.journal import Journal
+from service.store.retention import Limits, prune
+from service.store.store import JOURNAL, Store
+from service.zone.zone import Zone
+
+STEP = 300
+FIRST = make_sample(0).time
+FOREVER = 1e12
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[Journal]:
+    with closing(Journal.open(tmp_path / JOURNAL)) as opened:
+        yield opened
+
+
+def fill(journal: Journal, zone: str, steps: int) -> None:
+    journal.append_all([(zone, make_sample(step)) for step in range(steps)])
+    for step in range(steps):
+        journal.record(zone, make_update(step)._replace(time=FIRST + step * STEP))
+    journal.flush()
+
+
+def steps_of(journal: Journal, zone: str) -> tuple[list[int], list[int]]:
+    """Which samples and which history rows of `zone` there are."""
+    samples = [(item.time - FIRST) // STEP for item in journal.samples_after(zone, None)]
+    return samples, [(row.time - FIRST) // STEP for row in journal.history(zone, None, None, 100_000)]
+
+
+def pruned(journal: Journal, limits: Limits, oldest_checkpoint: int | None) -> int:
+    """Prune with the oldest checkpoint of every zone after this step; how many slices that took."""
+    time = None if oldest_checkpoint is None else FIRST + oldest_checkpoint * STEP
+    return sum(1 for _ in prune(journal, lambda zone: time, limits))
+
+
+def test_what_is_older_than_keep_history_goes(journal: Journal) -> None:
+    fill(journal, "living", 1000)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=990)
+    assert steps_of(journal, "living") == (list(range(899, 1000)), list(range(899, 1000)))
+    assert journal.pruned_until("living") == FIRST + 898 * STEP
+
+
+def test_samples_after_the_oldest_checkpoint_stay_whatever_their_age(journal: Journal) -> None:
+    fill(journal, "living", 1000)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=300)
+    assert steps_of(journal, "living") == (list(range(301, 1000)), list(range(899, 1000)))
+
+
+def test_without_a_checkpoint_every_sample_stays(journal: Journal) -> None:
+    fill(journal, "living", 300)
+    pruned(journal, Limits(10 * STEP, 1), oldest_checkpoint=None)
+    assert steps_of(journal, "living")[0] == list(range(300))
+
+
+def test_the_newest_sample_stays(journal: Journal) -> None:
+    fill(journal, "living", 300)
+    pruned(journal, Limits(0.0, 1), oldest_checkpoint=299)
+    assert steps_of(journal, "living") == ([299], [299])
+    assert not journal.append("living", make_sample(299)), "what is there is not taken twice"
+    assert journal.append("living", make_sample(300))
+
+
+def test_what_is_left_is_still_checked_and_gone_on_with(tmp_path: Path, journal: Journal) -> None:
+    fill(journal, "living", 300)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
+    journal.close()
+    with closing(Journal.open(tmp_path / JOURNAL)) as again:
+        assert len(list(again.samples_after("living", FIRST + 250 * STEP))) == 49
+        assert again.append("living", make_sample(300))
+        assert len(list(again.samples_after("living", None))) == 102
+
+
+def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(journal: Journal) -> None:
+    fill(journal, "living", 300)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
+    journal.set_aside("living", FIRST)
+    for step in (250, 251):
+        assert journal.append("living", make_sample(step))
+    assert steps_of(journal, "living") == ([250, 251], [])
+
+
+def test_age_counts_from_the_newest_sample_of_each_zone(journal: Journal) -> None:
+    fill(journal, "living", 50)
+    fill(journal, "bedroom", 300)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=1000)
+    assert steps_of(journal, "living")[0] == list(range(50)), "it stopped long ago, and keeps its last 100 steps"
+    assert steps_of(journal, "bedroom")[0] == list(range(199, 300))
+
+
+def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(tmp_path: Path, journal: Journal) -> None:
+    limit = 7_000_000
+    for round_ in range(8):
+        for zone in ("living", "bedroom"):
+            journal.append_all([(zone, make_sample(1000 * round_ + k)) for k in range(1000)])
+            for k in range(1000):
+                journal.record(zone, make_update(k)._replace(time=FIRST + (1000 * round_ + k) * STEP))
+        journal.flush()
+        pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=1000 * round_ + 990)
+        assert journal.size() <= limit
+        assert sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) <= limit
+    journal.close()
+    assert (tmp_path / JOURNAL).stat().st_size <= limit
+    with closing(Journal.open(tmp_path / JOURNAL)) as again:
+        living, bedroom = (steps_of(again, zone)[1] for zone in ("living", "bedroom"))
+    assert living[-1] == bedroom[-1] == 7999
+    assert living == list(range(living[0], 8000)), "nothing is missing in the middle"
+    assert abs(living[0] - bedroom[0]) <= 500, "both gave the same"
+    assert 1000 < living[0] < 7990
+
+
+def test_what_was_reset_goes_before_anything_else(journal: Journal) -> None:
+    fill(journal, "living", 2000)
+    journal.forget("living")
+    fill(journal, "living", 2000)
+    before = journal.size()
+    pruned(journal, Limits(FOREVER, before - 100_000), oldest_checkpoint=1990)
+    assert steps_of(journal, "living")[0] == list(range(2000))
+    assert journal.size() < before - 100_000
+
+
+def test_a_limit_that_cannot_be_kept_ends_the_pruning(journal: Journal) -> None:
+    fill(journal, "living", 2000)
+    assert pruned(journal, Limits(FOREVER, 10_000), oldest_checkpoint=0) < 20
+    assert steps_of(journal, "living")[0] == list(range(1, 2000))
+
+
+def test_appends_come_in_between_the_slices(journal: Journal) -> None:
+    fill(journal, "living", 5000)
+    for number, _ in enumerate(prune(journal, lambda zone: FIRST + 4990 * STEP, Limits(10 * STEP, FOREVER))):
+        assert journal.append("living", make_sample(5000 + number))
+        assert number < 40
+    assert number >= 9, "500 rows at once at most"
+    assert steps_of(journal, "living")[0][-1] == 5000 + number
+
+
+def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service.store.store, "PRUNE_SECONDS", 0.01)
+    items = [sample(k) for k in range(120)]
+
+    async def part(first: int, last: int) -> list[str]:
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer, checkpoint_every=0.001) as shared:
+            zone = Zone("z", "rbpf", "mark", worker(), shared)
+            await zone.prepare()
+            running = asyncio.create_task(zone.run())
+            keeping = asyncio.create_task(shared.store.keep_within(Limits(20.0 * STEP, FOREVER)))
+            await zone.accept(items[first:last])
+            await finished(zone, running)
+            async with asyncio.timeout(60):
+                while (await zone.history(None, None, 1000))[0].time < (last - 21) * STEP:
+                    await asyncio.sleep(0.01)
+            keeping.cancel()
+            return [comparable(update) for _, update in announcer.updates]
+
+    assert asyncio.run(part(0, 60)) == straight(items)[:60]
+    assert asyncio.run(part(60, 120)) == straight(items)[59:]
+    with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
+        assert connection.execute("SELECT count(*) FROM samples").fetchone()[0] == 21
+
+
+def test_the_size_of_the_journal_is_measured(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    (measure,) = store.measures()
+    ((labels, size),) = measure.read()
+    assert (measure.name, labels) == ("thermogate_journal_bytes", ())
+    assert size == sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) > 10_000
+    store.close()

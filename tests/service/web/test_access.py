@@ -1,0 +1,207 @@
+"""Who may ask what: every route with no key, a wrong one, and each kind of right one."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import Depends, FastAPI
+from starlette.routing import Mount, Route
+from support.fake_zones import FakeZone, running
+from support.http_client import get, problem, request
+
+from service.publish.metrics import Metrics
+from service.web import access as api_access
+from service.web import limits as api_limits
+from service.web.access import OPEN_PATHS, Administrator, administrator
+from service.web.app import create_app
+from service.web.keys import KeyRing, create_key, revoke_key
+from service.web.server.peers import peer_of
+
+READS = ["/zones", "/zones/living", "/zones/living/forecast", "/zones/living/parameters", "/zones/living/history"]
+WHOLE = ["/readyz", "/metrics"]
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "keys.json"
+
+
+@pytest.fixture
+def zones() -> dict[str, FakeZone]:
+    return {zone.id: zone for zone in (running("living"), running("bedroom"))}
+
+
+@pytest.fixture
+def app(zones: dict[str, FakeZone], file: Path) -> FastAPI:
+    app = create_app("htwg", zones, Metrics(zones).registry, keys=KeyRing(file, required=False))
+
+    @app.post("/admin/greet")
+    async def greet(caller: Administrator) -> dict[str, str]:
+        return {"hello": caller.name}
+
+    return app
+
+
+def bearer(secret: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {secret}"}
+
+
+def status(app: FastAPI, path: str, secret: str, method: str = "GET", **options: Any) -> int:
+    return request(app, method, path, headers=bearer(secret), **options).status_code
+
+
+def test_without_keys_reading_is_open_and_administration_closed(app: FastAPI) -> None:
+    for path in (*READS, *WHOLE, *OPEN_PATHS):
+        assert get(app, path).status_code == 200, path
+    answer = request(app, "POST", "/admin/greet")
+    assert "needs an API key" in problem(answer, 401)["detail"]
+    assert answer.headers["www-authenticate"] == 'Bearer realm="thermogate"'
+
+
+def test_with_a_key_in_force_everything_else_is_closed(app: FastAPI, file: Path) -> None:
+    secret = create_key(file, "one", "read")
+    for path in (*READS, *WHOLE, "/nowhere", "/zones/nowhere"):
+        problem(get(app, path), 401)
+    for path in (*READS, *WHOLE, *OPEN_PATHS):
+        assert status(app, path, secret) == 200, path
+    for path in OPEN_PATHS:
+        assert get(app, path).status_code == 200, path
+    assert get(app, "/static/live.js").status_code == 200
+    assert status(app, "/nowhere", secret) == 404
+
+
+def test_every_route_is_closed_but_the_open_ones(app: FastAPI, file: Path) -> None:
+    create_key(file, "one", "read")
+    asked = set()
+    for path, method in routes(app):
+        expected = path in OPEN_PATHS or path.startswith("/static/")
+        answer = request(app, method, path.replace("{zone}", "living"))
+        assert (answer.status_code != 401) == expected, f"{method} {path}"
+        asked.add(path)
+    assert asked >= {"/zones/{zone}/history", "/metrics", "/admin/greet", "/docs", "/static/plotly.min.js"}
+
+
+def routes(app: FastAPI) -> list[tuple[str, str]]:
+    """Path and method of all there is, in the API's description and beside it."""
+    described = [(path, method.upper()) for path, item in app.openapi()["paths"].items() for method in item]
+    own = [route for route in app.routes if isinstance(route, Route)]
+    mounted = {route.path for route in app.routes if isinstance(route, Mount)}
+    assert mounted == {"/static"}
+    return described + [(route.path, method) for route in own for method in route.methods or ()]
+
+
+def test_a_read_key_asks_for_planned_forecasts_but_administers_nothing(app: FastAPI, file: Path) -> None:
+    reader, admin = create_key(file, "reader", "read"), create_key(file, "boss", "admin")
+    assert status(app, "/zones/living/forecast", reader, "POST", json={"horizon": "10min"}) == 200
+    answer = request(app, "POST", "/admin/greet", headers=bearer(reader))
+    assert "key for admin" in problem(answer, 403)["detail"]
+    assert 'error="insufficient_scope"' in answer.headers["www-authenticate"]
+    assert request(app, "POST", "/admin/greet", headers=bearer(admin)).json() == {"hello": "boss"}
+    for path in (*READS, *WHOLE):
+        assert status(app, path, admin) == 200
+    assert status(app, "/admin/nowhere", reader) == 403
+    assert status(app, "/admin", reader) == 403
+
+
+def test_the_administrator_dependency_holds_outside_admin_too(app: FastAPI, file: Path) -> None:
+    @app.post("/elsewhere", dependencies=[Depends(administrator)])
+    async def elsewhere() -> None:
+        raise AssertionError("nobody gets here")
+
+    problem(request(app, "POST", "/elsewhere"), 403)
+    assert status(app, "/elsewhere", create_key(file, "reader", "read"), "POST") == 403
+
+
+def test_a_key_for_one_zone_knows_of_no_other(app: FastAPI, zones: dict[str, FakeZone], file: Path) -> None:
+    secret = create_key(file, "tenant", "read", ["living", "gone"])
+    for path in READS:
+        assert status(app, path, secret) == 200, path
+    listed = get(app, "/zones", headers=bearer(secret))
+    assert [zone["id"] for zone in listed.json()["zones"]] == ["living"]
+    for path in ("/zones/bedroom", "/zones/bedroom/forecast", "/zones/attic", "/zones/gone", "/zones/%62edroom"):
+        answer = get(app, path, headers=bearer(secret))
+        document = problem(answer, 404)
+        name = answer.request.url.path.split("/")[2]
+        assert document["detail"].startswith(f"there is no zone '{name}'; the zones are ")
+        assert "bedroom" not in document["zones"]
+    assert status(app, "/zones/bedroom/forecast", secret, "POST", json={"horizon": "10min"}) == 404
+    for path in (*WHOLE, "/nowhere"):
+        assert "for all zones" in problem(get(app, path, headers=bearer(secret)), 403)["detail"]
+    assert not zones["bedroom"].asked
+
+
+@pytest.mark.parametrize("header", ["tg_x", "Basic dXNlcjpwYXNz", "Bearer", "Bearer ", "", "bearer tg_ä"])
+def test_what_is_no_right_key_is_refused(app: FastAPI, file: Path, header: str) -> None:
+    create_key(file, "one", "read")
+    problem(get(app, "/zones", headers={"Authorization": header.encode("latin-1")}), 401)
+
+
+def test_the_scheme_is_not_case_sensitive(app: FastAPI, file: Path) -> None:
+    secret = create_key(file, "one", "read")
+    assert get(app, "/zones", headers={"Authorization": f"bearer  {secret}"}).status_code == 200
+
+
+def test_revoking_takes_effect_at_once(app: FastAPI, file: Path) -> None:
+    secret = create_key(file, "one", "read")
+    assert status(app, "/zones", secret) == 200
+    revoke_key(file, "one")
+    answer = get(app, "/zones", headers=bearer(secret))
+    assert "wrong, revoked or expired" in problem(answer, 401)["detail"]
+    assert 'error="invalid_token"' in answer.headers["www-authenticate"]
+
+
+def test_guessing_is_slowed_down_noted_and_does_not_lock_others_out(
+    app: FastAPI, file: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(api_access, "HOLD_SECONDS", 0.001)
+    secret = create_key(file, "one", "read")
+
+    async def ask() -> list[httpx.Response]:
+        transport = httpx.ASGITransport(app, client=("10.0.0.5", 1234))
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+            wrong = [await client.get("/zones", headers=bearer(f"tg_guess-{number}")) for number in range(30)]
+            return [*wrong, await client.get("/zones", headers=bearer(secret))]
+
+    with caplog.at_level(logging.INFO):
+        *wrong, right = asyncio.run(ask())
+    assert [answer.status_code for answer in wrong] == [401] * api_limits.FAILURES + [429] * (30 - api_limits.FAILURES)
+    assert 1 <= int(wrong[-1].headers["retry-after"]) <= 60
+    assert right.status_code == 200
+    about = [record.getMessage() for record in caplog.records if "10.0.0.5" in record.getMessage()]
+    assert len(about) == 2, "a line for the first and one for too many"
+    assert "guess" not in caplog.text
+    assert secret not in caplog.text
+
+
+def test_failed_attempts_are_forgiven_in_time() -> None:
+    now = [0.0]
+    attempts = api_limits.FailedAttempts(lambda: now[0])
+    assert [attempts.count("a") for _ in range(api_limits.FAILURES)] == [0] * api_limits.FAILURES
+    assert attempts.count("a") == 6
+    assert attempts.count("b") == 0, "each peer has its own"
+    now[0] = 6.0
+    assert attempts.count("a") == 0
+    assert attempts.count("a") > 0
+    for number in range(5000):
+        attempts.count(f"peer-{number}")
+    assert len(attempts._peers) <= 1024, "the table is bounded"
+
+
+@pytest.mark.parametrize(
+    ("client", "peer"),
+    [
+        (("10.0.0.5", 1), "10.0.0.5"),
+        (("2001:db8:1:2:3:4:5:6", 1), "2001:db8:1:2::/64"),
+        (("::ffff:10.0.0.5", 1), "10.0.0.5"),
+        (("testclient", 1), "testclient"),
+        (("x" * 10_000, 1), "x" * 64),
+        (None, "unknown"),
+    ],
+)
+def test_a_peer_is_its_address(client: object, peer: str) -> None:
+    assert peer_of({"type": "http", "client": client}) == peer

@@ -1,0 +1,197 @@
+"""Health, metrics, errors of the framework, documentation and pages."""
+
+from __future__ import annotations
+
+import logging
+import re
+from typing import Any
+
+import pytest
+from fastapi import FastAPI
+from support.fake_zones import FakeZone, announced, make_update, running, waiting
+from support.http_client import get, problem, request
+
+from service.publish.metrics import Metrics
+from service.web.app import create_app
+
+
+@pytest.fixture
+def zones() -> dict[str, FakeZone]:
+    return {zone.id: zone for zone in (running("living"), running("bedroom"))}
+
+
+@pytest.fixture
+def app(zones: dict[str, FakeZone]) -> FastAPI:
+    metrics = Metrics(zones)
+    metrics.publish(announced("living", make_update(0), running("living").status()))
+    return create_app("htwg", zones, metrics.registry, version="1.2.3")
+
+
+def test_health_is_of_the_process(app: FastAPI, zones: dict[str, FakeZone]) -> None:
+    zones["living"].state = "failed"
+    document = get(app, "/healthz").json()
+    assert (document["status"], document["version"]) == ("ok", "1.2.3")
+    assert 0 <= document["uptime_s"] < 60
+
+
+def test_health_says_what_does_not_answer(zones: dict[str, FakeZone]) -> None:
+    app = create_app("htwg", zones, Metrics(zones).registry, problems=lambda: ["the journal has not answered for 61 s"])
+    answer = get(app, "/healthz")
+    assert problem(answer, 503)["detail"] == "the journal has not answered for 61 s"
+    assert "retry-after" in answer.headers
+
+
+def test_a_reload_needs_an_administrator(app: FastAPI) -> None:
+    assert request(app, "POST", "/admin/reload").status_code == 401
+
+
+def test_ready_when_every_zone_runs(app: FastAPI) -> None:
+    answer = get(app, "/readyz")
+    zones = {zone["id"]: zone for zone in answer.json()["zones"]}
+    assert (answer.status_code, list(zones)) == (200, ["living", "bedroom"])
+    assert zones["living"] == {
+        "id": "living",
+        "state": "running",
+        "reason": "",
+        "period_s": 300.0,
+        "age_s": 360.0,
+        "channels": {"T_air": 240.0, "T_out": 240.0, "T_adj": 240.0, "u_heat": 240.0},
+    }
+
+
+@pytest.mark.parametrize("state", ["waiting", "stalled", "failed"])
+def test_not_ready_names_the_zones_and_reasons(app: FastAPI, zones: dict[str, FakeZone], state: str) -> None:
+    zones["bedroom"].state, zones["bedroom"].reason = state, "T_out is 1500 s old"
+    answer = get(app, "/readyz")
+    document = problem(answer, 503)
+    (behind,) = document["zones"]
+    assert (behind["id"], behind["state"], behind["reason"]) == ("bedroom", state, "T_out is 1500 s old")
+    assert (behind["age_s"], behind["channels"]["T_out"]) == (360.0, 240.0)
+    assert document["detail"] == f"zone 'bedroom' is {state}: T_out is 1500 s old"
+    assert "retry-after" in answer.headers
+
+
+def test_metrics_in_both_formats(app: FastAPI) -> None:
+    plain = get(app, "/metrics")
+    assert plain.headers["content-type"].startswith("text/plain")
+    assert 'thermogate_samples_total{zone="living"} 1.0' in plain.text
+    assert 'thermogate_zone_state{state="running",zone="bedroom"} 1.0' in plain.text
+    modern = get(app, "/metrics", headers={"Accept": "application/openmetrics-text; version=1.0.0"})
+    assert modern.headers["content-type"].startswith("application/openmetrics-text")
+    assert modern.text.endswith("# EOF\n")
+
+
+def test_metrics_are_compressed_for_those_who_read_that(app: FastAPI) -> None:
+    compressed = get(app, "/metrics", headers={"Accept-Encoding": "gzip"})
+    assert compressed.headers["content-encoding"] == "gzip"
+    assert 'thermogate_samples_total{zone="living"} 1.0' in compressed.text
+    plain = get(app, "/metrics", headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
+    assert "Accept-Encoding" in compressed.headers["vary"]
+
+
+def test_unknown_paths_and_methods_are_problems(app: FastAPI) -> None:
+    assert "/docs" in problem(get(app, "/nowhere"), 404)["detail"]
+    assert "/docs" in problem(get(app, "/static/nothing.js"), 404)["detail"]
+    answer = request(app, "DELETE", "/zones/living")
+    assert "does not take DELETE" in problem(answer, 405)["detail"]
+    assert "GET" in answer.headers["allow"]
+
+
+def test_an_internal_error_tells_the_client_nothing(app: FastAPI, zones: dict[str, FakeZone]) -> None:
+    zones["living"].failure = RuntimeError("secret /var/lib path")
+    document = problem(get(app, "/zones/living/history"), 500)
+    assert document["detail"] == "the daemon failed to answer this request; its log says why"
+    assert "secret" not in str(document)
+
+
+@pytest.mark.parametrize("path", ["/../service/api.py", "/%2e%2e/api.py", "/..%2fapi.py", "//etc/passwd"])
+def test_static_files_stay_in_their_folder(app: FastAPI, path: str) -> None:
+    assert get(app, f"/static{path}").status_code == 404
+
+
+def references(node: Any) -> set[str]:
+    if isinstance(node, dict):
+        own = {node["$ref"]} if isinstance(node.get("$ref"), str) else set()
+        return own.union(*(references(value) for value in node.values()))
+    return set().union(*(references(value) for value in node)) if isinstance(node, list) else set()
+
+
+def test_the_openapi_document_is_complete(app: FastAPI) -> None:
+    document = get(app, "/openapi.json").json()
+    assert document["info"]["version"] == "1.2.3"
+    assert set(document["paths"]) == {
+        "/zones",
+        "/zones/{zone}",
+        "/zones/{zone}/forecast",
+        "/admin/reload",
+        "/zones/{zone}/parameters",
+        "/zones/{zone}/history",
+        "/zones/{zone}/skill",
+        "/zones/{zone}/gain",
+        "/zones/{zone}/stream",
+        "/healthz",
+        "/readyz",
+        "/metrics",
+    }
+    known = {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
+    assert references(document) <= known
+    assert "HTTPValidationError" not in document["components"]["schemas"], "validation errors are problems here"
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            assert operation["summary"], path
+            open_to_all, closed = path == "/healthz", path.startswith("/admin/")
+            assert operation["security"] == ([{}] if open_to_all else [{"key": []}] if closed else [{"key": []}, {}])
+            for status, answer in operation["responses"].items():
+                if not status.startswith("2"):
+                    assert set(answer["content"]) == {"application/problem+json"}
+    responses = document["paths"]["/zones/{zone}/forecast"]["get"]["responses"]
+    assert set(responses) == {"200", "404", "422", "500", "503", "default"}
+    assert document["components"]["schemas"]["ForecastRequest"]["examples"]
+
+
+def test_the_documented_example_is_a_valid_request(app: FastAPI) -> None:
+    schemas = get(app, "/openapi.json").json()["components"]["schemas"]
+    for example in schemas["ForecastRequest"]["examples"]:
+        assert request(app, "POST", "/zones/living/forecast", json=example).status_code == 200
+
+
+@pytest.mark.parametrize("page", ["/", "/docs"])
+def test_pages_load_only_what_this_daemon_serves(app: FastAPI, page: str) -> None:
+    answer = get(app, page)
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "default-src 'self'" in answer.headers["content-security-policy"]
+    loaded = re.findall(r'(?:src|href)="([^"]+)"', answer.text)
+    assert any(path.endswith(".js") for path in loaded)
+    for path in loaded:
+        assert not path.startswith(("http", "//")), path
+        found = get(app, f"/{path.removeprefix('./')}")
+        assert found.status_code == 200, path
+        if path.endswith(".js") and "plotly" not in path:
+            assert "javascript" in found.headers["content-type"]
+            assert not re.findall(r"https?://", found.text), path
+            for module in re.findall(r'from "\./([^"]+)"', found.text):
+                assert get(app, f"/static/{module}").status_code == 200
+
+
+def test_plotly_is_served_compressed_and_cached(app: FastAPI) -> None:
+    answer = get(app, "/static/plotly.min.js", headers={"Accept-Encoding": "gzip"})
+    assert answer.headers["content-encoding"] == "gzip"
+    assert int(answer.headers["content-length"]) < 2_500_000
+    assert "max-age" in answer.headers["cache-control"]
+    assert "plotly.js" in answer.text[:200]
+
+
+def test_the_page_asks_only_for_routes_that_exist(app: FastAPI) -> None:
+    script = get(app, "/static/live.js").text
+    for path in re.findall(r"get\([`\"](zones[^`\"?]*)", script):
+        assert get(app, "/" + path.replace("${summary.id}", "living")).status_code == 200, path
+
+
+def test_a_site_without_a_sample_has_a_page(caplog: pytest.LogCaptureFixture) -> None:
+    zones = {"attic": waiting("attic")}
+    app = create_app("htwg", zones, Metrics(zones).registry)
+    with caplog.at_level(logging.ERROR):
+        assert get(app, "/").status_code == 200
+        assert get(app, "/zones").status_code == 200
+    assert caplog.records == []

@@ -1,0 +1,73 @@
+"""Headers for browsers, and the hosts that are answered for."""
+
+from __future__ import annotations
+
+import pytest
+from fastapi import FastAPI
+from support.http_client import get, problem, request
+
+from service.config.http import HttpConfig
+from service.publish.metrics import Metrics
+from service.web.app import create_app
+
+
+@pytest.fixture
+def app() -> FastAPI:
+    http = HttpConfig(host="192.0.2.7", behind_tls_proxy=True, allowed_hosts=("thermogate.example",))
+    return create_app("htwg", {}, Metrics({}).registry, http=http)
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/docs", "/openapi.json", "/zones", "/nowhere", "/static/live.js", "/static/plotly.min.js"]
+)
+def test_every_answer_is_hardened(app: FastAPI, path: str) -> None:
+    headers = get(app, path).headers
+    policy = headers["content-security-policy"]
+    assert "default-src 'self'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe-eval" not in policy
+    assert "script-src" not in policy, "scripts come from here and nowhere else"
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cache-control"] == ("max-age=86400" if "plotly" in path else "no-store")
+    assert "server" not in headers
+
+
+def test_no_other_site_may_read_answers(app: FastAPI) -> None:
+    origin = {"Origin": "https://elsewhere.example"}
+    assert not [name for name in get(app, "/zones", headers=origin).headers if name.startswith("access-control")]
+    asked = {**origin, "Access-Control-Request-Method": "POST"}
+    answer = request(app, "OPTIONS", "/zones", headers=asked)
+    assert answer.status_code == 405
+    assert not [name for name in answer.headers if name.startswith("access-control")]
+    assert answer.headers["x-content-type-options"] == "nosniff"
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("localhost", 200),
+        ("LOCALHOST:8080", 200),
+        ("localhost.", 200),
+        ("127.0.0.1:8080", 200),
+        ("[::1]:8080", 200),
+        ("[::1]", 200),
+        ("192.0.2.7", 200),
+        ("10.9.8.7:1", 200),
+        ("thermogate.example:443", 200),
+        ("attacker.example", 421),
+        ("attacker.example:8080", 421),
+        ("localhost.attacker.example", 421),
+        ("127.0.0.1.attacker.example", 421),
+        ("thermogate.example.attacker", 421),
+        ("localhost:8080:1", 421),
+        ("localhost:x", 421),
+        ("[attacker]", 421),
+        (":8080", 421),
+    ],
+)
+def test_names_that_are_not_ours_are_not_answered(app: FastAPI, host: str, status: int) -> None:
+    answer = get(app, "/healthz", headers={"Host": host})
+    assert answer.status_code == status
+    if status != 200:
+        assert "http.allowed_hosts" in problem(answer, status)["detail"]

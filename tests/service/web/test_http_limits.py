@@ -1,0 +1,325 @@
+"""The real server against clients that are slow, greedy, deaf or do not speak HTTP."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Coroutine
+from typing import Any
+
+import pytest
+from fastapi import FastAPI, Request, Response
+from fastapi.responses import StreamingResponse
+from support.served import Client, ask, config, serving
+from support.waiting import until
+
+from service.publish.metrics import Metrics
+from service.web.app import create_app
+from service.web.server import door as http_door
+from service.web.server.peers import peer_of
+
+QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
+
+
+def run(scenario: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(scenario, 60))
+
+
+def small_app() -> FastAPI:
+    app = FastAPI()
+    app.state.ended = 0
+
+    @app.get("/")
+    async def root(request: Request) -> dict[str, str]:
+        return {"peer": peer_of(request.scope), "scheme": request.url.scheme}
+
+    @app.post("/size")
+    async def size(request: Request) -> int:
+        return len(await request.body())
+
+    @app.get("/large")
+    async def large(megabytes: int) -> Response:
+        return Response(bytes(megabytes * 2**20))
+
+    @app.get("/endless")
+    async def endless() -> StreamingResponse:
+        async def chunks() -> AsyncIterator[bytes]:
+            try:
+                while True:
+                    yield bytes(2**16)
+                    await asyncio.sleep(0)
+            finally:
+                app.state.ended += 1
+
+        return StreamingResponse(chunks())
+
+    return app
+
+
+@pytest.mark.parametrize(
+    "begun",
+    [
+        b"GET / HT",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
+        b"POST /size HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n1234",
+        b"POST /size HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n4\r\n1234\r\n",
+    ],
+)
+def test_a_request_that_does_not_come_to_its_end_is_given_up(begun: bytes) -> None:
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits=QUICK)) as server:
+            client = await Client.to(server)
+            await client.send(begun)
+            answer = await client.answer()
+            assert answer.status == 408
+            assert "not complete within 0.6 s" in answer.problem()
+            assert await client.ended() == b""
+            await client.close()
+
+    run(scenario())
+
+
+def test_a_byte_now_and_then_does_not_keep_a_request_alive() -> None:
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits=QUICK)) as server:
+            client = await Client.to(server)
+            await client.send(b"GET / HTTP/1.1\r\nX: ")
+
+            async def trickle() -> None:
+                while True:
+                    await client.send(b"x")
+                    await asyncio.sleep(0.05)
+
+            trickling = asyncio.create_task(trickle())
+            # Bytes that come after the end may have the system reset the connection before the answer is read.
+            answer = await client.ended()
+            assert not answer or answer.startswith(b"HTTP/1.1 408")
+            trickling.cancel()
+            await asyncio.gather(trickling, return_exceptions=True)
+            await client.close()
+
+    run(scenario())
+
+
+def test_a_connection_without_requests_is_closed() -> None:
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits=QUICK)) as server:
+            silent, idle = await Client.to(server), await Client.to(server)
+            assert (await idle.ask()).status == 200
+            assert (await idle.ask()).status == 200, "kept alive between two requests"
+            assert await silent.ended() == b""
+            assert await idle.ended() == b""
+            for client in (silent, idle):
+                await client.close()
+
+    run(scenario())
+
+
+def test_a_slow_answer_is_not_the_clients_fault() -> None:
+    app = small_app()
+
+    @app.get("/slow")
+    async def slow() -> str:
+        await asyncio.sleep(1.0)
+        return "done"
+
+    async def scenario() -> None:
+        async with serving(app, config(limits=QUICK)) as server:
+            assert (await ask(server, "/slow")).body == b'"done"'
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("path", ["/large?megabytes=32", "/endless"])
+def test_who_never_reads_is_cut_off(path: str) -> None:
+    app = small_app()
+
+    async def scenario() -> None:
+        async with serving(app, config(limits=QUICK)) as server:
+            deaf = await Client.to(server, limit=1024)
+            deaf.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            await deaf.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+            await until(lambda: server.cut_off["slow to read"])
+            # Nothing is held for it any more, and the stream has ended too.
+            await until(lambda: not server.open_connections)
+            await until(lambda: app.state.ended == (path == "/endless"))
+            assert (await ask(server)).status == 200
+            await deaf.close()
+
+    run(scenario())
+
+
+@pytest.mark.parametrize("path", ["/large?megabytes=16", "/endless"])
+def test_who_reads_slowly_gets_it_all(path: str) -> None:
+    async def scenario() -> None:
+        limits = QUICK | {"send_timeout": 1.0}
+        async with serving(small_app(), config(limits=limits)) as server:
+            client = await Client.to(server, limit=2**14)
+            client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**16)
+            await client.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
+            # For several times as long as it may take to make progress, and more than the system's buffers hold.
+            for _ in range(16 * 8):
+                await client.reader.readexactly(2**17)
+                await asyncio.sleep(0.03)
+            await client.close()
+
+    run(scenario())
+
+
+def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
+    async def scenario() -> None:
+        limits = {"unsent": 16 * 2**20}
+        async with serving(small_app(), config(limits=limits)) as server:
+            deaf = [await Client.to(server, limit=1024) for _ in range(6)]
+            for client in deaf:
+                await client.send(b"GET /large?megabytes=8 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            await until(lambda: server.cut_off["slow to read"] and len(server.open_connections) <= 2)
+            connections = server.open_connections
+            assert 1 <= len(connections) <= 3, "the slowest were let go, no more than needed"
+            assert sum(one.transport.get_write_buffer_size() for one in connections) <= 16 * 2**20
+            for client in deaf:
+                await client.close()
+
+    run(scenario())
+
+
+def test_too_many_connections_are_told_so_and_then_shut_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_door, "SPARE", 2)
+
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits={"connections": 3})) as server:
+            served = [await Client.to(server) for _ in range(3)]
+            for client in served:
+                assert (await client.ask()).status == 200
+            refused = await Client.to(server)
+            answer = await refused.ask()
+            assert (answer.status, answer.headers["connection"]) == (503, "close")
+            assert int(answer.headers["retry-after"]) > 0
+            assert "too many connections" in answer.problem()
+            await refused.close()
+            spare = [await Client.to(server) for _ in range(2)]
+            shut_out = await Client.to(server)
+            assert await shut_out.ended() == b""
+            for client in (*served, *spare, shut_out):
+                await client.close()
+            await until(lambda: server.connections == 0)
+            assert (await ask(server)).status == 200, "places are given back"
+            await until(lambda: server.connections == 0)
+
+    run(scenario())
+
+
+def test_one_client_does_not_take_all_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_door, "is_loopback", lambda host: False)
+
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits={"connections": 100, "connections_per_client": 1})) as server:
+            first = await Client.to(server)
+            assert (await first.ask()).status == 200
+            assert (await ask(server)).status == 503
+            await first.close()
+
+    run(scenario())
+
+
+def test_a_proxy_may_bring_many_clients(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http_door, "is_loopback", lambda host: False)
+
+    async def scenario() -> None:
+        limits = {"connections_per_client": 1}
+        async with serving(small_app(), config(limits=limits, behind_tls_proxy=True)) as server:
+            first = await Client.to(server)
+            assert (await first.ask()).status == 200
+            forwarded = {"X-Forwarded-For": "203.0.113.9", "X-Forwarded-Proto": "https"}
+            answer = await ask(server, **forwarded)
+            assert (answer.status, answer.body) == (200, b'{"peer":"203.0.113.9","scheme":"https"}')
+            await first.close()
+        async with serving(small_app(), config()) as server:
+            answer = await ask(server, **forwarded)
+            assert answer.body == b'{"peer":"127.0.0.1","scheme":"http"}', "nobody else is believed"
+
+    run(scenario())
+
+
+def test_a_socket_for_both_kinds_of_addresses_knows_proxies_of_either() -> None:
+    if not socket.has_dualstack_ipv6():
+        pytest.skip("this machine has no IPv6")
+
+    async def scenario() -> None:
+        async with serving(small_app(), config(host="::", behind_tls_proxy=True)) as server:
+            assert b'"peer":"203.0.113.9"' in (await ask(server, **{"X-Forwarded-For": "203.0.113.9"})).body
+            assert b'"peer":"127.0.0.1"' in (await ask(server)).body
+
+    run(scenario())
+
+
+def daemon_app(limits: dict[str, int]) -> FastAPI:
+    return create_app("htwg", {}, Metrics({}).registry, http=config(limits=limits))
+
+
+REFUSED = {
+    "body by its length": (b"POST /zones HTTP/1.1\r\nHost: localhost\r\nContent-Length: 999999\r\n\r\n", 413),
+    "body in chunks": (
+        b"POST /zones HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+        + b"400\r\n" + b"x" * 1024 + b"\r\n400\r\n" + b"x" * 1024 + b"\r\n",
+        413,
+    ),
+    "long path": (b"GET /" + b"x" * 300 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 414),
+    "long query": (b"GET /zones?" + b"x" * 300 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 414),
+    "long headers": (b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 1100 + b"\r\n\r\n", 431),
+    "headers without end": (b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"x" * 1100, 431),
+    "no HTTP": (b"\x16\x03\x01\x00\xa5\x01\x00\x00\xa1\r\n\r\n", 400),
+    "no host": (b"GET / HTTP/1.1\r\n\r\n", 400),
+    "two lengths": (
+        b"POST /zones HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n12",
+        400,
+    ),
+    "another host": (b"GET / HTTP/1.1\r\nHost: attacker.example\r\n\r\n", 421),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_too_large_or_wrong_is_refused_with_a_problem(case: str) -> None:
+    request, status = REFUSED[case]
+
+    async def scenario() -> None:
+        limits = {"body": 1024, "url": 256, "headers": 1024}
+        async with serving(daemon_app(limits), config(limits=limits)) as server:
+            client = await Client.to(server)
+            await client.send(request)
+            answer = await client.answer()
+            assert answer.status == status
+            assert answer.problem()
+            if status != 421:
+                assert await client.ended() == b"", "what else may come is not read"
+            await client.close()
+            assert (await ask(server, "/healthz")).status == 200
+
+    run(scenario())
+
+
+def test_bodies_up_to_the_limit_are_taken() -> None:
+    async def scenario() -> None:
+        limits = {"body": 1024}
+        async with serving(daemon_app(limits), config(limits=limits)) as server:
+            for body in (b"Content-Length: 1024\r\n\r\n" + b"x" * 1024, b"Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n"):
+                client = await Client.to(server)
+                await client.send(b"POST /zones HTTP/1.1\r\nHost: localhost\r\n" + body)
+                assert (await client.answer()).status == 405, "taken in, and for the application to judge"
+                await client.close()
+
+    run(scenario())
+
+
+def test_a_client_that_goes_in_the_middle_of_its_body_leaves_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async def scenario() -> None:
+        async with serving(daemon_app({}), config()) as server:
+            client = await Client.to(server)
+            await client.send(b"POST /zones HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n1234")
+            await client.close()
+            await until(lambda: server.connections == 0)
+            assert (await ask(server, "/healthz")).status == 200
+            await until(lambda: server.connections == 0)
+
+    run(scenario())
+    assert not caplog.records

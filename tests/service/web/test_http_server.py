@@ -1,0 +1,103 @@
+"""The HTTP server inside the event loop."""
+
+import asyncio
+import socket
+import stat
+
+import httpx
+import pytest
+from fastapi import FastAPI, Request
+from support.served import Client, config, serving
+
+from service.config.http import HttpConfig
+from service.errors import ServiceError
+from service.publish.metrics import Metrics
+from service.web.app import create_app
+from service.web.measures import http_measures
+from service.web.server.peers import peer_of
+from service.web.server.server import HttpServer
+
+
+def test_answers_do_not_wait_for_more_to_send():
+    async def scenario():
+        server = HttpServer(FastAPI(), HttpConfig(port=0))
+        serving = asyncio.create_task(server.run())
+        await server.started(serving)
+        reader, writer = await asyncio.open_connection("127.0.0.1", int(server.url.rpartition(":")[2]))
+        writer.write(b"GET /nothing HTTP/1.1\r\nHost: thermogate\r\n\r\n")
+        assert b"404" in await reader.readline()
+        (connection,) = server.open_connections
+        accepted = connection.transport.get_extra_info("socket")
+        assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
+        writer.close()
+        await writer.wait_closed()
+        await server.stop(serving)
+
+    asyncio.run(scenario())
+
+
+def test_connections_and_answers_are_figures():
+    async def scenario():
+        metrics = Metrics({})
+        app = create_app("site", {}, metrics.registry)
+        async with serving(app, config(limits={"receive_timeout": 0.2})) as server:
+            metrics.register(http_measures(server, app))
+            slow = await Client.to(server)
+            await slow.send(b"GET")
+            assert (await slow.answer()).status == 408
+            client = await Client.to(server)
+            await client.ask("/nowhere")
+            exposed = (await client.ask("/metrics")).body.decode()
+            assert "thermogate_http_connections 1.0" in exposed
+            assert "thermogate_http_streams 0.0" in exposed
+            assert 'thermogate_http_answers_total{status="404"} 1.0' in exposed
+            assert 'thermogate_http_cut_off_total{reason="slow to ask"} 1.0' in exposed
+            assert "\nthermogate_certificate_expiry_timestamp_seconds" not in exposed, "no value without TLS"
+            for one in (slow, client):
+                await one.close()
+
+    asyncio.run(scenario())
+
+
+def on_file(path, **settings):
+    # A free port is not asked for where there is none.
+    return HttpConfig.model_validate({"socket": path} | settings, context={"folder": "/"})
+
+
+def test_a_unix_socket_is_for_the_account_and_its_group(tmp_path):
+    path = tmp_path / "http.sock"
+
+    async def ask(**headers):
+        transport = httpx.AsyncHTTPTransport(uds=str(path))
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost", headers=headers) as client:
+            return await client.get("/peer")
+
+    app = FastAPI()
+
+    @app.get("/peer")
+    async def peer(request: Request):
+        return peer_of(request.scope)
+
+    async def scenario():
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as killed:
+            killed.bind(str(path))
+        async with serving(app, on_file(path)) as server:
+            assert server.url == f"unix:{path}"
+            assert stat.S_IMODE(path.stat().st_mode) == 0o660
+            assert (await ask(**{"X-Forwarded-For": "203.0.113.9"})).json() == "unix", "not said to be a proxy"
+            with pytest.raises(ServiceError, match=r"http\.sock cannot be used"):
+                HttpServer(app, on_file(path))
+        assert not path.exists()
+        async with serving(app, on_file(path, behind_tls_proxy=True)):
+            claimed = {"X-Forwarded-For": "198.51.100.1, unix, 203.0.113.9"}
+            assert (await ask(**claimed)).json() == "203.0.113.9", "what the proxy itself has seen"
+
+    asyncio.run(scenario())
+
+
+def test_a_file_that_is_no_socket_is_left_alone(tmp_path):
+    path = tmp_path / "precious"
+    path.write_text("data")
+    with pytest.raises(ServiceError, match="cannot be used"):
+        HttpServer(FastAPI(), on_file(path))
+    assert path.read_text() == "data"

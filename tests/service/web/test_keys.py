@@ -1,0 +1,196 @@
+"""API keys in their file, and how a running daemon follows it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import stat
+import threading
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from service.errors import KeyFileError
+from service.web import keys
+from service.web.keys import KeyRing, create_key, read_keys, revoke_key
+
+LATER = datetime.now(UTC) + timedelta(days=1)
+PAST = datetime.now(UTC) - timedelta(seconds=1)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "state" / "keys.json"
+
+
+def test_a_key_has_256_bits_and_is_stored_as_its_digest(file: Path) -> None:
+    secret = create_key(file, "grafana", "read")
+    assert secret.startswith("tg_")
+    assert len(secret) == len("tg_") + 43, "256 bits in base64"
+    content = file.read_text()
+    assert secret not in content
+    assert secret.removeprefix("tg_") not in content
+    (stored,) = json.loads(content)["keys"]
+    assert stored["digest"] == hashlib.sha256(secret.encode()).hexdigest()
+    assert (stored["name"], stored["scope"], stored["zones"], stored["expires"]) == ("grafana", "read", None, None)
+    assert len({create_key(file, f"key-{number}", "read") for number in range(20)}) == 20
+
+
+def test_the_file_is_for_its_owner_only_whatever_the_mask(file: Path) -> None:
+    before = os.umask(0)
+    try:
+        create_key(file, "grafana", "read")
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+        assert stat.S_IMODE(file.parent.stat().st_mode) == 0o700
+        revoke_key(file, "grafana")
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    finally:
+        os.umask(before)
+    assert [path.name for path in file.parent.iterdir()] == ["keys.json"], "nothing is left beside it"
+
+
+def test_a_key_is_found_until_it_is_revoked(file: Path) -> None:
+    first, second = create_key(file, "one", "read", ["living"]), create_key(file, "two", "admin")
+    ring = KeyRing(file, required=False)
+    found = ring.find(first)
+    assert found is not None
+    assert (found.name, found.scope, found.zones) == ("one", "read", ("living",))
+    revoke_key(file, "one")
+    assert ring.find(first) is None, "a running daemon notices"
+    assert ring.find(second) is not None
+    assert ring.find("tg_nothing") is None
+    assert ring.find("") is None
+
+
+def test_the_log_says_what_came_and_went(file: Path, caplog: pytest.LogCaptureFixture) -> None:
+    ring = KeyRing(file, required=False)
+    with caplog.at_level(logging.INFO):
+        secret = create_key(file, "one", "admin")
+        ring.find(secret)
+        revoke_key(file, "one")
+        ring.find(secret)
+    assert [record.getMessage() for record in caplog.records] == [
+        "API key 'one' with the scope admin is in force",
+        "API key 'one' is not in force any more",
+    ]
+
+
+def test_an_expired_key_is_not_found(file: Path) -> None:
+    old, good = create_key(file, "old", "read", expires=PAST), create_key(file, "good", "read", expires=LATER)
+    ring = KeyRing(file, required=False)
+    assert (ring.find(old), ring.find(good) is None) == (None, False)
+    assert [key.state(datetime.now(UTC)) for key in read_keys(file)] == ["expired", "active"]
+
+
+def test_keys_are_in_force_from_the_first_on_and_stay_so(file: Path) -> None:
+    ring = KeyRing(file, required=False)
+    assert not ring.in_force
+    secret = create_key(file, "one", "read")
+    assert ring.in_force
+    revoke_key(file, "one")
+    assert ring.in_force, "revoking the last key does not open the door"
+    assert KeyRing(file, required=False).in_force
+    file.unlink()
+    assert ring.in_force, "nor does a file that goes away"
+    assert ring.find(secret) is None
+    assert KeyRing(file, required=True).in_force
+
+
+def test_a_name_is_free_again_once_revoked(file: Path) -> None:
+    first = create_key(file, "one", "read")
+    with pytest.raises(KeyFileError, match="there is a key 'one' already"):
+        create_key(file, "one", "admin")
+    revoke_key(file, "one")
+    second = create_key(file, "one", "admin")
+    ring = KeyRing(file, required=False)
+    assert (ring.find(first), len(read_keys(file))) == (None, 1)
+    assert ring.find(second) is not None
+
+
+@pytest.mark.parametrize("name", ["nobody", "gone"])
+def test_only_keys_that_are_there_can_be_revoked(file: Path, name: str) -> None:
+    create_key(file, "one", "read")
+    create_key(file, "gone", "read")
+    revoke_key(file, "gone")
+    with pytest.raises(KeyFileError, match=f"no key '{name}' to revoke; the keys are one"):
+        revoke_key(file, name)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"schema": 2}', b'{"schema": 1, "keys": [{}]}', b"\xff\xfe"])
+def test_a_damaged_file_is_refused_at_the_start_and_overlooked_later(
+    file: Path, content: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    secret = create_key(file, "one", "read")
+    ring = KeyRing(file, required=False)
+    file.write_bytes(content)
+    with pytest.raises(KeyFileError, match="is damaged"):
+        KeyRing(file, required=False)
+    with pytest.raises(KeyFileError, match="is damaged"):
+        create_key(file, "two", "read")
+    assert file.read_bytes() == content, "a file that cannot be read is not overwritten"
+    with caplog.at_level(logging.ERROR):
+        assert ring.find(secret) is not None, "a running daemon goes on with the keys it has"
+        assert ring.find(secret) is not None
+    assert len(caplog.records) == 1, "and says so once"
+
+
+@pytest.mark.parametrize("mode", [0o620, 0o602])
+def test_a_file_that_others_can_write_is_not_believed(file: Path, mode: int) -> None:
+    secret = create_key(file, "one", "read")
+    ring = KeyRing(file, required=False)
+    file.chmod(mode)
+    with pytest.raises(KeyFileError, match=r"can be changed by other accounts.*chmod 600"):
+        read_keys(file)
+    file.write_text(file.read_text().replace(hashlib.sha256(secret.encode()).hexdigest(), "0" * 64))
+    assert ring.find(secret) is not None, "what others wrote is not taken over"
+
+
+def test_what_stands_in_the_way_is_said_in_one_sentence(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    with pytest.raises(KeyFileError, match="cannot be written"):
+        create_key(blocked / "keys.json", "one", "read")
+    (tmp_path / "keys.json").mkdir()
+    with pytest.raises(KeyFileError, match="cannot be read"):
+        read_keys(tmp_path / "keys.json")
+
+
+def test_a_failing_disk_leaves_the_old_file(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    create_key(file, "one", "read")
+    before = file.read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(keys.os, "fsync", full)
+    with pytest.raises(KeyFileError, match="No space left"):
+        create_key(file, "two", "read")
+    assert file.read_bytes() == before
+    assert [path.name for path in file.parent.iterdir()] == ["keys.json"]
+
+
+def test_writers_do_not_lose_each_others_keys(file: Path) -> None:
+    threads = [threading.Thread(target=create_key, args=(file, f"key-{number}", "read")) for number in range(16)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(key.name for key in read_keys(file)) == sorted(f"key-{number}" for number in range(16))
+
+
+def test_root_gives_the_file_to_the_owner_of_the_folder(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, int]] = []
+    monkeypatch.setattr(keys.os, "geteuid", lambda: 0)
+    monkeypatch.setattr(keys.os, "fchown", lambda _, user, group: given.append((user, group)))
+    create_key(file, "one", "read")
+    owner = file.parent.stat()
+    assert given == [(owner.st_uid, owner.st_gid)]
+
+
+def test_the_digest_is_not_shown(file: Path) -> None:
+    create_key(file, "one", "read")
+    (key,) = read_keys(file)
+    assert key.digest not in repr(key)

@@ -1,0 +1,117 @@
+"""From a recorded file through source, router and alignment to samples."""
+
+import asyncio
+import csv
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adapters.csv.source import CsvChannel, CsvSource
+from adapters.edge import Edge
+from adapters.units import conversion, default_valid_range
+from estimator.network.presets import SOLAR_APERTURE, network
+from service.sources.routing import Router
+from service.zone.alignment import Alignment
+
+FLEXHOUSE = Path(__file__).parents[4] / "shared" / "data" / "flexhouse_prbs1" / "inputPRBS1.csv"
+
+
+def samples(recording, channels, alignment, start=None):
+    async def run():
+        router = Router(recording.name, [channel.id for channel in channels])
+        closed = []
+        async for batch in recording.batches(start):
+            for delivery in router.split(batch):
+                closed += alignment.add(delivery.source, delivery.readings, delivery.now)
+        return closed + alignment.end(recording.name)
+
+    return asyncio.run(run())
+
+
+@pytest.mark.skipif(not FLEXHOUSE.exists(), reason="the FlexHouse recording is not at hand")
+def test_flexhouse_gives_one_sample_per_row():
+    zone = network("titethria").with_solar("T_i", SOLAR_APERTURE)
+    bindings = {"T_i": ("yTi", "degC"), "T_out": ("Ta", "degC"), "u_heat": ("Ph", "kW"), "I_sol": ("Ps", "kW/m2")}
+    channels = [
+        CsvChannel(
+            f"flexhouse/{channel}",
+            (column,),
+            Edge(
+                conversion=conversion(unit, zone.channel_unit(channel)),
+                valid=default_valid_range(zone.channel_unit(channel)),
+            ),
+        )
+        for channel, (column, unit) in bindings.items()
+    ]
+    recording = CsvSource("recording", [FLEXHOUSE], channels, timestamp_column="TimeDate", zone="UTC")
+    assert recording.check() == []
+    alignment = Alignment(zone, 300, {}, sources=["recording"], zone="flexhouse")
+    got = samples(recording, channels, alignment)
+    with FLEXHOUSE.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(got) == len(rows) == 1691
+    assert not alignment.faults
+    assert got[0].time == datetime(2009, 2, 5, 14, 25, tzinfo=UTC).timestamp()
+    assert set(np.diff([sample.time for sample in got])) == {300}
+    assert [sample.outputs[0] for sample in got] == [float(row["yTi"]) for row in rows]
+    expected = [[float(row["Ta"]), 1000 * float(row["Ph"]), 1000 * float(row["Ps"])] for row in rows]
+    assert np.array_equal([sample.inputs for sample in got], expected)
+
+
+ECOLAR_COLUMNS = {
+    "T_air": ("Temp2",),
+    "T_out": ("Sensor_outside",),
+    "T_adj": ("Other_room_temp",),
+    "u_heat": ("my-pv1", "my-pv2", "my-pv3", "Relay 4", "Relay 5"),
+}
+
+
+@pytest.fixture
+def ecolar_day(tmp_path):
+    """The day of the autumn clock change in the raw Ecolar layout, a row every 10 s; values tell the UTC time."""
+    begin = int(datetime(2025, 10, 25, 22, tzinfo=UTC).timestamp())
+    path = tmp_path / "ecolar.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["Timestamp", *(column for columns in ECOLAR_COLUMNS.values() for column in columns)])
+        for elapsed in range(0, 25 * 3600, 10):
+            # Konstanz leaves summer time at 01:00 UTC, three hours after this local midnight.
+            local = datetime.fromtimestamp(begin + elapsed + (7200 if elapsed < 3 * 3600 else 3600), UTC)
+            row = [20 + elapsed / 1e5, 5, 18, elapsed % 600 / 1000, 0.25, 0, 0, 0]
+            writer.writerow([f"{local:%Y-%m-%d %H:%M:%S}", *row])
+    return path, begin
+
+
+def ecolar(path, **settings):
+    zone = network("ecolar-6r4c")
+    channels = [
+        CsvChannel(f"living/{channel}", columns, Edge(conversion=conversion(given, unit)))
+        for channel, columns in ECOLAR_COLUMNS.items()
+        for unit, given in [(zone.channel_unit(channel), "kW" if channel == "u_heat" else "degC")]
+    ]
+    recording = CsvSource("raw", [path], channels, timestamp_column="Timestamp", zone="Europe/Berlin")
+    return recording, channels, Alignment(zone, 300, {}, sources=["raw"], zone="living", **settings)
+
+
+def test_the_raw_ecolar_layout_over_the_clock_change(ecolar_day):
+    path, begin = ecolar_day
+    recording, channels, alignment = ecolar(path)
+    got = samples(recording, channels, alignment)
+    assert not alignment.faults
+    assert [sample.time for sample in got] == [begin + 300 * k for k in range(25 * 12)]
+    for k, sample in enumerate(got):
+        assert sample.outputs[0] == pytest.approx(20 + (300 * k + 145) / 1e5, abs=1e-9)
+        assert sample.inputs[2] == pytest.approx(250 + 300 * k % 600)
+
+
+def test_a_run_resumed_in_the_middle_ends_with_the_same_samples(ecolar_day):
+    path, _ = ecolar_day
+    whole = samples(*ecolar(path))
+    done = whole[170].time
+    recording, channels, alignment = ecolar(path, resume_after=done)
+    resumed = samples(recording, channels, alignment, start=done + 300)
+    assert [(s.time, s.outputs.tobytes(), s.inputs.tobytes()) for s in resumed] == [
+        (s.time, s.outputs.tobytes(), s.inputs.tobytes()) for s in whole[171:]
+    ]

@@ -1,0 +1,221 @@
+"""Live zones go by the wall clock: intervals close without readings, clocks that are set, and what is said of it."""
+
+import asyncio
+import logging
+from math import isnan
+
+import pytest
+from support.zone_samples import PERIOD, worker
+
+import service.daemon.feeding
+from adapters.reading import Quality, Reading
+from estimator.network.presets import network
+from service.daemon.feeding import keep_time, watch_clock
+from service.zone.alignment import Alignment
+from service.zone.clock import Clock
+from service.zone.health import state_and_reason
+from service.zone.worker import Progress, WorkerSettings, ZoneWorker
+
+TITE = network("tite")
+HOUR = 3600.0
+
+
+def alignment(**settings):
+    return Alignment(TITE, PERIOD, {}, sources=["bms", "weather"], **settings)
+
+
+def readings(time, value=20.0, channels=TITE.channels):
+    return [Reading(channel, time, value) for channel in channels]
+
+
+def times(samples):
+    return [sample.time for sample in samples]
+
+
+def test_the_clock_closes_an_interval_that_a_silent_source_would_keep_open():
+    align = alignment()
+    assert align.add("bms", readings(10.0, channels=["T_i"]), 310.0) == [], "the weather has not said anything yet"
+    assert align.elapse(299.0) == []
+    (sample,) = align.elapse(300.0)
+    assert sample.time == 0
+    assert sample.outputs[0] == 20.0
+    assert all(isnan(value) for value in sample.inputs)
+
+
+def test_an_interval_stays_open_for_its_lateness():
+    align = alignment(lateness=60.0)
+    align.add("bms", readings(10.0), 20.0)
+    assert align.elapse(359.0) == []
+    assert align.add("weather", readings(299.0), 359.5) == [], "late, but in time"
+    (sample,) = align.elapse(360.0)
+    assert align.faults.total() == 0
+    assert sample.output_quality == (Quality.GOOD,)
+
+
+def test_silence_becomes_empty_samples_up_to_the_limit_and_readings_end_it():
+    align = alignment(idle_limit=3)
+    align.add("bms", readings(10.0), 20.0)
+    assert times(align.elapse(20 * PERIOD)) == [0, 300, 600, 900]
+    assert align.elapse(30 * PERIOD) == []
+    align.add("bms", readings(31 * PERIOD), 31 * PERIOD)
+    assert times(align.elapse(32 * PERIOD)) == [31 * PERIOD]
+
+
+def test_a_clock_set_forward_leaves_a_gap_and_goes_on():
+    align = alignment(idle_limit=2)
+    align.add("bms", readings(10.0), 10.0)
+    assert times(align.elapse(10.0 + HOUR)) == [0, 300, 600]
+    align.add("bms", readings(20.0 + HOUR), 20.0 + HOUR)
+    assert times(align.elapse(PERIOD + HOUR)) == [HOUR]
+
+
+def test_after_a_clock_set_back_readings_are_refused_until_it_has_caught_up():
+    align = alignment()
+    align.add("bms", readings(10 * PERIOD + 5.0), 10 * PERIOD + 5.0)
+    assert times(align.elapse(11 * PERIOD)) == [10 * PERIOD]
+    back = 9 * PERIOD
+    assert align.add("bms", readings(back), back) == []
+    assert align.elapse(back) == []
+    assert align.faults["out_of_order"] == len(TITE.channels)
+    align.add("bms", readings(11 * PERIOD + 1.0), 11 * PERIOD + 1.0)
+    assert times(align.elapse(12 * PERIOD)) == [11 * PERIOD], "no sample twice, none before another"
+
+
+def test_a_duplicate_is_counted_and_the_first_is_kept():
+    align = alignment()
+    align.add("bms", readings(10.0, 20.0), 10.0)
+    align.add("bms", readings(10.0, 25.0), 11.0)
+    (sample,) = align.elapse(300.0)
+    assert sample.outputs[0] == 20.0
+    assert align.faults["duplicated"] == len(TITE.channels)
+
+
+def test_an_input_is_held_for_its_own_age():
+    estimator = worker(preset="tite").estimator
+    settings = WorkerSettings(5, (0.95,), 12, 300.0, {"T_out": 900.0})
+    zone = ZoneWorker(estimator, settings)
+    align = alignment()
+    align.add("bms", readings(10.0), 10.0)
+    (first,) = align.elapse(300.0)
+    zone.step(first)
+
+    def next_step(k):
+        align.add("bms", readings(k * PERIOD + 10.0, channels=["T_i", "u_heat"]), k * PERIOD + 10.0)
+        (sample,) = align.elapse((k + 1) * PERIOD)
+        return zone.step(sample)
+
+    held = [next_step(k) for k in (1, 2, 3)]
+    assert [update.forecast.inputs[0].held for update in held] == [True] * 3
+    assert [update.forecast.inputs[0].age for update in held] == [300.0, 600.0, 900.0]
+    assert [update.forecast.inputs[1].held for update in held] == [False] * 3
+    assert next_step(4) is None
+    assert zone.progress.stalled == "T_out is 1200 s old, older than its max_age = 900 s"
+
+
+def test_after_a_restart_with_a_clock_set_back_readings_are_counted_as_refused():
+    align = alignment(resume_after=10 * PERIOD, live=True)
+    align.add("bms", readings(9 * PERIOD + 5.0), 9 * PERIOD + 5.0)
+    assert align.faults["out_of_order"] == len(TITE.channels)
+    recorded = alignment(resume_after=10 * PERIOD)
+    recorded.add("bms", readings(9 * PERIOD + 5.0), 9 * PERIOD + 5.0)
+    assert not recorded.faults, "a recording is read again from the start, which is no fault"
+
+
+ENDED = "its recording has come to an end; the last forecast stands"
+TROUBLE = ("sources.bms: no connection to 10.0.0.5:502; check the cable",)
+
+
+@pytest.mark.parametrize(
+    ("progress", "known", "state", "reason"),
+    [
+        (Progress(last_time=0), {}, "running", ""),
+        (Progress(last_time=0), {"live": True, "trouble": TROUBLE}, "running", TROUBLE[0]),
+        (Progress(last_time=0), {"trouble": TROUBLE}, "stalled", TROUBLE[0]),
+        (
+            Progress(stalled="T_out is old"),
+            {"live": True, "trouble": TROUBLE},
+            "stalled",
+            f"T_out is old; {TROUBLE[0]}",
+        ),
+        (
+            Progress(),
+            {"live": True, "trouble": TROUBLE, "has_forecast": False},
+            "waiting",
+            f"no complete sample yet; {TROUBLE[0]}",
+        ),
+        (Progress(stalled="no reading of T_out yet"), {"has_forecast": False}, "waiting", "no reading of T_out yet"),
+        (Progress(), {"failure": "it broke", "trouble": TROUBLE, "live": True}, "failed", "it broke"),
+        (
+            Progress(last_time=0),
+            {"ended": True},
+            "stalled",
+            "its recording has come to an end; the last forecast stands",
+        ),
+    ],
+)
+def test_the_state_of_a_zone_says_what_is_known(progress, known, state, reason):
+    facts = {"has_forecast": True, "failure": None, "trouble": (), "live": False, "ended": False, "now": 2e9} | known
+    assert state_and_reason(progress, **facts) == (state, reason)
+
+
+def test_a_live_zone_whose_newest_sample_lies_in_the_future_is_stalled_and_says_why():
+    facts = {"has_forecast": True, "failure": None, "trouble": (), "ended": False, "now": 1.9e9}
+    tomorrow = Progress(last_time=int(1.9e9) + 86400)
+    state, reason = state_and_reason(tomorrow, live=True, **facts)
+    assert state == "stalled"
+    assert "set the clock, or give the zone's state up with --reset" in reason
+    assert state_and_reason(tomorrow, live=False, **facts) == ("running", "")
+
+
+class SetClock:
+    """A wall clock and a steady one that tests set; sleeping moves both."""
+
+    def __init__(self, monkeypatch, *, steps):
+        self.now, self.beside, self.steps, self.jumps = 1000.0, 50.0, steps, {}
+        self.clock = Clock(lambda: self.now, lambda: self.beside)
+        monkeypatch.setattr(service.daemon.feeding.asyncio, "sleep", self.sleep)
+
+    async def sleep(self, seconds):
+        if self.steps == 0:
+            raise asyncio.CancelledError
+        self.steps -= 1
+        self.now += seconds + self.jumps.pop(self.steps, 0.0)
+        self.beside += seconds
+
+
+class Noting:
+    def __init__(self, id, due=True):
+        self.id, self.due, self.asked = id, due, 0
+
+    def is_due(self):
+        return self.due
+
+    async def keep_time(self):
+        self.asked += 1
+        if self.asked == 2:
+            raise OSError("disk full")
+
+
+def run(coroutine):
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(coroutine)
+
+
+def test_every_live_zone_is_told_the_time_and_a_failure_does_not_stop_it(monkeypatch, caplog):
+    SetClock(monkeypatch, steps=4)
+    names = [f"z{k}" for k in range(2 * service.daemon.feeding.TOGETHER + 1)]
+    zones = {name: Noting(name) for name in names} | {"r": Noting("r", due=False)}
+    run(keep_time(zones))
+    assert {zone.asked for name, zone in zones.items() if name != "r"} == {4}
+    assert zones["r"].asked == 0
+    assert "zone 'z0' cannot close its interval: OSError('disk full')" in caplog.text
+
+
+@pytest.mark.parametrize(("jump", "said"), [(3600.0, "+3600.0 s"), (-90.0, "-90.0 s"), (1.0, None)])
+def test_a_wall_clock_that_is_set_is_said_once(monkeypatch, caplog, jump, said):
+    clock = SetClock(monkeypatch, steps=10)
+    clock.jumps = {5: jump}
+    with caplog.at_level(logging.WARNING):
+        run(watch_clock(clock.clock))
+    assert [record.args[0] for record in caplog.records] == ([] if said is None else [pytest.approx(jump)])
+    assert said is None or said in caplog.text

@@ -1,0 +1,236 @@
+"""What happens when samples or readings come faster than a zone can take them: bounded, in order, nothing lost."""
+
+import asyncio
+import logging
+import threading
+from math import inf
+
+import pytest
+from support.running_zone import Announced, caught_up, finished, make, plumbing, straight
+from support.zone_samples import PERIOD, comparable, sample, worker
+
+import service.zone.alignment
+import service.zone.timeliness
+from adapters.reading import Fault, Reading
+from estimator.network.presets import network
+from service.publish.metrics import Metrics
+from service.zone import mailbox
+from service.zone.alignment import Alignment
+from service.zone.mailbox import Accepted, Left, Mailbox, Mark
+from service.zone.recovery import next_moment
+from service.zone.timeliness import Timeliness
+from service.zone.zone import Zone
+
+
+class Held:
+    """A worker whose steps wait until they are allowed."""
+
+    def __init__(self, inner, allowed):
+        object.__setattr__(self, "_inner", inner)
+        object.__setattr__(self, "_allowed", allowed)
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def anew(self):
+        return Held(self._inner.anew(), self._allowed)
+
+    def step(self, item):
+        self._allowed.wait(60)
+        return self._inner.step(item)
+
+
+def held_zone(shared, allowed, name="z"):
+    return Zone(name, "rbpf", "mark", Held(worker(), allowed), shared)
+
+
+async def started(zone, *, live, pace=inf):
+    await zone.prepare()
+    zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z", live=live), live, pace)
+    return asyncio.create_task(zone.run())
+
+
+def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
+    async def scenario():
+        allowed, announcer = threading.Event(), Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = held_zone(shared, allowed)
+            running = await started(zone, live=True)
+            items = [sample(k) for k in range(120)]
+            async with asyncio.timeout(60):
+                await zone.accept(items)
+            assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
+            assert await shared.store.last_sample_time("z") == items[-1].time, "each was journaled"
+            assert zone.status().samples == 0
+            allowed.set()
+            await caught_up(zone, items)
+            more = [sample(k) for k in range(120, 125)]
+            await zone.accept(more)
+            await caught_up(zone, more)
+            await finished(zone, running)
+            assert [comparable(update) for _, update in announcer.updates] == straight(items + more)
+
+    asyncio.run(scenario())
+
+
+def test_live_samples_that_come_while_the_journal_is_read_are_not_lost(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            running = await started(zone, live=True)
+            items = [sample(k) for k in range(300)]
+            # In portions, so that the mailbox overflows and empties over and over.
+            for first in range(0, len(items), 30):
+                await zone.accept(items[first : first + 30])
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert [row.time for row in await zone.history(None, None, 1000)] == [item.time for item in items]
+            assert comparable(zone.latest()) == straight(items)[-1]
+
+    asyncio.run(scenario())
+
+
+def test_a_recording_waits_for_the_estimator(tmp_path):
+    async def scenario():
+        allowed = threading.Event()
+        async with plumbing(tmp_path) as shared:
+            zone = held_zone(shared, allowed)
+            running = await started(zone, live=False)
+            items = [sample(k) for k in range(60)]
+            accepting = asyncio.create_task(zone.accept(items))
+            # One is in the estimator's hands and one waits at the door.
+            async with asyncio.timeout(60):
+                while await shared.store.last_sample_time("z") != items[mailbox.ROOM + 1].time:
+                    await asyncio.sleep(0.01)
+            await asyncio.sleep(0.3)
+            assert not accepting.done()
+            assert zone.busy.waiting == mailbox.ROOM + 1, "with the one under way"
+            assert await shared.store.last_sample_time("z") == items[mailbox.ROOM + 1].time
+            allowed.set()
+            await accepting
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert comparable(zone.latest()) == straight(items)[-1]
+
+    asyncio.run(scenario())
+
+
+def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_caught_up(tmp_path, caplog):
+    async def scenario():
+        allowed, announcer = threading.Event(), Announced()
+        async with plumbing(tmp_path, announcer) as shared:
+            zone = held_zone(shared, allowed)
+            allowed.set()
+            running = await started(zone, live=False, pace=PERIOD / 0.05)
+            items = [sample(k) for k in range(8)]
+            await zone.accept(items[:1])
+            await caught_up(zone, items[:1])
+            allowed.clear()
+            await zone.accept(items[1:])
+            await asyncio.sleep(0.2)
+            assert zone.status().state == "stalled"
+            assert "behind its telemetry, of which a sample comes every 0.05 s" in zone.status().reason
+            allowed.set()
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert zone.status().overruns >= 7
+            assert zone.status().delay > 0.05
+            # A late forecast is announced as one that the zone cannot vouch for.
+            assert announcer.states[-2] == "stalled"
+            exposed = Metrics({"z": zone}).registry
+            assert exposed.get_sample_value("thermogate_overruns_total", {"zone": "z"}) == zone.status().overruns
+            assert exposed.get_sample_value("thermogate_forecast_delay_seconds", {"zone": "z"}) > 0.05
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(scenario())
+    assert caplog.text.count("a forecast came") == 1
+
+
+def test_overruns_are_logged_now_and_then(monkeypatch, caplog):
+    now = [100.0]
+    monkeypatch.setattr(service.zone.timeliness.time, "monotonic", lambda: now[0])
+    watched = Timeliness("z")
+    watched.patience = 10.0
+
+    def step(took):
+        watched.begin(now[0])
+        now[0] += took
+        watched.published()
+        watched.rest()
+
+    step(9.0)
+    assert (watched.overruns, watched.delay, watched.lag(None)) == (0, 9.0, None)
+    for _ in range(100):
+        step(11.0)
+    assert watched.overruns == 100
+    assert [record.args[-2:] for record in caplog.records] == [(1, 1), (55, 56)]
+    assert watched.lag(now[0] - 10.0) is None
+    assert watched.lag(now[0] - 12.0).startswith("its estimator is 12.0 s behind")
+
+
+def test_a_recording_without_a_pace_has_no_overruns(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            running = await started(zone, live=False)
+            items = [sample(k) for k in range(20)]
+            await zone.accept(items)
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert zone.status().overruns == 0
+
+    asyncio.run(scenario())
+
+
+def test_a_mailbox_tells_what_comes_in_its_order():
+    async def scenario():
+        box = Mailbox()
+        for k in range(mailbox.ROOM + 3):
+            await box.put(Accepted(sample(k), float(k)), patient=False)
+        box.end()
+        box.close()
+        assert box.waiting_since == 0.0
+        first = [(await box.get()).at for _ in range(mailbox.ROOM)]
+        assert first == [float(k) for k in range(mailbox.ROOM)]
+        assert await box.get() == Left(mailbox.ROOM * PERIOD, float(mailbox.ROOM))
+        assert [await box.get(), await box.get(), await box.get()] == [Mark.ENDED, Mark.CLOSED, Mark.CLOSED]
+        assert box.waiting_since is None
+        assert await box.closed_within(0.0)
+
+    asyncio.run(scenario())
+
+
+def test_a_failed_zone_lets_go_of_who_waits_for_room():
+    async def scenario():
+        box = Mailbox()
+        for k in range(mailbox.ROOM):
+            await box.put(Accepted(sample(k), float(k)), patient=True)
+        waiting = asyncio.create_task(box.put(Accepted(sample(99), 99.0), patient=True))
+        await asyncio.sleep(0)
+        box.discard()
+        await asyncio.wait_for(waiting, 60)
+        assert len(box) == 0
+        assert await box.get() == Left(None, 0.0)
+
+    asyncio.run(scenario())
+
+
+def test_checkpoints_of_many_zones_have_moments_of_their_own():
+    moments = sorted(next_moment(f"z{k}", 300.0, now=12_345.0) % 300.0 for k in range(200))
+    counts = [sum(first <= moment < first + 30.0 for moment in moments) for first in range(0, 300, 30)]
+    assert min(counts) >= 5, "spread over the whole time between two checkpoints"
+    assert 12_345.0 < next_moment("z7", 300.0, now=12_345.0) <= 12_645.0
+    assert next_moment("z7", 300.0, now=12_345.0) % 300.0 == pytest.approx(
+        next_moment("z7", 300.0, now=99_999.0) % 300.0
+    )
+
+
+def test_a_flood_of_readings_is_bounded_per_channel_and_interval(monkeypatch):
+    monkeypatch.setattr(service.zone.alignment, "MOST_READINGS", 50)
+    align = Alignment(network("tite"), PERIOD, {}, sources=["bms"], live=True)
+    flood = [Reading("T_i", 0.1 * k, 20.0) for k in range(400)]
+    align.add("bms", [*flood, Reading("T_out", 1.0, 5.0), Reading("u_heat", 1.0, 0.0)], 40.0)
+    assert align.faults == {Fault.OVERRUN: 350}
+    (closed,) = align.elapse(float(PERIOD))
+    assert closed.outputs[0] == 20.0
+    assert closed.inputs[0] == 5.0

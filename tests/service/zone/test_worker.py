@@ -1,0 +1,206 @@
+"""The worker: what is published is what is scored, and every kind of gap has its defined outcome."""
+
+import math
+import threading
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.zone_samples import NAN, PERIOD, comparable, sample, worker
+
+from adapters.reading import Quality
+from service.zone.worker import VANISHED_LIMIT
+
+
+def run(zone, count, first=0):
+    return [zone.step(sample(k)) for k in range(first, first + count)]
+
+
+def test_the_first_sample_starts_a_segment_and_is_not_scored():
+    (update,) = run(worker(), 1)
+    assert (update.outcome, update.segment, update.score) == ("started", 1, None)
+    assert update.gate.value == 0.0
+    assert update.forecast.sample_time == 0
+    assert update.forecast.issue_time == update.forecast.valid_time == PERIOD
+
+
+def test_the_forecast_that_was_published_is_the_one_that_is_scored():
+    updates = run(worker(), 20)
+    for before, after in pairwise(updates):
+        (published,) = before.forecast.outputs
+        score = after.score
+        assert before.forecast.valid_time == after.time
+        assert (score.mean[0], score.sd[0]) == (published.mean, published.sd)
+        assert (score.lower[0], score.upper[0]) == published.intervals[0][1:]
+        assert score.level == 0.95
+        assert score.residual[0] == after.y[0] - published.mean
+        assert published.intervals[0].lower < published.intervals[1].lower < published.median
+
+
+def test_the_same_samples_give_the_same_bits():
+    left, right = run(worker(), 30), run(worker(), 30)
+    assert [comparable(update) for update in left] == [comparable(update) for update in right]
+
+
+def test_the_inputs_of_a_forecast_are_told_with_age_and_quality():
+    zone = worker()
+    zone.step(sample(0, quality=Quality.UNCERTAIN))
+    update = zone.step(sample(1, inputs=[NAN, 18.0, 0.0]))
+    outdoor, adjacent, heat = update.forecast.inputs
+    assert (outdoor.channel, outdoor.value, outdoor.unit, outdoor.age) == ("T_out", 5.0, "degC", 300.0)
+    assert outdoor.held is True
+    assert outdoor.quality is Quality.UNCERTAIN
+    assert (adjacent.held, adjacent.age, adjacent.quality) == (False, 0.0, Quality.GOOD)
+    assert (heat.value, heat.unit) == (0.0, "W")
+
+
+def test_a_missing_output_is_bridged_by_prediction():
+    zone = worker()
+    run(zone, 10)
+    updates = [zone.step(sample(k, y=NAN)) for k in (10, 11, 12)]
+    assert [update.outcome for update in updates] == ["missing"] * 3
+    assert math.isnan(updates[0].score.residual[0])
+    assert updates[2].forecast.outputs[0].sd > updates[0].forecast.outputs[0].sd
+    back = zone.step(sample(13))
+    assert (back.outcome, back.segment) == ("assimilated", 1)
+
+
+def test_a_longer_gap_stalls_and_starts_a_new_segment():
+    zone = worker()
+    run(zone, 10)
+    for k in range(10, 14):
+        last = zone.step(sample(k, y=NAN))
+    assert last is None
+    assert "no measurement of T_air for 4 steps" in zone.progress.stalled
+    assert zone.fan((0.9,), []) is None
+    back = zone.step(sample(14))
+    assert (back.outcome, back.segment, back.score) == ("started", 2, None)
+    assert zone.progress.stalled is None
+
+
+def test_parameters_and_volatility_outlive_a_gap():
+    zone = worker()
+    run(zone, 30)
+    learned = zone.latest.parameters
+    zone.step(sample(500))
+    assert zone.latest.segment == 2
+    np.testing.assert_allclose(zone.latest.parameters, learned, rtol=0.2)
+
+
+def test_a_missing_input_is_held_up_to_its_age():
+    zone = worker(hold_inputs=600.0)
+    run(zone, 10)
+    assert zone.step(sample(10, inputs=[NAN, 18.0, 0.0])) is not None
+    assert zone.step(sample(11, inputs=[NAN, 18.0, 0.0])) is not None
+    assert zone.step(sample(12, inputs=[NAN, 18.0, 0.0])) is None
+    assert zone.progress.stalled == "T_out is 900 s old, older than hold_inputs = 600 s"
+    assert zone.step(sample(13)).outcome == "started"
+
+
+def test_before_an_input_ever_came_the_zone_waits():
+    zone = worker()
+    assert zone.step(sample(0, inputs=[5.0, NAN, 0.0])) is None
+    assert zone.progress.stalled == "no reading of T_adj yet"
+    assert zone.step(sample(1, y=NAN)) is None
+    assert zone.step(sample(2)).outcome == "started"
+
+
+def test_paper_preprocessing_discards_incomplete_intervals_and_breaks_at_every_gap():
+    zone = worker(max_gap=0, hold_inputs=0.0)
+    run(zone, 5)
+    assert zone.step(sample(5, y=NAN)) is None
+    assert zone.step(sample(6)).segment == 2
+    assert zone.step(sample(7, inputs=[NAN, 18.0, 0.0])) is None
+    assert zone.step(sample(8)).segment == 3
+    assert zone.step(sample(9)).outcome == "assimilated"
+    assert zone.step(sample(11)).segment == 4
+
+
+def test_intervals_that_never_came_count_as_missing():
+    """A daemon that was down for two intervals goes on as if they had come empty."""
+    absent, empty = worker(), worker()
+    run(absent, 10)
+    run(empty, 10)
+    for k in (10, 11):
+        empty.step(sample(k, y=NAN, inputs=[NAN, NAN, NAN]))
+    assert comparable(absent.step(sample(12))) == comparable(empty.step(sample(12)))
+
+
+def test_time_must_go_on():
+    zone = worker()
+    run(zone, 3)
+    with pytest.raises(ValueError, match="does not follow"):
+        zone.step(sample(2))
+
+
+def test_a_sensor_that_jumps_for_good_starts_a_new_segment():
+    zone = worker()
+    run(zone, 20)
+    outcomes = [zone.step(sample(20 + k, y=60.0)) for k in range(VANISHED_LIMIT + 2)]
+    assert [update.outcome for update in outcomes[: VANISHED_LIMIT - 1]] == ["vanished"] * (VANISHED_LIMIT - 1)
+    assert all(update.segment == 1 for update in outcomes[: VANISHED_LIMIT - 1])
+    assert (outcomes[VANISHED_LIMIT - 1].outcome, outcomes[VANISHED_LIMIT - 1].segment) == ("started", 2)
+    # A forecast stood for the sample that starts the segment, so it is scored like every other.
+    assert outcomes[VANISHED_LIMIT - 1].score.residual[0] > 30
+    assert outcomes[-1].outcome == "assimilated"
+    assert outcomes[-1].forecast.outputs[0].mean == pytest.approx(60.0, abs=1.0)
+
+
+def test_a_single_outlier_is_passed_over():
+    zone = worker()
+    run(zone, 20)
+    assert zone.step(sample(20, y=60.0)).outcome == "vanished"
+    back = zone.step(sample(21))
+    assert (back.outcome, back.segment) == ("assimilated", 1)
+    assert zone.progress.vanished == 0
+
+
+def test_the_fan_begins_with_the_standing_forecast_and_follows_its_plan():
+    zone = worker()
+    run(zone, 30)
+    held = zone.fan((0.9,), [{}] * 12)
+    warm = zone.fan((0.9,), [{"u_heat": 9000.0}] * 12)
+    assert [step.valid_time for step in held.steps] == [zone.latest.forecast.valid_time + k * PERIOD for k in range(13)]
+    standing = zone.latest.forecast.outputs[0]
+    for fan in (held, warm):
+        assert (fan.steps[0].outputs[0].mean, fan.steps[0].outputs[0].sd) == (standing.mean, standing.sd)
+    assert warm.steps[-1].outputs[0].mean > held.steps[-1].outputs[0].mean
+    before = comparable(zone.latest)
+    zone.fan((0.9,), [{}] * 3)
+    assert comparable(zone.latest) == before
+    assert zone.step(sample(30)).score.mean[0] == standing.mean
+
+
+def test_before_the_first_sample_there_is_nothing_to_ask():
+    zone = worker()
+    assert zone.fan((0.9,), []) is None
+    assert zone.parameters((0.5,)) is None
+    assert zone.latest is None
+
+
+def test_parameters_after_a_sample():
+    zone = worker()
+    run(zone, 3)
+    summary = zone.parameters((0.1, 0.9))
+    assert summary.parameters.shape == (10, 2)
+    assert (summary.parameters[:, 0] <= summary.parameters[:, 1]).all()
+
+
+def test_a_question_from_another_thread_never_mixes_two_samples():
+    zone = worker(particles=2000)
+    run(zone, 3)
+    done = threading.Event()
+    mixed = []
+
+    def ask():
+        while not done.is_set():
+            fan = zone.fan((0.95,), [])
+            if fan.steps[0].outputs[0].mean != fan.update.forecast.outputs[0].mean:
+                mixed.append(fan)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    run(zone, 100, first=3)
+    done.set()
+    asking.join()
+    assert not mixed

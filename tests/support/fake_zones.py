@@ -1,0 +1,172 @@
+"""Zones for the tests of REST, metrics and publisher: real networks, invented but plausible numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import NormalDist
+
+import numpy as np
+
+from adapters.reading import Quality
+from estimator.network import presets
+from estimator.network.network import Network
+from estimator.types import ParameterSummary
+from service.errors import ServiceError
+from service.publish.sinks import Announcement, Occasion
+from service.records.fan import Fan, FanStep
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.records.skill import HorizonSkill, Skill
+from service.records.status import ZoneStatus
+from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
+
+START = 1_746_230_400  # 2025-05-03T00:00:00Z
+PERIOD = 300
+
+
+def output(name: str, mean: float, sd: float, levels: Sequence[float]) -> OutputForecast:
+    spread = NormalDist(mean, sd)
+    intervals = tuple(Interval(p, spread.inv_cdf(0.5 - p / 2), spread.inv_cdf(0.5 + p / 2)) for p in levels)
+    return OutputForecast(name, mean, mean, sd, intervals)
+
+
+def make_update(step: int, network: Network | None = None, levels: Sequence[float] = (0.95,)) -> Update:
+    """Update number `step`: a daily cycle with one disturbed stretch in the evening."""
+    network = network or presets.network("ecolar-6r4c")
+    time = START + step * PERIOD
+    phase = 2 * math.pi * step * PERIOD / 86400
+    disturbed = step % 288 in range(200, 225)
+    mean = 21.0 - 1.5 * math.cos(phase) + 0.1 / 3
+    alpha = 6.0 if disturbed else 1.1 + 0.1 * math.sin(7 * phase)
+    sd = 0.05 * math.sqrt(alpha)
+    y = mean + 0.04 * math.sin(37.0 * step) + (0.15 if disturbed else 0.0)
+    predicted = output(network.measured[0], mean, sd, levels)
+    interval = predicted.intervals[0]
+    return Update(
+        time=time,
+        segment=0,
+        outcome="assimilated",
+        y=(y,),
+        score=Score((y,), (mean,), (sd,), (interval.lower,), (interval.upper,), (y - mean,), interval.level),
+        volatility=Volatility(("process",), (alpha / 1.6,), (alpha,), (alpha * 1.6,), (0.97 if disturbed else 0.4,)),
+        gate=Gate(0.05 if disturbed else 0.92, "high" if disturbed else "low"),
+        effective_sample_size=6123.456789,
+        resampled=step % 9 == 0,
+        floored=False,
+        log_likelihood=1.25,
+        parameters=tuple(p.nominal or 1.0 for p in network.parameters),
+        forecast=Forecast(
+            sample_time=time,
+            issue_time=time + PERIOD,
+            valid_time=time + PERIOD,
+            outputs=tuple(output(name, mean + 0.02, sd, levels) for name in network.measured),
+            inputs=tuple(
+                InputUsed(channel, 5.5, network.channel_unit(channel), 0.0, Quality.GOOD, False)
+                for channel in network.inputs
+            ),
+        ),
+        step_seconds=0.004,
+    )
+
+
+@dataclass
+class FakeZone:
+    """A zone that stands still; `asked` notes what was asked of it."""
+
+    id: str
+    network: Network = field(default_factory=lambda: presets.network("ecolar-6r4c"))
+    period: float = PERIOD
+    estimator: str = "rbpf"
+    updates: list[Update] = field(default_factory=list)
+    state: str = "running"
+    reason: str = ""
+    faults: Mapping[str, int] = field(default_factory=dict)
+    failure: Exception | None = None
+    asked: list[tuple[object, ...]] = field(default_factory=list)
+
+    def status(self) -> ZoneStatus:
+        last = self.updates[-1].time if self.updates else None
+        now = None if last is None else last + PERIOD + 60.0
+        seen = dict.fromkeys(self.network.channels, last + 120.0) if last is not None else {}
+        return ZoneStatus(
+            self.state, self.reason, last, len(self.updates), 0, self.faults, seen, now, self.network.channels
+        )
+
+    def latest(self) -> Update | None:
+        return self.updates[-1] if self.updates else None
+
+    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
+        self.asked.append(("fan", steps, tuple(levels), plan))
+        update = self.latest()
+        if update is None or self.state == "stalled":
+            return None
+        standing = update.forecast
+        fan = tuple(
+            FanStep(
+                standing.valid_time + ahead * PERIOD,
+                tuple(
+                    output(o.output, o.mean + 0.01 * ahead, o.sd * (1 + ahead) ** 0.5, levels) for o in standing.outputs
+                ),
+            )
+            for ahead in range(steps + 1)
+        )
+        return Fan(update.time, standing.issue_time, fan, standing.inputs, update)
+
+    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+        if not self.updates:
+            return None
+        scale = 1.0 + 0.1 * (np.array(levels) - 0.5)
+        nominal = np.array([parameter.nominal or 1.0 for parameter in self.network.parameters])
+        constants = np.array([95.0, 864.0, 9612.0, 716400.0])
+        return ParameterSummary(np.array(levels), nominal[:, None] * scale, constants[:, None] * scale, 105.0 * scale)
+
+    async def skill(self) -> Skill | None:
+        self.asked.append(("skill",))
+        if self.failure is not None:
+            raise self.failure
+        if not self.updates:
+            return None
+        one = HorizonSkill(300, 12, 0.95, 0.03, 0.05, 0.2, 0.1, 0.06)
+        none = HorizonSkill(86400, 0, *[math.nan] * 6)
+        return Skill(self.updates[-1].time, 0.95, dict.fromkeys((1, 7, 30), (one, none)), {})
+
+    async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        self.asked.append(("history", start, end, limit))
+        if self.failure is not None:
+            raise self.failure
+        rows = [HistoryRow.of(update) for update in self.updates]
+        return [r for r in rows if (start is None or r.time >= start) and (end is None or r.time < end)][-limit:]
+
+
+def running(name: str, steps: int = 3, levels: Sequence[float] = (0.95,)) -> FakeZone:
+    """A zone with `steps` updates."""
+    network = presets.network("ecolar-6r4c")
+    return FakeZone(name, network, updates=[make_update(step, network, levels) for step in range(steps)])
+
+
+def waiting(name: str) -> FakeZone:
+    """A zone without its first sample."""
+    return FakeZone(name, state="waiting", reason="no reading of T_out yet")
+
+
+def broken(name: str) -> FakeZone:
+    """A zone whose history cannot be read."""
+    zone = running(name)
+    zone.failure = ServiceError("the journal var/journal.sqlite3 failed (disk I/O error); check the disk it is on")
+    return zone
+
+
+def make_sample(step: int, output: float = 21.3) -> Sample:
+    """A sample with every quality, a NaN and a negative zero in it."""
+    inputs = np.array([5.0 + 0.1 * step, np.nan, -0.0])
+    qualities = (Quality.GOOD, Quality.BAD, Quality.UNCERTAIN)
+    return Sample(START + step * PERIOD, np.array([output]), inputs, (Quality.GOOD,), qualities)
+
+
+def announced(
+    zone: str, update: Update | None, status: ZoneStatus, occasion: Occasion = Occasion.UPDATE, site: str = "htwg"
+) -> Announcement:
+    """What a zone tells its sinks."""
+    return Announcement(site, zone, status, update, occasion)

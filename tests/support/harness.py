@@ -1,0 +1,141 @@
+"""The daemon as a process of its own, driven from tests over its public interfaces."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "deploy" / "examples"
+SHARED = ROOT.parent / "shared" / "data"
+THERMOGATE = Path(sys.executable).with_name("thermogate")
+FLEXHOUSE = SHARED / "flexhouse_prbs1" / "inputPRBS1.csv"
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def thermogate(*arguments: object, timeout: float = 300) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end."""
+    command = [str(THERMOGATE), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+
+
+def overrides(settings: dict[str, object]) -> list[str]:
+    """`--set` options; values in TOML's notation, of which JSON's is a part for what tests use."""
+    return [word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+
+
+class Daemon:
+    """`thermogate run` on a free port; a context manager that never leaves a process behind."""
+
+    def __init__(self, config: Path, log: Path, settings: dict[str, object] | None = None, *options: str) -> None:
+        chosen = {"http.port": 0, "zenoh.enabled": False} | (settings or {})
+        self._log = log
+        command = [str(THERMOGATE), "run", str(config), *overrides(chosen), *options]
+        with log.open("w") as stream:
+            self.process = subprocess.Popen(
+                command, stdout=stream, stderr=stream, env=os.environ | {"PYTHONUNBUFFERED": "1"}
+            )
+
+    def __enter__(self) -> Daemon:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+    def log(self) -> str:
+        return self._log.read_text()
+
+    def url(self) -> str:
+        """The address it serves on, once it does."""
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            found = re.search(r"serving on (https?://\S+)", self.log())
+            if found:
+                return found.group(1)
+            assert self.process.poll() is None, self.log()
+            time.sleep(0.05)
+        raise AssertionError(f"not serving after 60 s: {self.log()}")
+
+    def get(self, path: str) -> tuple[int, dict]:
+        """Status and JSON body of a GET."""
+        try:
+            with urllib.request.urlopen(self.url() + path, timeout=60) as answer:
+                return answer.status, json.load(answer)
+        except urllib.error.HTTPError as error:
+            with error:
+                return error.code, json.load(error)
+
+    def text(self, path: str) -> str:
+        """Body of a GET that is no JSON."""
+        with urllib.request.urlopen(self.url() + path, timeout=60) as answer:
+            return answer.read().decode()
+
+    def post(self, path: str, body: dict) -> tuple[int, dict]:
+        """Status and JSON body of a POST."""
+        request = urllib.request.Request(
+            self.url() + path, json.dumps(body).encode(), {"Content-Type": "application/json"}
+        )
+        try:
+            with urllib.request.urlopen(request, timeout=60) as answer:
+                return answer.status, json.load(answer)
+        except urllib.error.HTTPError as error:
+            with error:
+                return error.code, json.load(error)
+
+    def wait(self, done, timeout: float = 120) -> dict:
+        """Poll /zones until `done(zones by id)`."""
+        deadline = time.monotonic() + timeout
+        zones: dict = {}
+        while time.monotonic() < deadline:
+            assert self.process.poll() is None, self.log()
+            zones = {zone["id"]: zone for zone in self.get("/zones")[1]["zones"]}
+            if done(zones):
+                return zones
+            time.sleep(0.1)
+        raise AssertionError(f"waited {timeout} s in vain; {zones}; {self.log()}")
+
+    def wait_until_ended(self, timeout: float = 120) -> dict:
+        """Until every zone's recording has come to its end."""
+        return self.wait(lambda zones: all("come to an end" in zone["reason"] for zone in zones.values()), timeout)
+
+    def terminate(self, signum: int = signal.SIGTERM) -> int:
+        """Exit code after an orderly stop, which may take as long as on a very busy machine."""
+        self.process.send_signal(signum)
+        return self.process.wait(timeout=60)
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+    def history(self, zone: str) -> list[dict]:
+        """Every history row of a zone."""
+        status, body = self.get(f"/zones/{zone}/history?limit=20000")
+        assert status == 200, body
+        return body["rows"]
+
+
+def reload(daemon: Daemon, expected: str, timeout: float = 60) -> None:
+    """Send SIGHUP and wait until the log says `expected` once more."""
+    before = daemon.log().count(expected)
+    daemon.process.send_signal(signal.SIGHUP)
+    deadline = time.monotonic() + timeout
+    while daemon.log().count(expected) == before:
+        assert daemon.process.poll() is None, daemon.log()
+        assert time.monotonic() < deadline, daemon.log()
+        time.sleep(0.02)

@@ -1,0 +1,128 @@
+"""A Modbus server on loopback for tests: registers per table, faults on demand, and a record of what was asked."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+from pymodbus.constants import ExcCodes
+from pymodbus.framer import FramerType
+from pymodbus.pdu import ModbusPDU
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+READS = {1, 2, 3, 4}
+"""The function codes that change nothing in a device."""
+
+_BLOCKS = {1: "coil", 2: "discrete", 3: "holding", 4: "input"}
+
+
+@dataclass
+class Plant:
+    """What the units hold and how they behave; changes take effect with the next request."""
+
+    registers: dict[tuple[int, str], list[int]]
+    """(unit, table) to its words from address 0 on; of bits, the registers that hold them, bit 0 first."""
+    refused: set[tuple[int, str, int]] = field(default_factory=set)
+    """(unit, table, address) that are answered with exception 2."""
+    silent: set[int] = field(default_factory=set)
+    exceptions: dict[int, ExcCodes] = field(default_factory=dict)
+    """Unit to the exception that it answers everything with."""
+    asked: list[tuple[int, int, int, int]] = field(default_factory=list)
+    """(unit, function code, address, count) of every request."""
+    codes: set[int] = field(default_factory=set)
+    """Function codes of every frame that came over TCP, those among them that the server does not know."""
+    connections: int = 0
+    port: int = 0
+    server: ModbusTcpServer | None = None
+
+    def requests(self, unit: int | None = None) -> list[tuple[int, int]]:
+        """(address, count) of what a unit was asked."""
+        return [(address, count) for who, _, address, count in self.asked if unit in (None, who)]
+
+    def drop(self) -> None:
+        """Close every connection that there is."""
+        assert self.server is not None
+        for connection in list(self.server.active_connections.values()):
+            connection.transport.abort()
+
+
+def plant(words: Mapping[int, list[int]] | None = None, **tables: list[int]) -> Plant:
+    """A plant of units with holding `words`, or of one unit with `tables`."""
+    if words is not None:
+        return Plant({(unit, "holding"): list(values) for unit, values in words.items()})
+    return Plant({(1, table): list(values) for table, values in tables.items()})
+
+
+@asynccontextmanager
+async def serving(plant: Plant, framer: FramerType = FramerType.SOCKET, port: int = 0) -> AsyncIterator[Plant]:
+    """Serve `plant` on a free port of 127.0.0.1, or on `port`."""
+
+    def connected(here: bool) -> None:
+        plant.connections += here
+
+    def trace(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        if not sending:
+            plant.asked.append((pdu.dev_id, pdu.function_code, pdu.address, pdu.count))
+        return pdu
+
+    def raw(sending: bool, data: bytes) -> bytes:
+        if not sending and framer is FramerType.SOCKET and len(data) > 7:
+            plant.codes.add(data[7])
+        return data
+
+    server = ModbusTcpServer(
+        [_device(plant, unit) for unit in sorted({unit for unit, _ in plant.registers})],
+        framer=framer,
+        address=("127.0.0.1", port),
+        trace_packet=raw,
+        trace_pdu=trace,
+        trace_connect=connected,
+    )
+    await server.serve_forever(background=True)
+    plant.server, plant.port = server, server.transport.sockets[0].getsockname()[1]
+    try:
+        yield plant
+    finally:
+        await server.shutdown()
+    assert {code for _, code, _, _ in plant.asked} | plant.codes <= READS, "a source of telemetry only reads, ever"
+
+
+def _device(plant: Plant, unit: int) -> SimDevice:
+    async def act(
+        code: int, start: int, address: int, count: int, current: list[int], values: list[int] | list[bool] | None
+    ) -> ExcCodes | None:
+        if unit in plant.silent:
+            await asyncio.sleep(3600)
+        if unit in plant.exceptions:
+            return plant.exceptions[unit]
+        table = _BLOCKS.get(code, "")
+        if any((unit, table, address + k) in plant.refused for k in range(count)):
+            return ExcCodes.ILLEGAL_ADDRESS
+        words = plant.registers.get((unit, table), [])
+        current[: len(words)] = words
+        return None
+
+    coils, discretes, holdings, inputs = (
+        [SimData(0, values=list(plant.registers.get((unit, table), [0])), datatype=kind)]
+        for table, kind in (
+            ("coil", DataType.BITS),
+            ("discrete", DataType.BITS),
+            ("holding", DataType.REGISTERS),
+            ("input", DataType.REGISTERS),
+        )
+    )
+    return SimDevice(unit, simdata=(coils, discretes, holdings, inputs), action=act)
+
+
+async def collect(source: object, enough: Callable[[list[object]], bool], seconds: float = 60.0) -> list[object]:
+    """Batches of `source` until there are `enough`; fails after `seconds`."""
+    batches: list[object] = []
+    async with asyncio.timeout(seconds):
+        async for batch in source.batches(None):  # type: ignore[attr-defined]
+            batches.append(batch)
+            if enough(batches):
+                break
+    return batches

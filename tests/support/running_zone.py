@@ -1,0 +1,90 @@
+"""A zone as the daemon runs it, without the daemon: its store and threads, what it announces, steps that fail."""
+
+import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+
+from support.zone_samples import comparable, worker
+
+from service.errors import ServiceError
+from service.publish.metrics import Metrics
+from service.publish.sinks import Occasion
+from service.store.store import Store
+from service.zone.plumbing import Plumbing
+from service.zone.zone import Zone
+
+
+class Announced:
+    """A sink that remembers, and can be told to fail."""
+
+    def __init__(self):
+        self.updates, self.states, self.broken = [], [], False
+
+    def publish(self, announcement):
+        if announcement.occasion is not Occasion.STATUS:
+            if self.broken:
+                raise ServiceError("[zenoh]: the session is gone")
+            self.updates.append((announcement.zone, announcement.update))
+        self.states.append(announcement.status.state)
+
+
+class Poisoned:
+    """A worker whose step fails on chosen samples, a chosen number of times each."""
+
+    def __init__(self, inner, failures):
+        object.__setattr__(self, "_inner", inner)
+        object.__setattr__(self, "_failures", failures)
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def anew(self):
+        return Poisoned(self._inner.anew(), self._failures)
+
+    def step(self, item):
+        if self._failures.get(item.time, 0) > 0:
+            self._failures[item.time] -= 1
+            raise RuntimeError(f"cannot step over {item.time}")
+        return self._inner.step(item)
+
+
+@asynccontextmanager
+async def plumbing(folder, announcer=None, checkpoint_every=1e9):
+    metrics = Metrics({})
+    sinks = [metrics] if announcer is None else [metrics, announcer]
+    store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
+    try:
+        yield Plumbing("site", store, pool, asking, threading.Event(), metrics, sinks, checkpoint_every)
+    finally:
+        asking.shutdown()
+        pool.shutdown()
+        store.close()
+
+
+def make(shared, failures=None, name="z", mark="mark"):
+    return Zone(name, "rbpf", mark, worker() if failures is None else Poisoned(worker(), failures), shared)
+
+
+async def fed(zone, items):
+    await zone.prepare()
+    running = asyncio.create_task(zone.run())
+    await zone.accept(items)
+    return running
+
+
+async def finished(zone, running):
+    await zone.close_mailbox()
+    async with asyncio.timeout(60):
+        await running
+
+
+async def caught_up(zone, items):
+    async with asyncio.timeout(60):
+        while zone.status().last_sample_time != items[-1].time or zone.status().state != "running":
+            await asyncio.sleep(0.005)
+
+
+def straight(items):
+    alone = worker()
+    return [comparable(alone.step(item)) for item in items]

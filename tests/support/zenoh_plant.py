@@ -1,0 +1,134 @@
+"""The other side of a Zenoh source: sessions that publish on loopback, certificates, and a listener to batches."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+import zenoh.ext
+from support.harness import free_port
+
+from adapters.reading import Batch, Reading
+from adapters.zenoh.source import ZenohSource
+
+TLS = "transport/link/tls/"
+USER = "transport/auth/usrpwd/"
+QUICK = {"connect/retry": {"period_init_ms": 100, "period_max_ms": 300, "period_increase_factor": 2}}
+
+
+def endpoint(protocol: str = "tcp") -> str:
+    return f"{protocol}/127.0.0.1:{free_port()}"
+
+
+@contextmanager
+def session(
+    mode: str = "peer", listen: str | None = None, connect: str | None = None, **settings: object
+) -> Iterator[zenoh.Session]:
+    """A session with the keys in `settings` ("/" written as "__")."""
+    config = zenoh.Config()
+    for key, value in {
+        "mode": mode,
+        "listen/endpoints": [listen] if listen else [],
+        "connect/endpoints": [connect] if connect else [],
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+        **{key.replace("__", "/"): value for key, value in settings.items()},
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    opened = zenoh.open(config)
+    try:
+        yield opened
+    finally:
+        with suppress(zenoh.ZError):
+            opened.close()
+
+
+def caching_publisher(session: zenoh.Session, key: str) -> Any:
+    """A publisher that keeps what it published and can be detected."""
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        cache=zenoh.ext.CacheConfig(max_samples=100),
+        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=0.2, sporadic_heartbeat=None),
+        publisher_detection=True,
+    )
+
+
+class Listener:
+    """Takes in what a source delivers, and comes back after failures as the daemon does, only sooner."""
+
+    def __init__(self, source: ZenohSource) -> None:
+        self.source = source
+        self.readings: list[Reading] = []
+        self.batches: list[Batch] = []
+        self.failures: list[str] = []
+
+    async def listen(self) -> None:
+        while True:
+            try:
+                async for batch in self.source.batches(None):
+                    self.batches.append(batch)
+                    self.readings += batch.readings
+            except Exception as error:
+                self.failures.append(str(error))
+            await asyncio.sleep(0.05)
+
+    def values(self, channel: str = "room/T") -> list[float]:
+        """The good values of a channel in the order in which they came."""
+        return [reading.value for reading in self.readings if reading.channel == channel and reading.fault is None]
+
+    def faults(self, channel: str = "room/T") -> list[str]:
+        return [str(reading.fault) for reading in self.readings if reading.channel == channel and reading.fault]
+
+    async def until(self, done: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
+        """Wait until `done`, doing `act` again and again."""
+        deadline = time.monotonic() + 60
+        while not done():
+            assert time.monotonic() < deadline, (self.readings[-5:], self.failures)
+            act()
+            await asyncio.sleep(0.05)
+
+
+@asynccontextmanager
+async def listening(source: ZenohSource) -> AsyncIterator[Listener]:
+    listener = Listener(source)
+    task = asyncio.create_task(listener.listen())
+    try:
+        yield listener
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        await source.close()
+
+
+def certificates(folder: Path, names: tuple[str, ...] = ("server", "client")) -> Path:
+    """`folder` with ca.pem, and for each of `names` and "stranger" NAME.pem and NAME.key; the stranger's is signed by
+    another authority."""
+    if shutil.which("openssl") is None:
+        pytest.skip("there is no openssl to make certificates with")
+    for authority, signed in (("ca", names), ("other", ("stranger",))):
+        _openssl(folder, f"req -x509 {_KEY} -keyout {authority}.key -out {authority}.pem -days 2 -subj /CN={authority}")
+        for name in signed:
+            _openssl(folder, f"req {_KEY} -keyout {name}.key -out {name}.csr -subj /CN={name}")
+            (folder / "extensions").write_text(
+                "subjectAltName=IP:127.0.0.1\nextendedKeyUsage=serverAuth,clientAuth\n", encoding="utf-8"
+            )
+            signing = f"-CA {authority}.pem -CAkey {authority}.key -CAcreateserial"
+            _openssl(folder, f"x509 -req -in {name}.csr {signing} -out {name}.pem -days 2 -extfile extensions")
+    return folder
+
+
+_KEY = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes"
+
+
+def _openssl(folder: Path, arguments: str) -> None:
+    subprocess.run(["openssl", *arguments.split()], cwd=folder, check=True, capture_output=True)
