@@ -82,12 +82,14 @@ def test_a_filter_on_plain_steps_publishes_the_same_forecasts():
         state = step.state
 
 
-def test_both_ways_are_timed_on_the_same_numbers():
-    """In a process of its own, for it keeps itself to one processor."""
+def test_both_versions_are_timed_on_the_same_numbers():
+    """In a process of its own, because the comparison keeps itself to one processor."""
     command = [sys.executable, "-m", "replay.measuring.bench.plain", "tiny"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["ratio"] > 0
+    assert found["processor_ratio"] > 0
+    assert found["first_updates_processor_s"].keys() == {"kernels", "plain"}
     assert found["plain"]["lower_quartile_s"] <= found["plain"]["median_s"]
     assert found["largest_difference_K"] < 1e-9

@@ -6,7 +6,9 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
+from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
@@ -14,6 +16,7 @@ import numpy as np
 
 from estimator.particle import rbpf
 from estimator.particle.rbpf import RBPF
+from replay.measuring.bench.machine import machine
 from replay.measuring.bench.plain.steps import PlainSteps
 from replay.measuring.bench.sizes import SIZES, Sizes
 from replay.measuring.bench.workload import (
@@ -38,42 +41,59 @@ def build_plain(particles: int) -> RBPF:
 
 
 def compared(sizes: Sizes) -> dict[str, Any]:
-    """Both step from the same states, in turn, on one processor."""
+    """Both step from the same states, in turn, on one processor.
+
+    Elapsed time grows with the load of the machine; the processor time of the thread hardly does. What the first
+    updates take includes compilation if Numba's cache is empty.
+    """
     pin_to_one_processor()
     given = samples()
     kernels, plain = build(sizes.particles), build_plain(sizes.particles)
-    settled(plain, given, 2)
+    first = {}
+    for name, one in {"kernels": kernels, "plain": plain}.items():
+        began = time.process_time()
+        settled(one, given, 2)
+        first[name] = time.process_time() - began
     state = settled(kernels, given, sizes.settle)
     seconds: dict[str, list[float]] = {"kernels": [], "plain": []}
+    processor: dict[str, list[float]] = {"kernels": [], "plain": []}
     apart = 0.0
     for index in range(sizes.settle, sizes.settle + sizes.repeats):
         now = given.at(index)
-        taken, step = timed(lambda: complete_update(kernels, state, *now))  # noqa: B023
-        seconds["kernels"].append(taken)
-        taken, other = timed(lambda: complete_update(plain, state, *now))  # noqa: B023
-        seconds["plain"].append(taken)
-        apart = max(apart, float(np.abs(step.quantiles - other.quantiles).max()))
-        state = step.state
-    pairs = np.array(seconds["plain"]) / np.array(seconds["kernels"])
+        steps = {}
+        for name, one in {"kernels": kernels, "plain": plain}.items():
+            began = time.thread_time()
+            taken, steps[name] = timed(lambda: complete_update(one, state, *now))  # noqa: B023
+            seconds[name].append(taken)
+            processor[name].append(time.thread_time() - began)
+        apart = max(apart, float(np.abs(steps["kernels"].quantiles - steps["plain"].quantiles).max()))
+        state = steps["kernels"].state
     return {
         "particles": sizes.particles,
         "kernels": spread(seconds["kernels"]),
         "plain": spread(seconds["plain"]),
-        "ratio": float(np.median(pairs)),
+        "ratio": _ratio(seconds),
+        "processor_ratio": _ratio(processor),
+        "first_updates_processor_s": first,
         "largest_difference_K": apart,
     }
 
 
+def _ratio(seconds: Mapping[str, list[float]]) -> float:
+    """The median over pairs of how many times as long the plain version takes."""
+    return float(np.median(np.array(seconds["plain"]) / np.array(seconds["kernels"])))
+
+
 def plain(sizes: Sizes) -> Mapping[str, Any]:
-    """The comparison on this machine as it is, and compiled for a processor without AVX-512."""
+    """The comparison for this processor and for one without AVX-512, each with an empty kernel cache."""
     size = next(name for name, known in SIZES.items() if known == sizes)
     command = [sys.executable, "-m", "replay.measuring.bench.plain", size]
-    narrow = {"NUMBA_CPU_NAME": _AVX2, "NUMBA_CPU_FEATURES": ""}
-    return {
-        name: json.loads(
-            subprocess.run(
-                command, env=os.environ | changed, capture_output=True, text=True, timeout=_PATIENCE, check=True
-            ).stdout
-        )
-        for name, changed in {"host": {}, "avx2": narrow}.items()
-    }
+    found: dict[str, Any] = {"machine": machine()}
+    for name, changed in {"host": {}, "avx2": {"NUMBA_CPU_NAME": _AVX2, "NUMBA_CPU_FEATURES": ""}}.items():
+        with TemporaryDirectory(prefix="thermogate-plain-") as cache:
+            environment = os.environ | changed | {"NUMBA_CACHE_DIR": cache}
+            done = subprocess.run(
+                command, env=environment, capture_output=True, text=True, timeout=_PATIENCE, check=True
+            )
+        found[name] = json.loads(done.stdout)
+    return found
