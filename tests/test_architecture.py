@@ -17,7 +17,7 @@ PACKAGES = {
 
 LEVELS = {
     "estimator": (
-        {"registry"},
+        {"registry", "diagnosis"},
         {"bank"},
         {"verification"},
         {"mixture"},

@@ -12,7 +12,15 @@ from fastapi import APIRouter, Query, Response
 
 from estimator.types import ParameterSummary
 from service.publish.payloads import FanPayload, ForecastPayload, Payload, to_json
-from service.publish.rendering import fan_payload, forecast_payload, refined_payload, status_payload, utc, vouched
+from service.publish.rendering import (
+    fan_payload,
+    finding_payloads,
+    forecast_payload,
+    refined_payload,
+    status_payload,
+    utc,
+    vouched,
+)
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.update import Update
@@ -29,6 +37,7 @@ from service.web.models import (
     ParametersQuery,
     PriorPayload,
     QuantilesPayload,
+    VariantPayload,
     ZonePayload,
     ZonesPayload,
     ZoneSummary,
@@ -206,6 +215,8 @@ def _description(site: str, zone: ZoneView) -> ZonePayload:
 
 
 def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
+    status = zone.status()
+    variants = sorted(status.diagnosis.variants, key=lambda each: -each.weight)
     return ParametersPayload(
         site=site,
         zone=zone.id,
@@ -220,4 +231,6 @@ def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: Par
             for rank, row in enumerate(summary.time_constants, start=1)
         ],
         heat_loss=QuantilesPayload(name="heat_loss", unit="W/K", free=True, quantiles=summary.heat_loss.tolist()),
+        variants=[VariantPayload(**variant._asdict()) for variant in variants],
+        findings=finding_payloads(status),
     )

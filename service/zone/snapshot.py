@@ -18,14 +18,17 @@ from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from adapters.reading import Quality
+from estimator.diagnosis.finding import Diagnosis
+from estimator.diagnosis.record import Record
 from estimator.network.network import Network
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint
-from service.zone.worker import Held, Progress, Standing, ZoneWorker
+from service.zone.worker import Held, Known, Progress, Standing, ZoneWorker
 
 _HELD_VALUES = "held_values"
 _HELD_TIMES = "held_times"
 _ESTIMATOR = "estimator."
+_RECORD = "record."
 
 
 @dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
@@ -35,6 +38,7 @@ class _Meta:
     held_qualities: tuple[Quality, ...]
     progress: Progress
     latest: Update
+    diagnosis: Diagnosis = Diagnosis()
 
 
 _META = TypeAdapter(_Meta)
@@ -67,9 +71,10 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     held, progress, standing = worker.held, worker.progress, worker.standing
     if standing is None:
         return None
-    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
+    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in worker.estimator.pack(standing.state).items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
-    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update)))
+    arrays |= {_RECORD + name: value for name, value in worker.known.record._asdict().items()}
+    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update, worker.known.diagnosis)))
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -95,4 +100,14 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         Standing(worker.estimator.unpack(stored), meta.latest),
         Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
         meta.progress,
+        _known(worker, checkpoint, meta.diagnosis),
     )
+
+
+def _known(worker: ZoneWorker, checkpoint: Checkpoint, diagnosis: Diagnosis) -> Known | None:
+    """What was known; None in a checkpoint from before there was a record, or with a record of another length."""
+    fresh = worker.known.record._asdict()
+    stored = {name: checkpoint.arrays.get(_RECORD + name) for name in fresh}
+    if any(value is None or value.shape != fresh[name].shape for name, value in stored.items()):
+        return None
+    return Known(Record(**stored), diagnosis)  # type: ignore[arg-type]  # mypy does not follow the test above
