@@ -19,7 +19,7 @@ PACKAGES = {
 
 LEVELS = {
     "estimator": (
-        {"registry"},
+        {"registry", "diagnosis"},
         {"bank"},
         {"verification"},
         {"mixture"},

@@ -1,7 +1,8 @@
 """`thermogate replay`: a recorded period through the daemon's own alignment and worker, as fast as it goes.
 
 Writes per zone `updates.csv` (one row per sample, the interval being the one formed before y was seen) and
-`parameters.csv` (posterior mean of each log parameter, exponentiated), and one `summary.json`.
+`parameters.csv` (posterior mean of each log parameter, exponentiated), and one `summary.json`. At the end it prints
+what each zone's model does not know.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import math
 import resource
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -21,6 +23,7 @@ import numpy as np
 from tqdm import tqdm
 
 from estimator import registry
+from estimator.diagnosis.finding import Diagnosis
 from replay.scores import coverage, mean_width, rmse, winkler
 from service.config.fitting import make_alignment, make_worker
 from service.config.recording import Part, recorded
@@ -65,6 +68,9 @@ def replay_recording(
             for name, run in runs.items():
                 if not run.used:
                     raise ServiceError(_unused(name, run.faults, start, end))
+            for name, run in runs.items():
+                for finding in run.diagnosis.findings:
+                    print(f"zone '{name}': {finding.finding} ({finding.subject}): {finding.sentence}")
             summary = {
                 "site": config.site.id,
                 "thermogate": version("thermogate"),
@@ -117,6 +123,11 @@ class Run:
         """How many samples could be used."""
         return len(self._rows)
 
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """What the zone's model does not know at the end."""
+        return self._worker.diagnosis()
+
     @property
     def faults(self) -> dict[str, int]:
         """Refused readings by kind."""
@@ -151,6 +162,8 @@ class Run:
                 | {f"q{level:g}": float(value) for level, value in zip(QUANTILES, values, strict=True)}
                 for p, values in zip(network.parameters, posterior.parameters, strict=True)
             },
+            "findings": [finding._asdict() for finding in self.diagnosis.findings],
+            "variants": {each.variant: each.weight for each in self.diagnosis.variants},
             "ms_per_update": {
                 "mean": 1000 * float(np.mean(self._seconds)) if rows else None,
                 "median": 1000 * float(np.median(self._seconds)) if rows else None,

@@ -13,6 +13,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Hi
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from estimator.diagnosis.finding import FINDINGS
 from service.fields.durations import format_duration
 from service.publish.rendering import clock
 from service.publish.sinks import Announcement, Occasion
@@ -199,8 +200,14 @@ class _StatusCollector(Collector):
             "How long after its sample the newest forecast was published",
             labels=["zone"],
         )
+        findings = GaugeMetricFamily(
+            "thermogate_findings", "Findings about the zone's model by name", labels=["zone", "finding"]
+        )
         for zone in tuple(self._zones.values()):
             status = zone.status()
+            named = [finding.finding for finding in status.diagnosis.findings]
+            for name in FINDINGS:
+                findings.add_metric([zone.id, name], named.count(name))
             for kind, count in status.faults.items():
                 faults.add_metric([zone.id, kind], count)
             if status.last_sample_time is not None:
@@ -210,7 +217,7 @@ class _StatusCollector(Collector):
                 delay.add_metric([zone.id], status.delay)
             for name in STATES:
                 state.add_metric([zone.id, name], float(status.state == name))
-        return (faults, age, state, overruns, delay)
+        return (faults, age, state, overruns, delay, findings)
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: asking the zones is for scrapes, not for registration."""

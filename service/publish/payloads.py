@@ -214,6 +214,14 @@ class ChannelStatus(Payload):
     stale: bool = Field(description="true if the last interval brought no good reading of it")
 
 
+class FindingPayload(Payload):
+    """Something about the zone's model that is not known or not plausible."""
+
+    finding: str = Field(description="stable name of the kind of finding", examples=["parameter-at-bound"])
+    subject: str = Field(description="a parameter, heat_loss, a variant of the network, or zone", examples=["C_i"])
+    sentence: str = Field(description="the problem and its remedy in one sentence")
+
+
 class StatusPayload(Envelope):
     """How a zone is doing."""
 
@@ -228,6 +236,7 @@ class StatusPayload(Envelope):
     overruns: int = Field(description="forecasts since the start that came after the next sample was due")
     faults: dict[str, int] = Field(description="bad readings by kind since the start")
     channels: list[ChannelStatus]
+    findings: list[FindingPayload] = Field(description="what the zone's model does not know")
 
 
 def to_json(payload: Payload) -> bytes:

@@ -14,6 +14,7 @@ from service.publish.payloads import (
     ChannelStatus,
     FanPayload,
     FanStepPayload,
+    FindingPayload,
     ForecastPayload,
     GainPayload,
     GatePayload,
@@ -168,7 +169,13 @@ def status_payload(site: str, zone: str, status: ZoneStatus, update: Update | No
         overruns=status.overruns,
         faults=dict(status.faults),
         channels=[_channel(channel, status, now) for channel in status.channels],
+        findings=finding_payloads(status),
     )
+
+
+def finding_payloads(status: ZoneStatus) -> list[FindingPayload]:
+    """The findings about the zone that is in `status`."""
+    return [FindingPayload(**finding._asdict()) for finding in status.diagnosis.findings]
 
 
 def _channel(channel: str, status: ZoneStatus, now: float) -> ChannelStatus:

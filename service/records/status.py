@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from estimator.diagnosis.finding import Diagnosis
+
 STATES = ("waiting", "running", "stalled", "failed")
 """Every state of a zone: no sample yet; fed and fresh; telemetry missing or late; failed and to be retried."""
 
@@ -32,6 +34,8 @@ class ZoneStatus(NamedTuple):
     """Forecasts since the start that were published after the next sample was due."""
     delay: float | None = None
     """How long after its sample the newest forecast was published, s; None before the first since the start."""
+    diagnosis: Diagnosis = Diagnosis()
+    """What the zone's model does not know, as of the newest diagnosis."""
 
 
 class Busy(NamedTuple):

@@ -21,7 +21,7 @@ from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 from service.fields.durations import parse_duration
 from service.fields.numbers import is_level
 from service.fields.times import ZoneMissing, parse_time
-from service.publish.payloads import Envelope, Number, Payload, StatusPayload
+from service.publish.payloads import Envelope, FindingPayload, Number, Payload, StatusPayload
 
 MAX_LEVELS = 32
 MAX_ROWS = 20_000
@@ -190,6 +190,13 @@ class QuantilesPayload(Payload):
     quantiles: list[Number]
 
 
+class VariantPayload(Payload):
+    """A variant of the zone's network among the members of a bank."""
+
+    variant: str = Field(description="own: the zone's network as it is")
+    weight: float = Field(description="share of the forecast 6 h ahead that its members carry, 0 to 1")
+
+
 class ParametersPayload(Envelope):
     """Posterior quantiles of the parameters and of what follows from them."""
 
@@ -200,6 +207,10 @@ class ParametersPayload(Envelope):
     heat_loss: QuantilesPayload = Field(
         description="heat-loss coefficient in W/K from the first measured node to all boundaries, steady state"
     )
+    variants: list[VariantPayload] = Field(
+        description="variants of the network in a bank, largest weight first; empty where all members have the same one"
+    )
+    findings: list[FindingPayload] = Field(description="what the zone's model does not know")
 
 
 class HistoryRowPayload(Payload):

@@ -15,6 +15,7 @@ from service.fields.times import utc
 from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, Payload, SkillPayload, to_json
 from service.publish.rendering import (
     fan_payload,
+    finding_payloads,
     forecast_payload,
     gain_payload,
     refined_payload,
@@ -38,6 +39,7 @@ from service.web.models import (
     ParametersQuery,
     PriorPayload,
     QuantilesPayload,
+    VariantPayload,
     ZonePayload,
     ZonesPayload,
     ZoneSummary,
@@ -244,6 +246,8 @@ def _description(site: str, zone: ZoneView) -> ZonePayload:
 
 
 def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
+    status = zone.status()
+    variants = sorted(status.diagnosis.variants, key=lambda each: -each.weight)
     return ParametersPayload(
         site=site,
         zone=zone.id,
@@ -258,4 +262,6 @@ def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: Par
             for rank, row in enumerate(summary.time_constants, start=1)
         ],
         heat_loss=QuantilesPayload(name="heat_loss", unit="W/K", free=True, quantiles=summary.heat_loss.tolist()),
+        variants=[VariantPayload(**variant._asdict()) for variant in variants],
+        findings=finding_payloads(status),
     )

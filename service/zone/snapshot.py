@@ -19,15 +19,18 @@ from pydantic import ConfigDict, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from adapters.reading import Quality
+from estimator.diagnosis.finding import Diagnosis
+from estimator.diagnosis.record import Record
 from estimator.network.network import Network
 from service.records.update import CONSTANT, Update
 from service.store.checkpoint import Checkpoint
-from service.zone.worker import Held, Progress, Standing, ZoneWorker
+from service.zone.worker import Held, Known, Progress, Standing, ZoneWorker
 
 _HELD_VALUES = "held_values"
 _HELD_TIMES = "held_times"
 _ESTIMATOR = "estimator."
 _VERIFIED = "verified."
+_RECORD = "record."
 
 
 @dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
@@ -37,6 +40,7 @@ class _Meta:
     held_qualities: tuple[Quality, ...]
     progress: Progress
     latest: Update
+    diagnosis: Diagnosis = Diagnosis()
 
 
 _META = TypeAdapter(_Meta)
@@ -74,7 +78,8 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
     update = standing.update
     stated = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
-    meta = _META.dump_python(_Meta(held.qualities, progress, stated), mode="json")
+    meta = _META.dump_python(_Meta(held.qualities, progress, stated, worker.known.diagnosis), mode="json")
+    arrays |= {_RECORD + name: value for name, value in worker.known.record._asdict().items()}
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -108,8 +113,17 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         if stored
         else worker.verification.start(worker.settings.seed, outputs, held.values)
     )
-    worker.resume(Standing(state, update, verified), held, meta.progress)
+    worker.resume(Standing(state, update, verified), held, meta.progress, _known(worker, checkpoint, meta.diagnosis))
 
 
 def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}
+
+
+def _known(worker: ZoneWorker, checkpoint: Checkpoint, diagnosis: Diagnosis) -> Known | None:
+    """What was known; None in a checkpoint from before there was a record, or with a record of another length."""
+    fresh = worker.known.record._asdict()
+    stored = {name: checkpoint.arrays.get(_RECORD + name) for name in fresh}
+    if any(value is None or value.shape != fresh[name].shape for name, value in stored.items()):
+        return None
+    return Known(Record(**stored), diagnosis)  # type: ignore[arg-type]  # mypy does not follow the test above

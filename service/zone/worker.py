@@ -15,6 +15,9 @@ import numpy as np
 
 from adapters.reading import Quality
 from estimator.arrays import Array
+from estimator.diagnosis.diagnose import diagnose, due
+from estimator.diagnosis.finding import Diagnosis
+from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior
 from service.errors import ServiceError
@@ -57,6 +60,8 @@ class WorkerSettings(NamedTuple):
     """Age in s up to which a missing input keeps its last value."""
     max_ages: Mapping[str, float] = {}
     """The same for the inputs that have an age of their own."""
+    proposes_bounds: bool = False
+    """Whether narrower bounds are proposed once a week of data supports them."""
 
 
 class Held(NamedTuple):
@@ -65,6 +70,13 @@ class Held(NamedTuple):
     values: Array
     times: Array
     qualities: tuple[Quality, ...]
+
+
+class Known(NamedTuple):
+    """What is told of a zone's model beside its forecasts: the running record behind it, and the newest diagnosis."""
+
+    record: Record
+    diagnosis: Diagnosis = Diagnosis()
 
 
 class Progress(NamedTuple):
@@ -103,6 +115,7 @@ class ZoneWorker:
         self.standing: Standing | None = None
         """One attribute, replaced whole, so that another thread never sees a state beside another sample's forecast."""
         self.progress = Progress()
+        self.known = Known(no_record(width))
 
     @property
     def network(self) -> Network:
@@ -131,9 +144,10 @@ class ZoneWorker:
         """A worker of the same zone that has seen nothing."""
         return ZoneWorker(self.estimator, self.settings)
 
-    def resume(self, standing: Standing, held: Held, progress: Progress) -> None:
-        """Go on from where another worker of this zone stood."""
+    def resume(self, standing: Standing, held: Held, progress: Progress, known: Known | None = None) -> None:
+        """Go on from where another worker of this zone stood; what it has `known` begins anew if that is not there."""
         self.standing, self.held, self.progress = standing, held, progress
+        self.known = known or self.known
 
     def set_back(self, last_time: int, why: str) -> None:
         """The clock was set back, `why` says it: the sample at `last_time` (UTC s) counts as the last one.
@@ -196,6 +210,14 @@ class ZoneWorker:
             else self.verification.skill(standing.verified, standing.state, standing.update.time)
         )
 
+    def diagnosis(self) -> Diagnosis:
+        """What is not known now; empty before the first sample."""
+        if self.standing is None:
+            return Diagnosis()
+        proposes = self.settings.proposes_bounds
+        record, inputs = self.known.record, self.held.values
+        return diagnose(self.estimator, self.standing.state, record, inputs, proposes_bounds=proposes)
+
     def _bridge(self, last: int, until: int) -> None:
         """Step through the whole missing intervals between two samples, as far as they can be bridged."""
         empty = Sample(
@@ -230,7 +252,16 @@ class ZoneWorker:
         update = self._update(sample, posterior, STARTED if started else str(posterior.outcome), score, state, began)
         self.standing = Standing(state, update, verified)
         self.progress = self.progress._replace(samples=before.samples + 1)
+        self._look_back(sample)
         return update
+
+    def _look_back(self, sample: Sample) -> None:
+        """Take the sample into the record, and make a new diagnosis if one is due."""
+        before = self.known.record
+        record = with_sample(before, sample.time, self.period, float(sample.outputs[0]), self.held.values)
+        self.known = self.known._replace(record=record)
+        if due(self.network, before, record, sample.time, self.period, self.settings.seed):
+            self.known = Known(record, self.diagnosis())
 
     def _assimilate(self, sample: Sample, continues: bool) -> tuple[Posterior, Score | None, Verified]:
         """Score and assimilate y_k, or begin a segment with it; a forecast that stood for it is scored either way."""

@@ -98,6 +98,7 @@ class Zone:
             now=min(clocks, default=None),
             overruns=self._timeliness.overruns,
             delay=self._timeliness.delay,
+            diagnosis=self._worker.known.diagnosis,
         )
 
     @property

@@ -10,6 +10,7 @@ from statistics import NormalDist
 import numpy as np
 
 from adapters.reading import Quality
+from estimator.diagnosis.finding import Diagnosis, Finding, VariantWeight
 from estimator.network import presets
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
@@ -84,6 +85,7 @@ class FakeZone:
     reason: str = ""
     faults: Mapping[str, int] = field(default_factory=dict)
     failure: Exception | None = None
+    diagnosis: Diagnosis = field(default_factory=Diagnosis)
     asked: list[tuple[object, ...]] = field(default_factory=list)
 
     def status(self) -> ZoneStatus:
@@ -91,7 +93,16 @@ class FakeZone:
         now = None if last is None else last + PERIOD + 60.0
         seen = dict.fromkeys(self.network.channels, last + 120.0) if last is not None else {}
         return ZoneStatus(
-            self.state, self.reason, last, len(self.updates), 0, self.faults, seen, now, self.network.channels
+            self.state,
+            self.reason,
+            last,
+            len(self.updates),
+            0,
+            self.faults,
+            seen,
+            now,
+            self.network.channels,
+            diagnosis=self.diagnosis,
         )
 
     def latest(self) -> Update | None:
@@ -149,6 +160,20 @@ def running(name: str, steps: int = 3, levels: Sequence[float] = (0.95,)) -> Fak
 def waiting(name: str) -> FakeZone:
     """A zone without its first sample."""
     return FakeZone(name, state="waiting", reason="no reading of T_out yet")
+
+
+def doubted(name: str) -> FakeZone:
+    """A zone whose model does not know everything."""
+    zone = running(name)
+    zone.diagnosis = Diagnosis(
+        (
+            Finding("parameter-at-bound", "C_air", "C_air is at its lower bound; move it"),
+            Finding("parameter-at-bound", "C_h", "C_h is at its upper bound; move it"),
+            Finding("network-variant", "ground", "the variant 'ground' carries 80 % of the forecast; read it so"),
+        ),
+        (VariantWeight("own", 0.2), VariantWeight("ground", 0.8)),
+    )
+    return zone
 
 
 def broken(name: str) -> FakeZone:

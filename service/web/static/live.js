@@ -49,6 +49,7 @@ function makeCard(id) {
     numbers: element("dl", { className: "numbers" }),
     key: element("p", { className: "key muted", hidden: true }),
     plot: element("div", { className: "plot", hidden: true }),
+    findings: element("ul", { className: "findings", hidden: true }),
     faults: element("p", { className: "faults muted" }),
   };
   card.node = element(
@@ -59,6 +60,7 @@ function makeCard(id) {
     card.numbers,
     card.key,
     card.plot,
+    card.findings,
     card.faults,
   );
   card.key.append(
@@ -96,6 +98,13 @@ function showStatus(card, summary, status) {
   card.about.textContent = `${summary.network} · ${summary.estimator} · every ${age(summary.period_s)} · ${summary.samples} samples`;
   card.reason.textContent = summary.reason;
   card.reason.hidden = !summary.reason;
+  const findings = status.findings ?? [];
+  card.findings.replaceChildren(
+    ...findings.map(({ subject, sentence }) =>
+      element("li", { textContent: subject === "zone" ? sentence : `${subject}: ${sentence}` }),
+    ),
+  );
+  card.findings.hidden = !findings.length;
   const faults = Object.entries(status.faults).filter(([, count]) => count > 0);
   const old = status.channels
     .filter((channel) => channel.age_s > 3 * summary.period_s)

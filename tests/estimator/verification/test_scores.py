@@ -13,7 +13,9 @@ from estimator.verification.scores import crps, gaussian_crps, reduced
 def by_definition(mixture, value):
     """The integral of (F(x) - 1{x >= value})^2 over x, on a fine grid."""
     grid = np.linspace(mixture.means.min() - 12, mixture.means.max() + 12, 400_001)
-    cdf = sum(w * norm.cdf(grid, m, s) for w, m, s in zip(mixture.weights, mixture.means[0], mixture.sds[0], strict=True))
+    cdf = sum(
+        w * norm.cdf(grid, m, s) for w, m, s in zip(mixture.weights, mixture.means[0], mixture.sds[0], strict=True)
+    )
     return np.trapezoid((cdf - (grid >= value)) ** 2, grid)
 
 

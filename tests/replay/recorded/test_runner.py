@@ -54,6 +54,15 @@ def test_the_rows_are_the_ones_the_summary_scores(whole):
     assert list(parameters[0])[1:] == list(summary["parameters"])
 
 
+def test_what_the_model_does_not_know_is_printed_and_in_the_summary(tmp_path, capsys):
+    box = 'zones.0.network={preset="building-67", parameters={g_e_out={lower=10, upper=20}}}'
+    _, summary = replay(tmp_path, box, 'zones.0.estimator="ekf"', "zones.0.estimator_options={}")
+    found = summary["findings"]
+    assert {"parameter-at-bound", "parameter-not-identified"} == {finding["finding"] for finding in found}
+    printed = capsys.readouterr().out.splitlines()
+    assert printed == [f"zone '{ZONE}': {each['finding']} ({each['subject']}): {each['sentence']}" for each in found]
+
+
 def test_the_same_seed_gives_the_same_file_and_another_seed_another(whole, tmp_path):
     out, rows, summary = whole
     again, _ = replay(tmp_path / "again")

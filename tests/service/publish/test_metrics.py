@@ -7,8 +7,9 @@ import platform
 import pytest
 from prometheus_client import REGISTRY, generate_latest
 from prometheus_client.parser import text_string_to_metric_families
-from support.fake_zones import FakeZone, announced, make_update, running, waiting
+from support.fake_zones import FakeZone, announced, doubted, make_update, running, waiting
 
+from estimator.diagnosis.finding import FINDINGS
 from service.publish.metrics import Metrics
 from service.records.measures import Measure, single
 from service.records.update import Volatility
@@ -53,6 +54,13 @@ def test_status_is_read_at_scrape_time() -> None:
     values = scrape(metrics)
     states = {name: values[at("thermogate_zone_state", zone="living", state=name)] for name in ("running", "stalled")}
     assert states == {"running": 0.0, "stalled": 1.0}
+
+
+def test_findings_are_counted_by_name_and_zero_where_there_are_none() -> None:
+    values = scrape(Metrics({"living": doubted("living"), "attic": waiting("attic")}))
+    counts = {name: values[at("thermogate_findings", zone="living", finding=name)] for name in FINDINGS}
+    assert counts == dict.fromkeys(FINDINGS, 0.0) | {"parameter-at-bound": 2.0, "network-variant": 1.0}
+    assert values[at("thermogate_findings", zone="attic", finding="parameter-at-bound")] == 0.0
 
 
 def test_a_waiting_zone_has_a_state_but_no_age() -> None:

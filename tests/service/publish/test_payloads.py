@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 import pytest
 from pydantic import ValidationError
-from support.fake_zones import PERIOD, START, FakeZone, make_update, output, running
+from support.fake_zones import PERIOD, START, FakeZone, doubted, make_update, output, running
 
 from adapters.reading import Quality
 from service.publish.payloads import FanPayload, ForecastPayload, GatePayload, StatusPayload, VolatilityPayload, to_json
@@ -80,6 +80,15 @@ def test_what_is_not_finite_is_null(value: float) -> None:
     document = strict(to_json(forecast_payload("s", "z", changed)))
     assert document["n_eff"] is None
     assert document["volatility"]["median"] is None
+
+
+def test_a_status_lists_what_the_model_does_not_know() -> None:
+    zone = doubted("living")
+    document = strict(to_json(status_payload("htwg", "living", zone.status(), zone.latest())))
+    assert document["findings"] == [
+        {"finding": finding, "subject": subject, "sentence": sentence}
+        for finding, subject, sentence in zone.diagnosis.findings
+    ]
 
 
 def test_every_payload_reads_back() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
-from support.fake_zones import PERIOD, START, FakeZone, broken, running, waiting
+from support.fake_zones import PERIOD, START, FakeZone, broken, doubted, running, waiting
 from support.http_client import get, post, problem, request
 
 from estimator.network import presets
@@ -16,6 +16,7 @@ from service.publish.payloads import FanPayload, ForecastPayload, to_json
 from service.publish.rendering import forecast_payload
 from service.records.history import HistoryRow
 from service.web.app import create_app
+from service.web.models import ParametersPayload
 
 
 @pytest.fixture
@@ -57,6 +58,16 @@ def test_the_standing_forecast_is_the_published_one_to_the_last_digit(app: FastA
     assert answer.content == published
     assert answer.headers["content-type"] == "application/json"
     assert zones["living"].asked == [], "nothing was computed"
+
+
+def test_parameters_come_with_findings_and_the_weights_of_variants(app: FastAPI, zones: dict[str, FakeZone]) -> None:
+    plain = ParametersPayload.model_validate(get(app, "/zones/living/parameters").json())
+    assert (plain.findings, plain.variants) == ([], [])
+    zones["living"].diagnosis = doubted("living").diagnosis
+    told = ParametersPayload.model_validate(get(app, "/zones/living/parameters").json())
+    assert [finding.subject for finding in told.findings] == ["C_air", "C_h", "ground"]
+    assert [(each.variant, each.weight) for each in told.variants] == [("ground", 0.8), ("own", 0.2)]
+    assert get(app, "/zones/living").json()["status"]["findings"] == [dict(finding) for finding in told.findings]
 
 
 def test_published_levels_are_not_computed_again(app: FastAPI, zones: dict[str, FakeZone]) -> None:

@@ -1,0 +1,75 @@
+"""All findings about one zone at once, and when it is time to look for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.bank.bank import Bank
+from estimator.diagnosis.balance import against_balance, known_heat
+from estimator.diagnosis.finding import Diagnosis, Finding
+from estimator.diagnosis.forecasts import implausible
+from estimator.diagnosis.members import carried, disagreement, variants
+from estimator.diagnosis.parameters import LEVELS, at_bound, narrower_bounds, not_identified
+from estimator.diagnosis.record import Record, recorded_days
+from estimator.network.network import Network
+from estimator.types import Estimator
+
+EVERY = 6 * 3600
+"""s between two diagnoses. Quantiles of thousands of particles cost tens of ms, and findings change over days."""
+
+SETTLED_DAYS = 3.0
+"""Days of data before anything is said about parameters and members: earlier, nothing being known is no finding."""
+
+PROPOSAL_DAYS = 7.0
+"""Days of data before bounds are proposed: a week has working days, a weekend and more than one weather."""
+
+_MORE_POWER = 1.5
+"""Factor by which the largest heating must grow for a diagnosis out of turn: the first heating is such a time."""
+
+
+def due(network: Network, before: Record, after: Record, time: int, period: int, seed: int) -> bool:
+    """Whether the sample at `time` [UTC s], which took the record from `before` to `after`, calls for a diagnosis.
+
+    That depends on the samples alone, so that a zone that is restored finds the same at the same samples. `seed`
+    spreads the zones of a site over EVERY.
+    """
+    phase = seed % EVERY
+    if (time + phase) // EVERY != (time + period + phase) // EVERY:
+        return True
+    heat = [network.inputs.index(channel) for channel in known_heat(network)]
+    return bool((after.largest[heat] > _MORE_POWER * before.largest[heat]).any())
+
+
+def diagnose(
+    estimator: Estimator, state: Any, record: Record, inputs: Array, *, proposes_bounds: bool = False
+) -> Diagnosis:
+    """Every finding about `state`, with the zone's `record` and the `inputs` (n_u,) in force. Nothing is changed.
+
+    With `proposes_bounds` narrower bounds are proposed once there is a week of data.
+    """
+    days = recorded_days(record)
+    findings = implausible(estimator, state, inputs, record.largest)
+    bank = estimator if isinstance(estimator, Bank) else None
+    if days >= SETTLED_DAYS:
+        if estimator.physical:
+            findings += _of_parameters(estimator, state, record, days, proposes_bounds)
+        if bank is not None:
+            findings += disagreement(bank, state, LEVELS) + carried(bank, state)
+    return Diagnosis(tuple(findings), variants(bank, state) if bank is not None else ())
+
+
+def _of_parameters(
+    estimator: Estimator, state: Any, record: Record, days: float, proposes_bounds: bool
+) -> list[Finding]:
+    network, summary = estimator.network, estimator.parameters(state, np.array(LEVELS))
+    found = [
+        *against_balance(network, summary, record),
+        *at_bound(network, summary),
+        *not_identified(network, summary),
+    ]
+    if proposes_bounds and days >= PROPOSAL_DAYS:
+        found += narrower_bounds(network, summary, days)
+    return found

@@ -1,0 +1,127 @@
+"""Where the members of a bank disagree, and which variant of the network they trust."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.bank.bank import Bank
+from estimator.diagnosis.finding import (
+    MEMBERS_DISAGREE,
+    MISSES_SOMETHING,
+    OTHER_VARIANT,
+    Finding,
+    VariantWeight,
+    amount,
+)
+from estimator.network.family import family
+from estimator.types import Estimator, ParameterSummary
+
+_COUNTS = 0.05
+"""Weight that a member must have at some horizon for its parameters to count: below that nobody relies on it."""
+
+_MOST = 0.5
+"""Share of the weight from which black boxes, or a variant, carry the forecast."""
+
+_AHEAD = 6 * 3600.0
+"""s: the horizon at which a network shows, long enough for its slow paths and short enough to be learned in days."""
+
+
+class _Member(NamedTuple):
+    name: str
+    estimator: Estimator
+    state: Any
+    weights: Array
+    """(H,)."""
+
+
+def disagreement(bank: Bank, state: Any, levels: Sequence[float]) -> list[Finding]:
+    """Parameters, and the heat loss, of which two members are sure in different places; `levels` begin and end with the
+    ends of their intervals. Members with another network than the bank's mean something else and are left out."""
+    summaries = {
+        member.name: member.estimator.parameters(member.state, np.array(levels))
+        for member in _members(bank, state)
+        if member.estimator.physical and member.estimator.network == bank.network and member.weights.max() >= _COUNTS
+    }
+    found = []
+    for index, parameter in enumerate(bank.network.parameters):
+        if parameter.free:
+            rows = {name: summary.parameters[index] for name, summary in summaries.items()}
+            found += _apart(parameter.name, parameter.unit, rows)
+    return found + _apart("heat_loss", "W/K", _heat_losses(summaries))
+
+
+def variants(bank: Bank, state: Any) -> tuple[VariantWeight, ...]:
+    """The variants of the bank's network that its members have, with their weights a few hours ahead; empty if all
+    members have the same network. Black boxes have no network, and their weight is left out."""
+    horizon = _horizon(bank)
+    known = family(bank.network)
+    weights = dict.fromkeys(known, 0.0)
+    for member in _members(bank, state):
+        name = next((name for name, network in known.items() if network == member.estimator.network), None)
+        if member.estimator.physical and name is not None:
+            weights[name] += float(member.weights[horizon])
+    used = {
+        name
+        for name, network in known.items()
+        if any(each.physical and each.network == network for each in bank.members)
+    }
+    total = sum(weights.values())
+    if len(used) < 2 or total <= 0.0:
+        return ()
+    return tuple(VariantWeight(name, weights[name] / total) for name in known if name in used)
+
+
+def carried(bank: Bank, state: Any) -> list[Finding]:
+    """The findings that black boxes, or another variant than the bank's own network, carry the forecast hours ahead."""
+    horizon = _horizon(bank)
+    blind = sum(float(each.weights[horizon]) for each in _members(bank, state) if not each.estimator.physical)
+    findings = []
+    if blind > _MOST:
+        sentence = (
+            f"members without a building carry {100 * blind:.0f} % of the forecast {_AHEAD / 3600:.0f} h ahead, so the "
+            'network misses something; add the sun and the neighbours as channels, or set network = "auto"'
+        )
+        findings.append(Finding(MISSES_SOMETHING, "zone", sentence))
+    for variant, weight in variants(bank, state):
+        if variant != "own" and weight > _MOST:
+            sentence = (
+                f"the variant '{variant}' of the network carries {100 * weight:.0f} % of the forecast "
+                f"{_AHEAD / 3600:.0f} h ahead; read parameters and heat loss as those of this variant"
+            )
+            findings.append(Finding(OTHER_VARIANT, variant, sentence))
+    return findings
+
+
+def _members(bank: Bank, state: Any) -> list[_Member]:
+    weights = bank.member_weights(state).values()
+    return [_Member(*each) for each in zip(bank.names, bank.members, state.members, weights, strict=True)]
+
+
+def _horizon(bank: Bank) -> int:
+    """The place of the horizon nearest to _AHEAD among those at which weights are learned."""
+    return int(np.argmin(np.abs(np.array(bank.leads) * bank.period - _AHEAD)))
+
+
+def _heat_losses(summaries: Mapping[str, ParameterSummary]) -> dict[str, Array]:
+    return {name: summary.heat_loss for name, summary in summaries.items()}
+
+
+def _apart(subject: str, unit: str, rows: Mapping[str, Array]) -> list[Finding]:
+    """The finding that two of the intervals in `rows`, from their first to their last entry, do not overlap."""
+    known = {name: row for name, row in rows.items() if np.isfinite(row).all()}
+    if len(known) < 2:
+        return []
+    above = max(known, key=lambda name: float(known[name][0]))
+    below = min(known, key=lambda name: float(known[name][-1]))
+    if known[above][0] <= known[below][-1]:
+        return []
+    first, second = (f"{amount(known[name][0])} to {amount(known[name][-1])}" for name in (below, above))
+    sentence = (
+        f"the members '{below}' and '{above}' disagree about {subject} ({first} against {second} {unit}); do not rely "
+        "on either value, and give the zone more days or more varied heating"
+    )
+    return [Finding(MEMBERS_DISAGREE, subject, sentence)]

@@ -1,0 +1,123 @@
+"""Boxes of the generic networks from the floor area.
+
+A parameter of a building that is not a conductance of one joint grows with the building, and the floor area is the one
+size that everybody knows. So each parameter has a range per m2 of floor area that spans building types, and its box for
+a floor area A is that range times A. If A is only known to lie in a range, the box takes the lower end from the
+smallest and the upper end from the largest A; from 20 m2 (a room) to 2,000 m2 (a hall) that is the widest box.
+
+Reasons, per m2 of floor:
+
+- Interior (C_i, C_air), 3 to 200 kJ/K: the air alone has 3 (2.5 m high, 1.2 kJ/(m3 K)) to 10 kJ/K (a hall of 8 m); with
+  furniture and the first layers of plaster and screed, ISO 13790 counts 80 (very light) to 165 kJ/K (medium).
+- Envelope and structure (C_e, walls), 20 to 1,000 kJ/K: lightweight panels to 370 kJ/K (very heavy, ISO 13790), and
+  20 cm of concrete above and below with 480 kJ/K each. A wall in two layers, or to one neighbour, has a share: from 10.
+- Heater (C_h), .05 to 150 kJ/K: an electric convector, a water-filled radiator (2 kJ/K at 100 W/m2), 6 cm of screed
+  with pipes.
+- Room to structure (g_ie, g_air_wo, g_air_wi), .5 to 40 W/K: 2 to 4 m2 of surface per m2 of floor times 2.5 to 8
+  W/(m2 K), less where lining or carpet is in between. Between two layers of a wall, .1 to 40 W/K.
+- Structure to outdoors (g_e_out, g_wo_out), .1 to 10 W/K: the whole fabric has .3 (passive house) to 5 W/K (a small
+  or poor building with much wall per floor), of which this may be any part, in series with g_ie.
+- Directly to outdoors (g_i_out, g_air_out), .05 to 5 W/K: windows and leaks; 1 air change per hour is .8 W/K at 2.5 m
+  and 2.7 W/K at 8 m.
+- Heater to room (g_ih, g_air_h), .2 to 30 W/K: 100 W from a radiator 50 K warmer is 2 W/K, a heated floor has 6 to 11
+  W/K, a fan coil up to 30.
+- To a neighbour (g_i_adj, g_wi_adj), .05 to 10 W/K: .2 to 2 m2 of partition times .5 to 3 W/(m2 K), and an open door.
+- Ground (g_ground), .02 to 5 W/K: an insulated slab to a bare one with its edges.
+- Solar aperture (A_w), .002 to .3 m2: of horizontal irradiance; windows of 2 to 60 % of the floor, a transmittance of
+  .2 to .6, and shade. A glazed hall of 2,000 m2 has up to 600 m2.
+
+A share of heat (f_air) does not grow with the building and keeps its bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from estimator.errors import NetworkError
+from estimator.network.network import Network, Parameter
+
+ROOM, HALL = 20.0, 2000.0
+"""m2: the floor areas between which the widest box holds."""
+
+
+class PerArea(NamedTuple):
+    """Range of a parameter per m2 of floor area, in J/K, W/K or m2."""
+
+    lower: float
+    upper: float
+
+
+_INTERIOR = PerArea(3e3, 2e5)
+_STRUCTURE = PerArea(2e4, 1e6)
+_WALL = PerArea(1e4, 1e6)
+_TO_STRUCTURE = PerArea(0.5, 40.0)
+_WITHIN_STRUCTURE = PerArea(0.1, 40.0)
+_STRUCTURE_OUT = PerArea(0.1, 10.0)
+_DIRECT_OUT = PerArea(0.05, 5.0)
+_HEATER = PerArea(0.2, 30.0)
+_NEIGHBOUR = PerArea(0.05, 10.0)
+
+PER_AREA: Mapping[str, PerArea] = {
+    "C_i": _INTERIOR,
+    "C_air": _INTERIOR,
+    "C_e": _STRUCTURE,
+    "C_wo": _WALL,
+    "C_woi": _WALL,
+    "C_woo": _WALL,
+    "C_wi": _WALL,
+    "C_h": PerArea(50.0, 1.5e5),
+    "g_ie": _TO_STRUCTURE,
+    "g_air_wo": _TO_STRUCTURE,
+    "g_air_woi": _TO_STRUCTURE,
+    "g_air_wi": _TO_STRUCTURE,
+    "g_woi_woo": _WITHIN_STRUCTURE,
+    "g_e_out": _STRUCTURE_OUT,
+    "g_wo_out": _STRUCTURE_OUT,
+    "g_woo_out": _STRUCTURE_OUT,
+    "g_i_out": _DIRECT_OUT,
+    "g_air_out": _DIRECT_OUT,
+    "g_ih": _HEATER,
+    "g_air_h": _HEATER,
+    "g_wi_adj": _NEIGHBOUR,
+    "g_air_adj": _NEIGHBOUR,
+    "g_ground": PerArea(0.02, 5.0),
+    "A_w": PerArea(0.002, 0.3),
+}
+"""By the parameter's name in the generic networks. The paths to neighbours of `auto`, g_i_adj..., share one range."""
+
+_NEIGHBOURS = "g_i_adj"
+_SHARES = ("f_air", "f_direct")
+
+
+def is_generic(network: Network) -> bool:
+    """Whether every free parameter of `network` has a range per m2 of floor area."""
+    return all(
+        each.name in PER_AREA or each.name in _SHARES or each.name.startswith(_NEIGHBOURS) for each in network.free
+    )
+
+
+def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
+    """`parameter` of a generic network with the bounds for a floor area between `smallest` and `largest` [m2].
+
+    A nominal value outside the bounds is dropped. NetworkError for a parameter that has no range per m2.
+    """
+    name = parameter.name
+    if name in _SHARES:
+        return parameter
+    per_area = _NEIGHBOUR if name.startswith(_NEIGHBOURS) else PER_AREA.get(name)
+    if per_area is None:
+        raise NetworkError(f"parameter '{name}' has no range per m2 of floor area")
+    lower, upper = per_area.lower * smallest, per_area.upper * largest
+    inside = parameter.nominal is not None and lower <= parameter.nominal <= upper
+    return replace(parameter, lower=lower, upper=upper, nominal=parameter.nominal if inside else None)
+
+
+def boxed(network: Network, smallest: float = ROOM, largest: float = HALL) -> Network:
+    """`network` with the boxes for a floor area between `smallest` and `largest` [m2]; without them the widest ones.
+
+    Raises NetworkError if the network is not a generic one: its bounds then belong to one building.
+    """
+    parameters = tuple(box(each, smallest, largest) if each.free else each for each in network.parameters)
+    return replace(network, parameters=parameters)

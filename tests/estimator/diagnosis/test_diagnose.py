@@ -1,0 +1,130 @@
+"""Findings about real estimators: at the first heating, after days of data, and in a bank."""
+
+import numpy as np
+import pytest
+from support.small_building import PERIOD, building, record
+
+from estimator.diagnosis.diagnose import EVERY, diagnose, due
+from estimator.diagnosis.finding import AT_BOUND, FINDINGS, IMPLAUSIBLE, MEMBERS_DISAGREE, MISSES_SOMETHING
+from estimator.diagnosis.members import carried, disagreement, variants
+from estimator.diagnosis.record import no_record, with_sample
+from estimator.network.presets import network
+from estimator.registry import build
+
+KINDS = {"rbpf": {"particles": 500}, "ekf": {}, "ukf": {}, "mkf": {}, "arx": {}}
+
+
+def run(estimator, data, steps):
+    state = estimator.start(1, data.outputs[0], data.inputs[0])
+    seen = no_record(data.inputs.shape[1])
+    for k in range(steps):
+        seen = with_sample(seen, k * PERIOD, PERIOD, float(data.outputs[k, 0]), data.inputs[k])
+        state = estimator.predict(estimator.update(state, data.outputs[k]).state, data.inputs[k])
+    return state, seen, data.inputs[steps - 1]
+
+
+def names(diagnosis):
+    return {(finding.finding, finding.subject) for finding in diagnosis.findings}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_well_known_building_brings_no_finding_and_nothing_is_changed(kind):
+    estimator = build(kind, building(), PERIOD, KINDS[kind])
+    state, seen, inputs = run(estimator, record(5 * 144, seed=4), 5 * 144)
+    before = {name: np.array(value) for name, value in estimator.pack(state).items()}
+    found = diagnose(estimator, state, seen, inputs)
+    assert names(found) <= {("parameter-not-identified", p.name) for p in building().parameters}
+    assert diagnose(estimator, state, seen, inputs) == found
+    for name, value in estimator.pack(state).items():
+        assert np.array_equal(before[name], value, equal_nan=True)
+
+
+def test_the_first_heating_under_wide_bounds_is_implausible():
+    estimator = build("rbpf", network("titethria"), 3600.0, {"particles": 500})
+    data = record(30, seed=1)
+    inputs = data.inputs.copy()
+    inputs[:, 1] = 0.0
+    inputs[-1, 1] = 30_000.0
+    state, seen, held = run(estimator, data._replace(inputs=inputs), 30)
+    (finding,) = diagnose(estimator, state, seen, held).findings
+    assert finding[:2] == (IMPLAUSIBLE, "zone")
+    assert "no room" in finding.sentence
+
+
+def test_a_box_that_excludes_the_building_is_found_at_its_bound():
+    narrow = building().with_parameter("g_e_out", lower=20.0, upper=60.0, nominal=None)
+    estimator = build("ekf", narrow, PERIOD, {"preset": "default"})
+    state, seen, inputs = run(estimator, record(6 * 144, seed=5), 6 * 144)
+    assert (AT_BOUND, "g_e_out") in names(diagnose(estimator, state, seen, inputs))
+
+
+def test_before_the_third_day_nothing_is_said_about_parameters():
+    estimator = build("ekf", network("titethria"), PERIOD, {})
+    state, seen, inputs = run(estimator, record(2 * 144, seed=5), 2 * 144)
+    assert names(diagnose(estimator, state, seen, inputs)) <= {(IMPLAUSIBLE, "zone")}
+
+
+MEMBERS = {
+    "one": {"estimator": "ekf", "measurement_sd": 0.02},
+    "other": {"estimator": "ekf"},
+    "ground": {"estimator": "ekf", "network": "ground"},
+    "blind": {"estimator": "arx"},
+}
+
+
+def bank(**changes):
+    return build("bank", building(), PERIOD, {"members": MEMBERS} | changes)
+
+
+def test_members_that_are_sure_of_different_values_disagree():
+    estimator = bank(members={name: MEMBERS[name] for name in ("one", "other")})
+    state, _, _ = run(estimator, record(144, seed=4), 144)
+    calm = disagreement(estimator, state, (0.025, 0.5, 0.975))
+    first, second = state.members
+    mean = second.mean.copy()
+    mean[2] += 0.5
+    sure = (first._replace(root=0.01 * first.root), second._replace(mean=mean, root=0.01 * second.root))
+    apart = state._replace(members=sure)
+    found = disagreement(estimator, apart, (0.025, 0.5, 0.975))
+    assert not calm
+    assert (MEMBERS_DISAGREE, "C_i") in {finding[:2] for finding in found}
+
+
+def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
+    estimator = bank()
+    state, _, _ = run(estimator, record(144, seed=4), 144)
+    found = variants(estimator, state)
+    assert [each.variant for each in found] == ["own", "ground"]
+    assert sum(each.weight for each in found) == pytest.approx(1.0)
+    loss = state.losses.loss.copy()
+    loss[:3], hours = 1000.0, np.full_like(loss, 500.0)
+    loss[3] = 1.0
+    blind = state._replace(losses=state.losses._replace(loss=loss, hours=hours))
+    assert MISSES_SOMETHING in {finding.finding for finding in carried(estimator, blind)}
+    loss[2:] = loss[2:][::-1]
+    ground = state._replace(losses=state.losses._replace(loss=loss.copy(), hours=hours))
+    assert ("network-variant", "ground") in {finding[:2] for finding in carried(estimator, ground)}
+
+
+def test_a_diagnosis_is_due_every_few_hours_and_at_the_first_heating():
+    net, quiet = building(), no_record(2)
+    times = [time for time in range(0, 86400, 600) if due(net, quiet, quiet, time, 600, 7)]
+    assert len(times) == 86400 // EVERY
+    other = [time for time in range(0, 86400, 600) if due(net, quiet, quiet, time, 600, 7 + 3600)]
+    assert set(times).isdisjoint(other), "zones of a site take turns"
+    heated = quiet._replace(largest=np.array([0.0, 2000.0]))
+    assert due(net, quiet, heated, 600, 600, 0)
+    assert not due(net, heated, heated._replace(largest=np.array([0.0, 2200.0])), 600, 600, 0)
+
+
+def test_names_are_stable():
+    assert FINDINGS == (
+        "forecast-implausible",
+        "heat-loss-against-balance",
+        "parameter-at-bound",
+        "parameter-not-identified",
+        "members-disagree",
+        "network-misses-something",
+        "network-variant",
+        "narrower-bounds",
+    )
