@@ -409,7 +409,7 @@ def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
     url, endpoint = daemon
     code = block.text.replace("http://127.0.0.1:8080", url).replace("tcp/127.0.0.1:7447", endpoint)
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=180, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert len(done.stdout.splitlines()) >= 3

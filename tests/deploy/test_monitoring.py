@@ -103,6 +103,6 @@ def test_the_panels_of_the_dashboard_do_not_overlap() -> None:
 @pytest.mark.parametrize("arguments", [["check", "rules", "alerts.yml"], ["test", "rules", "alerts_test.yml"]])
 def test_promtool_agrees(arguments: list[str]) -> None:
     done = subprocess.run(
-        ["promtool", *arguments], cwd=PROMETHEUS, capture_output=True, text=True, timeout=60, check=False
+        ["promtool", *arguments], cwd=PROMETHEUS, capture_output=True, text=True, timeout=180, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -57,7 +57,7 @@ def test_replay_and_daemon_agree(estimator, tmp_path):
         history = daemon.history(ZONE)
         with zenoh.open(config) as session:
             for topic in ("volatility", "gate"):
-                (answer,) = session.get(f"thermogate/semi-synthetic/{ZONE}/{topic}", timeout=60)
+                (answer,) = session.get(f"thermogate/semi-synthetic/{ZONE}/{topic}", timeout=180)
                 document = json.loads(answer.ok.payload.to_bytes())
                 assert document.get("volatility", document.get("n_eff")) is None
         assert daemon.terminate() == 0

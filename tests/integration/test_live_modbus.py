@@ -14,6 +14,7 @@ import zenoh
 from support.harness import Daemon, free_port, thermogate
 from support.live_modbus import WORDS, configuration, running, until
 from support.modbus_plant import plant
+from support.waiting import wait_until
 
 
 @contextmanager
@@ -31,24 +32,34 @@ def channel(status: dict, name: str) -> dict:
     return next(one for one in status["channels"] if one["channel"] == name)
 
 
+def held(daemon: Daemon) -> tuple[list[bool], str]:
+    """Which inputs of the forecast are held, and its quality."""
+    _, forecast = daemon.get("/zones/zone-bms/forecast")
+    return [used["held"] for used in forecast["inputs"]], forecast["quality"]
+
+
 def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tmp_path: Path) -> None:
     with running(plant(holding=WORDS)) as site:
         config = configuration(tmp_path, {"bms": site.port})
         with Daemon(config, tmp_path / "log") as daemon:
-            until(daemon, "zone-bms", lambda status: status["samples"] >= 3)
-            _, forecast = daemon.get("/zones/zone-bms/forecast")
-            assert forecast["mean"] == pytest.approx(21.5, abs=1.0)
-            assert [used["held"] for used in forecast["inputs"]] == [False, False]
-            assert not any(one["stale"] for one in daemon.get("/zones/zone-bms")[1]["status"]["channels"])
+            until(
+                daemon,
+                "zone-bms",
+                lambda status: status["samples"] >= 3 and not any(one["stale"] for one in status["channels"]),
+            )
+            assert daemon.get("/zones/zone-bms/forecast")[1]["mean"] == pytest.approx(21.5, abs=1.0)
+            wait_until(lambda: held(daemon) == ([False, False], "good"))
 
             site.refused.add((1, "holding", 1))
-            status = until(daemon, "zone-bms", lambda status: channel(status, "T_out")["stale"])
+            status = until(
+                daemon,
+                "zone-bms",
+                lambda status: channel(status, "T_out")["stale"] and not channel(status, "T_i")["stale"],
+            )
             assert status["state"] == "running"
-            assert not channel(status, "T_i")["stale"]
             assert status["faults"]["refused_by_device"] >= 1
-            _, forecast = daemon.get("/zones/zone-bms/forecast")
-            assert [used["held"] for used in forecast["inputs"]] == [True, False], "the forecast says what is held"
-            assert forecast["quality"] == "uncertain"
+            # The forecast says what is held.
+            wait_until(lambda: held(daemon) == ([True, False], "uncertain"))
 
             status = until(daemon, "zone-bms", lambda status: status["state"] == "stalled")
             assert "T_out is" in status["reason"]
@@ -75,7 +86,7 @@ def test_staleness_reaches_zenoh_with_the_first_interval_that_lacks_the_channel(
             until(daemon, "zone-bms", lambda status: status["samples"] >= 2)
             refusing.set()
             site.refused.add((1, "holding", 1))
-            assert seen.wait(60), daemon.log()
+            assert seen.wait(180), daemon.log()
         subscriber.undeclare()
     last_good = datetime.fromisoformat(channel(first, "T_out")["last_good"])
     assert datetime.fromisoformat(first["last_sample_time"]) - last_good <= timedelta(seconds=1), "one period"
@@ -100,7 +111,7 @@ def test_a_device_that_goes_away_harms_no_other_zone_and_is_found_again(tmp_path
 
             before = daemon.get("/zones/zone-other")[1]["status"]
             with running(plant(holding=WORDS), port):
-                until(daemon, "zone-lost", lambda status: status["state"] == "running" and not status["reason"], 60)
+                until(daemon, "zone-lost", lambda status: status["state"] == "running" and not status["reason"])
             after = daemon.get("/zones/zone-other")[1]["status"]
             assert after["samples"] > before["samples"]
             assert (after["segment"], after["faults"]) == (1, {})

@@ -55,7 +55,7 @@ def stale(found: dict) -> set[str]:
     return {one["channel"] for one in found["channels"] if one["stale"]}
 
 
-def until(daemon: Daemon, done, timeout: float = 60) -> dict:
+def until(daemon: Daemon, done, timeout: float = 240) -> dict:
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline:
         found = status(daemon)
@@ -66,7 +66,7 @@ def until(daemon: Daemon, done, timeout: float = 60) -> dict:
 
 
 def truth(bms: Bms) -> dict:
-    with urllib.request.urlopen(f"{bms.control}/state", timeout=60) as answer:
+    with urllib.request.urlopen(f"{bms.control}/state", timeout=180) as answer:
         return json.load(answer)
 
 
@@ -102,7 +102,7 @@ def heard_on_zenoh(ours: str) -> set[str]:
     for key, value in {"mode": "client", "connect/endpoints": [ours], "scouting/multicast/enabled": False}.items():
         config.insert_json5(key, json.dumps(value))
     with zenoh.open(config) as session:
-        (reply,) = list(session.get("thermogate/plant/room2/status", timeout=60))
+        (reply,) = list(session.get("thermogate/plant/room2/status", timeout=180))
         return stale(json.loads(reply.ok.payload.to_string()))
 
 
@@ -116,7 +116,7 @@ def test_no_value_is_not_available_and_not_zero(plant: tuple[Bms, Daemon, str]) 
 
 
 def test_probe_shows_every_channel(bms: Bms, place: str) -> None:
-    done = thermogate("probe", EXAMPLE, "--seconds", 8, *overrides({"sources.bms.connect": [place]}), timeout=60)
+    done = thermogate("probe", EXAMPLE, "--seconds", 8, *overrides({"sources.bms.connect": [place]}), timeout=180)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
     assert lines[0] == f"source bms: client connecting to {place}"
@@ -130,7 +130,7 @@ def test_probe_shows_every_channel(bms: Bms, place: str) -> None:
 
 def test_probe_of_a_wrong_key_fails_and_names_it(bms: Bms, place: str) -> None:
     changes = {"sources.bms.connect": [place], "zones.0.channels.T_out.key": "bms/plain/weather/Tout"}
-    done = thermogate("probe", EXAMPLE, "--seconds", 2, *overrides(changes), timeout=60)
+    done = thermogate("probe", EXAMPLE, "--seconds", 2, *overrides(changes), timeout=180)
     assert done.returncode == 1
     assert "nothing came within 2 s" in done.stdout
     assert "bms/plain/weather/T_out" in done.stdout, "a key that is heard is offered"

@@ -66,7 +66,7 @@ def read(reader: zenoh.Session, seconds: float, enough: Callable[[Seen], object]
     tokens = reader.liveliness().declare_subscriber("thermogate/**", handler, history=True)
     began = time.monotonic()
     seen = Seen(set(), set(), False, set())
-    while time.monotonic() < began + seconds or not (enough(seen) or time.monotonic() > began + 60):
+    while time.monotonic() < began + seconds or not (enough(seen) or time.monotonic() > began + 180):
         replies = reader.get("thermogate/**", timeout=1, consolidation=zenoh.ConsolidationMode.NONE)
         answered = {reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
         samples = list(iter(subscriber.try_recv, None))

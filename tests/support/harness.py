@@ -63,19 +63,19 @@ class Daemon:
 
     def url(self) -> str:
         """The address it serves on, once it does."""
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 180
         while time.monotonic() < deadline:
             found = re.search(r"serving on (https?://\S+)", self.log())
             if found:
                 return found.group(1)
             assert self.process.poll() is None, self.log()
             time.sleep(0.05)
-        raise AssertionError(f"not serving after 60 s: {self.log()}")
+        raise AssertionError(f"not serving after 180 s: {self.log()}")
 
     def get(self, path: str) -> tuple[int, dict]:
         """Status and JSON body of a GET."""
         try:
-            with urllib.request.urlopen(self.url() + path, timeout=60) as answer:
+            with urllib.request.urlopen(self.url() + path, timeout=180) as answer:
                 return answer.status, json.load(answer)
         except urllib.error.HTTPError as error:
             with error:
@@ -83,7 +83,7 @@ class Daemon:
 
     def text(self, path: str) -> str:
         """Body of a GET that is no JSON."""
-        with urllib.request.urlopen(self.url() + path, timeout=60) as answer:
+        with urllib.request.urlopen(self.url() + path, timeout=180) as answer:
             return answer.read().decode()
 
     def post(self, path: str, body: dict) -> tuple[int, dict]:
@@ -92,13 +92,13 @@ class Daemon:
             self.url() + path, json.dumps(body).encode(), {"Content-Type": "application/json"}
         )
         try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
+            with urllib.request.urlopen(request, timeout=180) as answer:
                 return answer.status, json.load(answer)
         except urllib.error.HTTPError as error:
             with error:
                 return error.code, json.load(error)
 
-    def wait(self, done, timeout: float = 120) -> dict:
+    def wait(self, done, timeout: float = 240) -> dict:
         """Poll /zones until `done(zones by id)`."""
         deadline = time.monotonic() + timeout
         zones: dict = {}
@@ -124,7 +124,7 @@ class Daemon:
     def terminate(self, signum: int = signal.SIGTERM) -> int:
         """Exit code after an orderly stop, which may take as long as on a very busy machine."""
         self.process.send_signal(signum)
-        return self.process.wait(timeout=60)
+        return self.process.wait(timeout=180)
 
     def kill(self) -> None:
         self.process.kill()
@@ -142,7 +142,7 @@ def ended(zones: dict) -> bool:
     return all("come to an end" in zone["reason"] for zone in zones.values())
 
 
-def reload(daemon: Daemon, expected: str, timeout: float = 60) -> None:
+def reload(daemon: Daemon, expected: str, timeout: float = 240) -> None:
     """Send SIGHUP and wait until the log says `expected` once more."""
     before = daemon.log().count(expected)
     daemon.process.send_signal(signal.SIGHUP)

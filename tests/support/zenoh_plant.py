@@ -104,7 +104,7 @@ class Listener:
 
     async def until(self, done: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
         """Wait until `done`, doing `act` again and again."""
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 180
         while not done():
             assert time.monotonic() < deadline, (self.readings[-5:], self.failures)
             act()

@@ -240,7 +240,7 @@ def test_closing_ends_a_delivery_that_is_asleep(tmp_path):
         await closing
         return got
 
-    assert asyncio.run(asyncio.wait_for(close_while_asleep(), 60)) == [0.0]
+    assert asyncio.run(asyncio.wait_for(close_while_asleep(), 180)) == [0.0]
 
 
 def test_reading_a_large_file_leaves_the_event_loop_alive_and_stops_when_cancelled(tmp_path, monkeypatch):

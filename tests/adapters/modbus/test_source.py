@@ -44,7 +44,7 @@ def run(job):
 
 
 async def exhaust(stream):
-    async with asyncio.timeout(60):
+    async with asyncio.timeout(180):
         async for _ in stream:
             pass
 
@@ -137,7 +137,7 @@ def test_a_refused_register_is_asked_for_again_now_and_then(monkeypatch, caplog)
                 while values(batches).get("z/c1") is not Fault.REFUSED_BY_DEVICE:
                     batches.append(await anext(stream))
                 site.refused.clear()
-                async with asyncio.timeout(60):
+                async with asyncio.timeout(180):
                     while values(batches)["z/c1"] != 2.0:
                         batches.append(await anext(stream))
                 return site.requests()[-1]
@@ -179,7 +179,7 @@ def test_a_silent_unit_does_not_hold_up_the_others(caplog):
                 batches = [await anext(stream) for _ in range(20)]
                 asked = len(site.requests(2))
                 site.silent.clear()
-                async with asyncio.timeout(60):
+                async with asyncio.timeout(180):
                     while "z/c2" not in values(batches):
                         batches.append(await anext(stream))
             return values(batches), asked

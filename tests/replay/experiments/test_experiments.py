@@ -149,7 +149,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
         while len(list(tmp_path.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=180)
     kept = {path.name for path in (tmp_path / "runs").iterdir()}
     assert process.returncode == 130
     assert said.endswith("the same command goes on from there\n")

@@ -114,7 +114,7 @@ def test_a_daemon_that_cannot_start_is_said_in_one_sentence(tmp_path):
         "--out",
         str(tmp_path / "out"),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
     assert done.returncode == 1
     assert done.stderr.startswith("fleet: network 'm1'")
     assert len(done.stderr.splitlines()) == 1

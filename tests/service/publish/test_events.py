@@ -30,7 +30,7 @@ class Client:
 
     async def events(self, count):
         """Read until `count` events have come; (event, id, data) of every one of them."""
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(180):
             while len(found := self.parsed()) < count:
                 chunk = await self.reader.read(65536)
                 assert chunk, f"ended after {self.text}"
@@ -40,13 +40,13 @@ class Client:
     async def heard(self, stamp):
         """Read until the status of the sample at `stamp` has come; what came before is forgotten."""
         news = ""
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(180):
             while "event: status" not in news or f"id: {stamp}" not in news.split("event: status")[-1]:
                 news += (await self.reader.read(65536)).decode()
         return news
 
     async def to_the_end(self):
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(180):
             self.text += (await self.reader.read()).decode()
         return self.text
 
@@ -91,7 +91,7 @@ class Serving:
         return update
 
     async def until(self, done):
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(180):
             while not done():
                 await asyncio.sleep(0.01)
 
@@ -204,7 +204,7 @@ def test_a_silent_zone_sends_comments(monkeypatch):
         async with serving() as server:
             client = await server.connect()
             await client.events(4)
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(180):
                 while client.text.count(": ping") < 3:
                     client.text += (await client.reader.read(1000)).decode()
             assert len(client.parsed()) == 4
@@ -258,7 +258,7 @@ def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
             await well.heard(stamp(2))
             step = 3
             # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(180):
                 while server.streams.overtaken < 40:
                     server.announce(step)
                     assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"

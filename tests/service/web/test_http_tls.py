@@ -22,7 +22,7 @@ from service.web.server.server import HttpServer
 
 
 def run(scenario: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 60))
+    asyncio.run(asyncio.wait_for(scenario, 180))
 
 
 def app() -> FastAPI:

@@ -44,7 +44,7 @@ class Life:
 
     async def settled(self):
         """Until everything that was accepted is assimilated."""
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(180):
             await self.zone.settled()
 
     async def live(self, seconds, *, readings=True, step=60.0):
@@ -89,7 +89,7 @@ async def living(folder, wall, announcer=None, max_gap=3):
             yield Life(zone, wall, running, shared.store)
         finally:
             await zone.close_mailbox()
-            await asyncio.wait_for(running, 60)
+            await asyncio.wait_for(running, 180)
 
 
 def rows(folder, where="zone = 'z'"):
@@ -265,7 +265,7 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
                 # Once more from the same moment, so that all come to the same end.
                 life.wall.now = NOON + HOUR - PERIOD / 2 if attempt else life.wall.now - HOUR - PERIOD / 2
                 await life.live(SETTLING + 2.0, readings=False, step=1.0)
-                async with asyncio.timeout(60):
+                async with asyncio.timeout(180):
                     while life.zone.status().state == "failed":
                         await asyncio.sleep(0.005)
                 await life.settled()

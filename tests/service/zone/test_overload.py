@@ -36,7 +36,7 @@ class Held:
         return Held(self._inner.anew(), self._allowed)
 
     def step(self, item):
-        self._allowed.wait(60)
+        self._allowed.wait(180)
         return self._inner.step(item)
 
 
@@ -57,7 +57,7 @@ def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
             zone = held_zone(shared, allowed)
             running = await started(zone, live=True)
             items = [sample(k) for k in range(120)]
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(180):
                 await zone.accept(items)
             assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
             assert await shared.store.last_sample_time("z") == items[-1].time, "each was journaled"
@@ -99,7 +99,7 @@ def test_a_recording_waits_for_the_estimator(tmp_path):
             items = [sample(k) for k in range(60)]
             accepting = asyncio.create_task(zone.accept(items))
             # One is in the estimator's hands and one waits at the door.
-            async with asyncio.timeout(60):
+            async with asyncio.timeout(180):
                 while await shared.store.last_sample_time("z") != items[mailbox.ROOM + 1].time:
                     await asyncio.sleep(0.01)
             await asyncio.sleep(0.3)
@@ -208,7 +208,7 @@ def test_a_failed_zone_lets_go_of_who_waits_for_room():
         waiting = asyncio.create_task(box.put(Accepted(sample(99), 99.0), patient=True))
         await asyncio.sleep(0)
         box.discard()
-        await asyncio.wait_for(waiting, 60)
+        await asyncio.wait_for(waiting, 180)
         assert len(box) == 0
         assert await box.get() == Left(None, 0.0)
 
