@@ -19,8 +19,8 @@ from estimator.bank.options import BankOptions
 from estimator.bank.weights import Losses, between, no_losses, weights, with_loss
 from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.network import Network
-from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior
-from estimator.verification.hindsight import Hindsight, Pending
+from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior, Verified
+from estimator.verification.hindsight import Due, Hindsight, Pending
 from estimator.verification.scores import crps, gaussian_crps, reduced
 
 COMPONENTS = 96
@@ -51,6 +51,7 @@ class Bank:
     """The bank of one zone. See `estimator.types.Estimator` for the moves."""
 
     physical = True
+    verifies_itself = True
 
     def __init__(self, network: Network, period: float, options: BankOptions, members: Mapping[str, Estimator]) -> None:
         self.network = network.validate()
@@ -113,14 +114,10 @@ class Bank:
         """Let every member learn from `outputs` (n_y,), and the bank from what they had forecast for it."""
         posteriors = [member.update(own, outputs) for member, own in zip(self.members, state.members, strict=True)]
         vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
-        state = (
-            state._replace(
-                members=tuple(posterior.state for posterior in posteriors),
-                lost=np.where(vanished, state.lost + 1.0, 0.0),
-            )
-            if vanished.all()
-            else self._learned(state, posteriors, vanished, outputs)
-        )
+        known = np.isfinite(outputs).any() and not vanished.all()
+        due = tuple(self._hindsight.due(state.pending)) if known else ()
+        verified = tuple(Verified(one.lead, self._mixed(state, one.mixtures, one.lead)) for one in due)
+        state = self._learned(state, posteriors, vanished, outputs, due, verified)
         now = weights(state.losses, self.options)
         best = self._physical(now)
         return posteriors[self._voice]._replace(
@@ -129,6 +126,7 @@ class Bank:
             log_likelihood=_mixed_likelihood(now[:, 0], posteriors),
             parameters=self._own_parameters(best, posteriors[best].parameters),
             disturbance=next((p.disturbance for p in posteriors if p.disturbance is not None), None),
+            verified=verified,
         )
 
     def forecast(self, state: BankState, plan: Array) -> Iterator[Mixture]:
@@ -148,9 +146,9 @@ class Bank:
         ]
         return summary._replace(parameters=np.array(own), time_constants=summary.time_constants[:nodes])
 
-    def weights(self, state: BankState) -> Array:
-        """(E, H): what every member weighs at each of `leads`."""
-        return weights(state.losses, self.options)
+    def member_weights(self, state: BankState) -> Mapping[str, Array]:
+        """What each member weighs at each of `leads`, (H,) by name."""
+        return dict(zip(self.names, weights(state.losses, self.options), strict=True))
 
     def issue(self, state: BankState, count: int) -> BankState:
         """The state itself."""
@@ -186,27 +184,34 @@ class Bank:
             phase=arrays["phase"],
         )
 
-    def _learned(self, state: BankState, posteriors: Sequence[Posterior], vanished: Array, outputs: Array) -> BankState:
-        """The state after a sample that some members, with these posteriors, could explain."""
+    def _learned(
+        self,
+        state: BankState,
+        posteriors: Sequence[Posterior],
+        vanished: Array,
+        outputs: Array,
+        due: Sequence[Due],
+        verified: Sequence[Verified],
+    ) -> BankState:
+        """The state after a sample: `due` are the members' forecasts of it, `verified` what the bank made of those."""
         members = [posterior.state for posterior in posteriors]
         lost = np.where(vanished, state.lost + 1.0, 0.0)
         losses, log_scale = state.losses, state.log_scale.copy()
-        measured = np.flatnonzero(np.isfinite(outputs)).tolist()
+        measured = [] if vanished.all() else np.flatnonzero(np.isfinite(outputs)).tolist()
         if measured:
             parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
             means, sds = np.array([part.mean() for part in parts]), np.array([part.sd() for part in parts])
             scores = np.mean([gaussian_crps(means[:, i], sds[:, i], outputs[i]) for i in measured], axis=0)
             log_scale[0] = self._kept(log_scale[0], self._mixed(state, parts, 1), outputs)
             losses = with_loss(losses, 0, scores, self._hours, self.options)
-            for due in self._hindsight.due(state.pending):
-                place = due.horizon + 1
-                log_scale[place] = self._kept(log_scale[place], self._mixed(state, due.mixtures, due.lead), outputs)
-                scores = np.array([np.mean([crps(part, i, outputs[i]) for i in measured]) for part in due.mixtures])
+            for one, mixed in zip(due, verified, strict=True):
+                place = one.horizon + 1
+                log_scale[place] = self._kept(log_scale[place], mixed.mixture, outputs)
+                scores = np.array([np.mean([crps(part, i, outputs[i]) for i in measured]) for part in one.mixtures])
                 losses = with_loss(losses, place, scores, 1.0, self.options)
-                for index, (member, part) in enumerate(zip(self.members, due.mixtures, strict=True)):
-                    members[index] = member.verified(members[index], due.lead, outputs - part.mean())
-        for index in np.flatnonzero(lost >= _LOST).tolist():
-            if len(state.pending.inputs):
+                for index, (member, part) in enumerate(zip(self.members, one.mixtures, strict=True)):
+                    members[index] = member.verified(members[index], one.lead, outputs - part.mean())
+            for index in np.flatnonzero(lost >= _LOST).tolist():
                 members[index] = self.members[index].restart(members[index], outputs, state.pending.inputs[-1])
                 lost[index] = 0.0
         return state._replace(members=tuple(members), lost=lost, losses=losses, log_scale=log_scale)

@@ -98,7 +98,7 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
 
 
 def _members(bank: Bank, state: Any) -> list[_Member]:
-    weights = bank.weights(state)
+    weights = bank.member_weights(state).values()
     return [_Member(*each) for each in zip(bank.names, bank.members, state.members, weights, strict=True)]
 
 

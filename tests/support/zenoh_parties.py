@@ -29,7 +29,7 @@ def opened(settings: dict[str, object], base: zenoh.Config | None = None) -> zen
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "timestamping/enabled": True,
-        "connect/timeout_ms": 4000,
+        "connect/timeout_ms": 60_000,
         "connect/exit_on_failure": True,
         **settings,
     }.items():

@@ -22,6 +22,7 @@ def _sections() -> dict[str, Callable[[Sizes], Mapping[str, Any]]]:
     from replay.measuring.bench.sections.growth import growth
     from replay.measuring.bench.sections.memory import memory
     from replay.measuring.bench.sections.months import months
+    from replay.measuring.bench.sections.plain import plain
     from replay.measuring.bench.sections.stages import stages
     from replay.measuring.bench.sections.start import start
     from replay.measuring.bench.sections.update import one_thread, two_threads
@@ -35,11 +36,12 @@ def _sections() -> dict[str, Callable[[Sizes], Mapping[str, Any]]]:
         "memory": memory,
         "start": start,
         "comparisons": comparisons,
+        "plain": plain,
         "fleet": fleet,
     }
 
 
-SECTIONS = ("update", "threads", "stages", "growth", "months", "memory", "start", "comparisons", "fleet")
+SECTIONS = ("update", "threads", "stages", "growth", "months", "memory", "start", "comparisons", "plain", "fleet")
 
 
 def measure(name: str, size: str, out: Path) -> None:

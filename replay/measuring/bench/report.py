@@ -10,8 +10,11 @@ from replay.measuring.bench.targets import Sections, judged
 
 _STATEMENT = (
     "Written by `make bench`; do not edit. Every figure below was measured in one run on the machine named here, each "
-    "section in a process of its own. A median is followed by its quartiles."
+    "section in a process of its own; a section that was measured elsewhere names its machine. A median is followed by "
+    "its quartiles."
 )
+_QUIET = 1.0
+"""Load average up to which a machine of two cores counts as quiet."""
 
 
 def table(sections: Sections) -> list[str]:
@@ -26,7 +29,8 @@ def page(results: Mapping[str, Any], path: Path) -> None:
     if results["size"] != "full":
         lines += [f"**Size `{results['size']}`: these figures only show that the measurements run.**", ""]
     lines += _machine(results["machine"]) + _targets(sections)
-    for name, write in {"stages": _stages, "growth": _growth, "comparisons": _comparisons, "fleet": _fleet}.items():
+    written = {"stages": _stages, "growth": _growth, "comparisons": _comparisons, "plain": _plain, "fleet": _fleet}
+    for name, write in written.items():
         found = sections.get(name, {})
         if found and "failed" not in found and "skipped" not in found:
             lines += write(found)
@@ -178,6 +182,41 @@ def _comparisons(found: Mapping[str, Any]) -> list[str]:
         "of the others takes the exponential of the augmented matrix. It is the core of an update, not all of it.",
         "",
         *_rows(("implementation", "particles", "ns a particle", "times ours"), rows),
+    ]
+
+
+def _plain(found: Mapping[str, Any]) -> list[str]:
+    labels = {"host": "this machine", "avx2": "compiled for AVX2 (`x86-64-v3`)"}
+    machine = found["machine"]
+    load = machine["load_average_before"]
+    busy = "" if load <= _QUIET else " The machine was not quiet: trust the ratios, not the times."
+    return [
+        "",
+        "## The kernels and plain Numba",
+        "",
+        f"A complete update of {found['host']['particles']:,} particles on one thread: by the estimator's kernels, and "
+        "by scalar loops that LLVM vectorises by itself (`replay/measuring/bench/plain`). Both start from the same "
+        "states and run in turn, and a ratio is the median over pairs. Processor time is that of the thread. The first "
+        "two updates of a process with an empty kernel cache include the compilation. "
+        "[Kernels](decisions/kernels.md) says what follows from the figures.",
+        "",
+        f"Measured on {machine['processor']}, commit {machine['commit'] or 'unknown'}, {machine['date']}; load average "
+        f"before: {load:.1f} on {machine['cores']} cores.{busy}",
+        "",
+        *_rows(
+            ("processor", "kernels", "plain Numba", "ratio", "ratio of processor time", "first two updates, processor"),
+            [
+                (
+                    label,
+                    *(f"{1e3 * one[way]['median_s']:.2f} ms" for way in ("kernels", "plain")),
+                    f"{one['ratio']:.2f}",
+                    f"{one['processor_ratio']:.2f}",
+                    " and ".join(f"{one['first_updates_processor_s'][way]:.1f} s" for way in ("kernels", "plain")),
+                )
+                for name, label in labels.items()
+                for one in [found[name]]
+            ],
+        ),
     ]
 
 

@@ -1,0 +1,503 @@
+"""`import thermogate as tg`: tables in, forecasts and what was learned out."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.harness import ROOT
+
+import thermogate as tg
+from estimator.network import presets
+from service.config.site import ZoneTable
+from thermogate import learning
+
+FEW: dict[str, Any] = {"estimator": "ekf"}
+
+
+def room(start: str = "2025-01-10 00:00", samples: int = 60, tz: str | None = "UTC", period: str = "10min") -> Any:
+    """A heated room: degC and W, from `start` on."""
+    index = pd.date_range(start, periods=samples, freq=period, tz=tz)
+    step = np.arange(samples)
+    heat = np.where(step // 18 % 2 == 0, 1500.0, 200.0)
+    outside = 4.0 + 3.0 * np.sin(step / 23.0)
+    inside = np.empty(samples)
+    inside[0] = 20.0
+    for k in range(1, samples):
+        inside[k] = inside[k - 1] + 0.02 * (outside[k - 1] - inside[k - 1]) + heat[k - 1] * 2.6e-4
+    noise = 0.03 * np.sin(7.0 * step)
+    return pd.DataFrame({"T_i": inside + noise, "T_out": outside, "u_heat": heat}, index=index)
+
+
+@pytest.fixture(scope="module")
+def model() -> tg.Model:
+    return tg.fit(room(), "tite", **FEW)
+
+
+def bits(frame: Any) -> list[bytes]:
+    return [np.ascontiguousarray(frame[name]).tobytes() for name in frame if frame[name].dtype.kind in "fi"]
+
+
+def assert_same(left: tg.Model, right: tg.Model) -> None:
+    for name in ("predictions", "volatility", "parameter_history", "disturbance"):
+        assert bits(getattr(left, name)) == bits(getattr(right, name)), name
+        assert (getattr(left, name).index == getattr(right, name).index).all()
+    assert bits(left.forecast(horizon="1h")) == bits(right.forecast(horizon="1h"))
+    assert left.skill().equals(right.skill())
+
+
+def test_the_defaults_are_those_of_the_daemon() -> None:
+    table = room(samples=8)
+    model = tg.fit(table, "tite", estimator_options={"particles": 50})
+    assert model.estimator == ZoneTable.model_fields["estimator"].default
+    assert model.period == timedelta(minutes=10)
+    assert list(model.predictions.columns[:5]) == ["y", "mean", "sd", "lower_0.95", "upper_0.95"]
+
+
+@pytest.mark.parametrize("given", ["10min", 600, timedelta(minutes=10), pd.Timedelta("10min")])
+def test_a_period_is_written_as_in_the_configuration_or_a_timedelta(given: Any, model: tg.Model) -> None:
+    assert_same(tg.fit(room(), "tite", period=given, **FEW), model)
+
+
+def test_a_network_is_a_name_a_table_or_an_object(model: tg.Model) -> None:
+    assert_same(tg.fit(room(), presets.network("tite"), **FEW), model)
+    changed = tg.fit(room(), {"preset": "tite", "parameters": {"C_i": {"value": 2e6}}}, **FEW)
+    assert not changed.parameters().loc["C_i", "free"]
+    assert changed.parameters().loc["C_i", "q0.5"] == 2e6
+
+
+def test_columns_have_other_names_units_and_order(model: tg.Model) -> None:
+    table = room()
+    raw = pd.DataFrame(
+        {"Room": table["T_i"] + 273.15, "Heating kW": table["u_heat"] / 1000, "Out": table["T_out"], "Hum": 40.0}
+    ).iloc[::-1]
+    columns = {"T_i": ("Room", "K"), "u_heat": ("Heating kW", "kW"), "T_out": "Out"}
+    found = tg.fit(raw, "tite", columns=columns, **FEW)
+    np.testing.assert_allclose(found.predictions["mean"], model.predictions["mean"], rtol=1e-9)
+    plan = pd.DataFrame({"Room": 293.0, "Heating kW": 1.0, "Hum": 40.0}, index=found.forecast(horizon="1h").index)
+    assert bits(found.forecast(plan, "1h")) == bits(found.forecast({"u_heat": 1000.0}, "1h"))
+
+
+def test_samples_are_aggregated_on_the_grid_of_the_daemon(model: tg.Model) -> None:
+    fast = room().resample("5min").ffill().reindex(pd.date_range("2025-01-10", periods=120, freq="5min", tz="UTC"))
+    fast = fast.ffill()
+    fast.loc[fast.index[1::2], "u_heat"] = 0.0
+    fast.loc[fast.index[::2], "T_i"] -= 0.5
+    fast.loc[fast.index[1::2], "T_i"] += 0.5
+    first = tg.fit(fast, "tite", period="10min", **FEW)
+    np.testing.assert_allclose(first.predictions["mean"], model.predictions["mean"], rtol=1e-9)
+    mean = tg.fit(fast, "tite", period="10min", columns={"u_heat": {"aggregate": "mean"}}, **FEW)
+    assert not np.allclose(mean.predictions["mean"].iloc[5:], model.predictions["mean"].iloc[5:])
+
+
+def test_the_usual_distance_of_the_rows_is_the_period() -> None:
+    table = room().drop(room().index[[7, 20, 21]])
+    assert tg.fit(table, "tite", **FEW).period == timedelta(minutes=10)
+
+
+def test_gaps_are_bridged_or_begin_a_segment() -> None:
+    table = room(samples=80)
+    table.loc[table.index[20:23], "T_i"] = np.nan
+    table.loc[table.index[30], "u_heat"] = np.nan
+    found = tg.fit(table.drop(table.index[45:60]), "tite", **FEW).predictions
+    assert found["outcome"].iloc[20:23].tolist() == ["missing"] * 3
+    assert found["y"].iloc[20:23].isna().all()
+    assert found.loc[table.index[30], "outcome"] == "assimilated"
+    assert found["segment"].iloc[-1] == 2
+    assert found.loc[table.index[60], "outcome"] == "started"
+    short = tg.fit(table.drop(table.index[45:60]), "tite", max_gap=2, **FEW)
+    assert short.predictions["segment"].iloc[-1] == 3
+
+
+def test_an_end_without_measurements_leaves_no_forecast() -> None:
+    table = room(samples=80)
+    table.loc[table.index[40:], "T_i"] = np.nan
+    model = tg.fit(table, "tite", **FEW)
+    assert "no forecast: no measurement of T_i" in repr(model)
+    with pytest.raises(tg.DataError, match="no forecast: no measurement of T_i for 40 steps"):
+        model.forecast()
+
+
+def test_times_mean_the_same_in_every_zone(model: tg.Model) -> None:
+    elsewhere = tg.fit(room().tz_convert("America/New_York"), "tite", **FEW)
+    assert_same(elsewhere, model)
+    assert str(elsewhere.forecast(horizon="1h").index.tz) == "America/New_York"
+    naive = tg.fit(room().tz_convert("Europe/Berlin").tz_localize(None), "tite", tz="Europe/Berlin", **FEW)
+    assert_same(naive, model)
+    assert str(tg.fit(room(), "tite", tz="Europe/Berlin", **FEW).gate.index.tz) == "Europe/Berlin"
+
+
+def test_the_hour_that_autumn_repeats_is_told_apart_by_the_order_of_the_rows() -> None:
+    table = room("2024-10-26 20:00", samples=60)
+    local = table.tz_convert("Europe/Berlin").tz_localize(None)
+    assert local.index.has_duplicates
+    assert_same(tg.fit(local, "tite", tz="Europe/Berlin", **FEW), tg.fit(table, "tite", **FEW))
+
+
+def test_a_local_time_that_spring_skips_is_not_used() -> None:
+    local = room("2025-03-30 00:00", samples=60, tz=None)
+    with pytest.warns(UserWarning, match=r"18 readings not used \(bad timestamp\)"):
+        model = tg.fit(local, "tite", tz="Europe/Berlin", **FEW)
+    assert model.faults == {"bad_timestamp": 18}
+    with pytest.raises(tg.DataError, match="skips every time"):
+        tg.fit(local.iloc[12:18], "tite", tz="Europe/Berlin", period="10min", **FEW)
+
+
+def test_values_that_cannot_be_are_not_used_and_named() -> None:
+    table = room()
+    table.loc[table.index[[5, 9]], "T_i"] = [300.0, np.inf]
+    with pytest.warns(UserWarning, match="not used") as told:
+        model = tg.fit(pd.concat([table, table.iloc[:1]]), "tite", **FEW)
+    assert model.faults == {"out_of_range": 1, "not_finite": 1, "duplicated": 3}
+    sentences = [str(one.message) for one in told]
+    assert any(
+        sentence.startswith('column "T_i": 1 value not used (out of range), the first 300 at 2025-01-10 00:50:00+00:00')
+        for sentence in sentences
+    )
+    assert "the table: 3 readings not used (duplicated)" in sentences
+    assert all(one.filename == __file__ for one in told)
+    assert "1 out_of_range" in repr(model)
+
+
+def test_going_on_later_is_the_same_as_one_table() -> None:
+    table, cut = room(samples=100), 47
+    model = tg.fit(table.iloc[:cut], "tite", **FEW)
+    assert model.update(table.iloc[cut - 5 :]) is model
+    assert_same(model, tg.fit(table, "tite", **FEW))
+    with pytest.raises(tg.DataError, match="learned up to 2025-01-10 16:40:00"):
+        model.update(table)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "options"),
+    [
+        ("rbpf", {"particles": 64}),
+        ("ekf", {}),
+        ("ukf", {}),
+        ("mkf", {"particles": 16}),
+        ("arx", {}),
+        ("bank", {"members": {"mkf": {"estimator": "mkf", "particles": 16}, "arx": {"estimator": "arx"}}}),
+    ],
+)
+def test_a_saved_model_goes_on_with_the_same_bits(estimator: str, options: dict[str, Any], tmp_path: Path) -> None:
+    table, cut, path = room(samples=60), 40, tmp_path / "room.model"
+    model = tg.fit(table.iloc[:cut], "tite", estimator=estimator, estimator_options=options, seed=3)
+    model.save(path)
+    with np.load(path, allow_pickle=False) as stored:
+        assert not any(stored[name].dtype.hasobject for name in stored.files)
+    loaded = tg.load(str(path))
+    assert repr(loaded) == repr(model)
+    assert_same(loaded, model)
+    assert_same(loaded.update(table.iloc[cut:]), model.update(table.iloc[cut:]))
+    plan = {"u_heat": [100.0 * step for step in range(6)]}
+    assert bits(loaded.forecast(plan, "1h")) == bits(model.forecast(plan, "1h"))
+    assert [file.name for file in tmp_path.iterdir()] == ["room.model"]
+
+
+def test_a_saved_model_keeps_columns_units_zone_and_network(tmp_path: Path) -> None:
+    table = room().rename(columns={"T_i": "Room"}).tz_convert("Europe/Berlin").tz_localize(None)
+    table["Heat"] = table.pop("u_heat") / 1000
+    network = presets.network("tite").with_parameter("C_i", lower=2e5)
+    model = tg.fit(
+        table, network, tz="Europe/Berlin", columns={"T_i": "Room", "u_heat": ("Heat", "kW")}, levels=0.9, **FEW
+    )
+    model.save(tmp_path / "m.npz")
+    loaded = tg.load(tmp_path / "m.npz")
+    assert loaded.parameters().loc["C_i", "prior_lower"] == 2e5
+    assert loaded.forecast({"Heat": 1.0}).equals(model.forecast({"u_heat": 1000.0}))
+    assert "lower_0.9" in loaded.predictions
+
+
+def test_no_other_file_is_taken_for_a_model(tmp_path: Path, model: tg.Model) -> None:
+    path = tmp_path / "m.npz"
+    with pytest.raises(tg.DataError, match="there is no file"):
+        tg.load(path)
+    path.write_bytes(b"PK nonsense")
+    with pytest.raises(tg.DataError, match="no saved model"):
+        tg.load(path)
+    model.save(path)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(tg.DataError, match=r"no saved model, or it is damaged"):
+        tg.load(path)
+    with pytest.raises(tg.DataError, match="cannot be written"):
+        model.save(tmp_path / "nowhere" / "m.npz")
+
+
+def test_a_forecast_begins_with_the_next_sample(model: tg.Model) -> None:
+    fan = model.forecast(horizon="2h", levels=[0.5, 0.95])
+    assert list(fan.columns) == ["mean", "median", "sd", "lower_0.5", "upper_0.5", "lower_0.95", "upper_0.95"]
+    assert len(fan) == 13
+    assert fan.index[0] == model.predictions.index[-1] + model.period
+    assert fan.index.name == "time"
+    assert (fan["lower_0.95"] < fan["lower_0.5"]).all()
+    assert (fan["upper_0.5"] < fan["upper_0.95"]).all()
+    assert len(model.forecast(horizon=timedelta(hours=24))) == 145
+
+
+def test_a_plan_can_be_written_in_many_ways(model: tg.Model) -> None:
+    times = model.forecast(horizon="1h").index
+    heat = [0.0, 500.0, 1000.0, 1500.0, 2000.0, 2500.0]
+    expected = bits(model.forecast({"u_heat": heat}, "1h"))
+    timed = pd.Series(heat, index=times[:-1])
+    ways: list[Any] = [
+        {"u_heat": np.array(heat)},
+        {"u_heat": pd.Series(heat)},
+        {"u_heat": timed},
+        {"u_heat": timed.tz_convert("Asia/Tokyo")},
+        {"u_heat": timed.tz_localize(None)},
+        pd.DataFrame({"u_heat": heat}),
+        pd.DataFrame({"u_heat": timed}),
+        pd.DataFrame({"u_heat": timed, "T_i": 20.0}).iloc[::-1],
+    ]
+    for plan in ways:
+        assert bits(model.forecast(plan, "1h")) == expected
+    constant = bits(model.forecast({"u_heat": 700, "T_out": 3}, "1h"))
+    assert bits(model.forecast(pd.DataFrame({"u_heat": [700.0] * 6, "T_out": 3.0}), "1h")) == constant
+
+
+def test_what_is_not_planned_is_held(model: tg.Model) -> None:
+    times = model.forecast(horizon="1h").index
+    held = bits(model.forecast(horizon="1h"))
+    last = room().iloc[-1]
+    assert bits(model.forecast({"u_heat": last["u_heat"], "T_out": last["T_out"]}, "1h")) == held
+    assert bits(model.forecast({"T_out": last["T_out"]}, "1h")) == held
+    sparse = pd.DataFrame({"u_heat": [900.0, 300.0]}, index=times[[0, 4]])
+    assert bits(model.forecast(sparse, "1h")) == bits(model.forecast({"u_heat": [900.0] * 4 + [300.0] * 2}, "1h"))
+    earlier = pd.DataFrame({"u_heat": [900.0, 300.0]}, index=[times[0] - model.period, times[4]])
+    assert bits(model.forecast(earlier, "1h")) == bits(model.forecast(sparse, "1h"))
+    late = pd.DataFrame({"u_heat": [300.0]}, index=times[[4]])
+    steps = [last["u_heat"]] * 4 + [300.0] * 2
+    assert bits(model.forecast(late, "1h")) == bits(model.forecast({"u_heat": steps}, "1h"))
+
+
+def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
+    model = tg.fit(room(), "tite", estimator="mkf", estimator_options={"particles": 32})
+    paths = model.scenarios({"u_heat": 1000.0}, "3h", count=50)
+    fan = model.forecast({"u_heat": 1000.0}, "3h")
+    assert paths.shape == (19, 50)
+    assert (paths.index == fan.index).all()
+    assert abs(paths.mean(axis=1) - fan["mean"]).max() < 5.0 * fan["sd"].max()
+    with pytest.raises(tg.DataError, match="count must be a whole number"):
+        model.scenarios(count=0)
+    disturbance = model.disturbance.iloc[-1]
+    assert disturbance["measurement_sd_T_i_lower"] <= disturbance["measurement_sd_T_i_upper"]
+
+
+def test_what_was_learned_has_units_bounds_and_quantiles(model: tg.Model) -> None:
+    found = model.parameters([0.1, 0.9])
+    assert list(found.columns) == ["q0.1", "q0.9", "unit", "prior_lower", "prior_upper", "free"]
+    assert list(found.index) == [parameter.name for parameter in model.network.parameters]
+    assert (found["q0.1"] < found["q0.9"]).all()
+    assert found.loc["C_i", "unit"] == "J/K"
+    constants = model.time_constants()
+    assert list(constants.index) == ["tau_1", "tau_2"]
+    assert constants["q0.5"].is_monotonic_increasing
+    assert model.heat_loss().index.tolist() == ["q0.025", "q0.5", "q0.975"]
+    assert (model.parameter_history.iloc[-1] > 0).all()
+
+
+def test_skill_has_one_row_for_every_horizon(model: tg.Model) -> None:
+    found = model.skill()
+    assert list(found.index) == ["1 step", "1h", "6h", "24h"]
+    assert found.loc["1 step", "forecasts"] == 59
+    residual = model.predictions["residual"].iloc[1:]
+    assert found.loc["1 step", "rmse"] == pytest.approx(np.sqrt((residual**2).mean()), rel=1e-5)
+    assert found.loc["1 step", "crps"] == pytest.approx(model.predictions["crps"].mean(), rel=1e-5)
+    assert found.loc["24h", "forecasts"] == 0
+    assert {"coverage", "skill_persistence", "skill_arx"} <= set(found.columns)
+    hourly = tg.fit(room(period="1h"), "tite", **FEW)
+    assert list(hourly.skill(days=1).index) == ["1 step", "6h", "24h"]
+    with pytest.raises(tg.DataError, match="days must be one of 1, 7, 30, not 2"):
+        model.skill(2)
+
+
+def test_the_weights_of_a_bank() -> None:
+    members = {"filter": {"estimator": "ekf"}, "box": {"estimator": "arx"}}
+    model = tg.fit(room(), "tite", estimator="bank", estimator_options={"members": members})
+    weights = model.weights
+    assert list(weights.index) == ["filter", "box"]
+    assert weights.sum().to_numpy() == pytest.approx(1.0)
+    assert len(tg.fit(room(samples=10), "tite", **FEW).weights) == 0
+
+
+def test_a_room_with_two_thermometers_has_pairs_as_columns() -> None:
+    network = {
+        "name": "two",
+        "measured": ["T_i", "T_e"],
+        "boundaries": ["T_out"],
+        "capacitances": {"T_i": {"lower": 1e5, "upper": 1e8}, "T_e": {"lower": 1e6, "upper": 1e9}},
+        "conductances": [
+            {"name": "g_ie", "between": ["T_i", "T_e"], "lower": 10, "upper": 1e4},
+            {"name": "g_eo", "between": ["T_e", "T_out"], "lower": 5, "upper": 5e3},
+        ],
+        "heat_inputs": [{"channel": "u_heat", "node": "T_i", "unit": "W"}],
+    }
+    model = tg.fit(room().assign(T_e=lambda table: table["T_i"] - 2.0), network, **FEW)
+    assert ("T_e", "lower_0.95") in model.forecast(horizon="1h").columns
+    assert model.predictions["T_e"]["residual"].abs().max() < 5.0
+    assert model.predictions["T_i"].columns.tolist()[0] == "y"
+
+
+def test_it_introduces_itself(model: tg.Model) -> None:
+    text = repr(model)
+    assert "network tite, estimator ekf, a sample every 10min" in text
+    assert "60 samples in 1 segment, 2025-01-10 00:00 to 2025-01-10 09:50 (UTC)" in text
+    assert "T_i at 2025-01-10 10:00:" in text
+
+
+def test_a_slow_fit_shows_its_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    tg.fit(room(samples=10), "tite", **FEW)
+    assert "fit" not in capsys.readouterr().err
+    monkeypatch.setattr(learning, "_SLOW", 0.0)
+    model = tg.fit(room(samples=10), "tite", **FEW)
+    assert "fit: " in capsys.readouterr().err
+    model.update(room(samples=20), progress=False)
+    assert capsys.readouterr().err == ""
+
+
+def fit(change: Callable[[Any], Any] = lambda table: table, network: Any = "tite", **arguments: Any) -> Any:
+    return lambda: tg.fit(change(room(samples=20)), network, **{**FEW, **arguments})
+
+
+def with_text(table: Any) -> Any:
+    return table.astype(object).assign(T_out=["4", "n/a", *table["T_out"].iloc[2:]])
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (fit(lambda t: t["T_i"]), "the table must be a pandas DataFrame, not a Series"),
+        (fit(lambda t: t.reset_index(drop=True)), r"the index of the table holds int64, not times; make it one with"),
+        (fit(lambda t: t.tz_localize(None)), 'the times of the table have no time zone; give tz, such as tz="Europe/'),
+        (fit(lambda t: t.tz_localize(None), tz="Mars"), "tz: time zone 'Mars' is unknown; use an IANA name"),
+        (fit(lambda t: t.iloc[:0]), "the table has no rows"),
+        (fit(lambda t: t.set_index(t.index.where(t.index != t.index[3]))), r"row 3 of the table has no time \(NaT\)"),
+        (
+            fit(lambda t: t.rename(columns={"u_heat": "uheat"})),
+            'no column "u_heat" for u_heat .W.; its columns are T_i, T_out, uheat; did you mean "uheat"',
+        ),
+        (fit(lambda t: pd.concat([t, t[["T_i"]]], axis=1)), 'has the column "T_i" more than once; rename all but one'),
+        (fit(with_text), 'column "T_out" holds "n/a" at 2025-01-10 00:10:00.00:00, which is no number; convert'),
+        (fit(lambda t: t.assign(T_out=np.nan)), "no row of the table could be used: no reading of T_out yet"),
+        (fit(lambda t: t.iloc[:1]), "one row, from which no period follows; give period"),
+        (fit(lambda t: t.iloc[[0, 1, 3, 7, 12]]), "the rows are 10min to 50min apart, from which no period follows"),
+        (fit(period="7min"), 'period: "7min" does not divide a day into equal whole seconds'),
+        (fit(network="titeht"), 'network: unknown network "titeht"; the presets are .* did you mean "titeth"'),
+        (fit(network={"preset": "tite", "paramters": {}}), "network.paramters: is not a known key"),
+        (fit(network=7), 'network: must be a preset such as "titeth"'),
+        (
+            fit(columns={"T_x": "a"}),
+            "columns.T_x: network .tite. has no such channel; its channels are T_i, T_out, u_heat",
+        ),
+        (fit(columns={"T_i": 3}), "columns.T_i: must be the name of a column, a pair of name and unit"),
+        (fit(columns=["T_i"]), "columns must be a dict such as"),
+        (fit(columns={"u_heat": ("u_heat", "K")}), "columns.u_heat.unit: unit 'K' cannot be converted to W"),
+        (fit(columns={"u_heat": {"aggregate": "median"}}), 'columns.u_heat.aggregate: "median" is not known'),
+        (fit(columns={"u_heat": {"colour": "red"}}), "columns.u_heat.colour: is not a known key"),
+        (fit(estimator="kalman"), 'estimator: there is no estimator "kalman"; the estimators are rbpf, ekf'),
+        (fit(estimator_options={"particles": 3}), "estimator_options.particles"),
+        (fit(levels=[1.5]), "levels.*: must lie between 0 and 1"),
+        (fit(seed=-1), "seed: must be a whole number"),
+        (fit(hold_inputs="soon"), 'hold_inputs: "soon" is not a duration'),
+    ],
+)
+def test_a_mistake_is_one_sentence(call: Callable[[], Any], sentence: str) -> None:
+    with pytest.raises(tg.ServiceError, match=sentence) as told:
+        call()
+    assert len(str(told.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("plan", "horizon", "sentence"),
+    [
+        (None, "25min", "horizon: 25min is not a whole number of periods of 10min; 20min would be"),
+        (None, "soon", 'horizon: "soon" is not a duration'),
+        ({"u_het": 1.0}, "1h", 'the plan has "u_het", which is no input .* are T_out .degC., u_heat .W.; did you mean'),
+        ({"T_i": 20.0}, "1h", 'the plan has "T_i", which is no input of the model'),
+        ({"u_heat": [1.0, 2.0]}, "1h", '2 values of "u_heat", but the horizon has 6 steps .* or horizon="20min"'),
+        ({"u_heat": "on"}, "1h", 'the plan\'s "u_heat" must be a number or one number for every step'),
+        ({"u_heat": ["on"] * 6}, "1h", 'the plan: column "u_heat" holds "on" at 0, which is no number'),
+        (
+            {"T_out": 300.0},
+            "1h",
+            'the plan\'s "T_out" has 300, which is 300 degC; T_out is believed from -60 to 80 degC',
+        ),
+        (7, "1h", "the plan must be a DataFrame or a dict"),
+        (room(samples=6)[["u_heat"]], "1h", 'the plan\'s "u_heat" has no value between 2025-01-10 10:00:00'),
+    ],
+)
+def test_a_mistake_in_a_plan_is_one_sentence(plan: Any, horizon: Any, sentence: str, model: tg.Model) -> None:
+    with pytest.raises(tg.DataError, match=sentence):
+        model.forecast(plan, horizon)
+
+
+def test_what_an_estimator_does_not_have_is_said(model: tg.Model) -> None:
+    with pytest.raises(tg.DataError, match='the estimator ekf samples no futures; fit with estimator="mkf"'):
+        model.scenarios()
+    with pytest.raises(tg.DataError, match="levels must be a list of numbers between 0 and 1"):
+        model.forecast(levels=[95])
+    black_box = tg.fit(room(), "tite", estimator="arx")
+    with pytest.raises(tg.DataError, match="the estimator arx has no parameters of a building"):
+        black_box.parameters()
+    assert black_box.volatility.shape == (60, 0)
+
+
+def test_a_meter_of_energy_becomes_power_and_is_not_planned(model: tg.Model) -> None:
+    table = room()
+    counted = table["u_heat"].shift(fill_value=0.0).cumsum() / 6000.0
+    meter = table.drop(columns="u_heat").assign(meter=counted)
+    found = tg.fit(meter, "tite", columns={"u_heat": ("meter", "kWh")}, **FEW)
+    np.testing.assert_allclose(found.predictions["mean"].iloc[:50], model.predictions["mean"].iloc[:50], atol=1e-6)
+    with pytest.raises(tg.DataError, match='"meter", which counts energy; plan u_heat in W instead'):
+        found.forecast({"meter": 1.0})
+
+
+def python(code: str, **environment: str) -> str:
+    """What a fresh interpreter prints."""
+    own = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=ROOT,
+        env=own | environment,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def test_without_pandas_one_sentence_says_how_to_install_it() -> None:
+    blocked = "import sys; sys.modules['pandas'] = None\nimport thermogate as tg\n"
+    told = python(blocked + "try:\n    tg.fit(None, 'tite')\nexcept ImportError as error:\n    print(error)")
+    assert told == 'pandas is not installed; install it with: pip install "thermogate[pandas]"\n'
+
+
+def test_importing_it_is_quick_and_chooses_the_cache_before_numba(tmp_path: Path) -> None:
+    code = (
+        "import os, sys, thermogate as tg\n"
+        "print('numba' in sys.modules, 'pandas' in sys.modules, 'NUMBA_CACHE_DIR' in os.environ, 'fit' in dir(tg))\n"
+        "tg.fit, tg.load, tg.Model\n"
+        "import numba\nprint(numba.config.CACHE_DIR == os.environ['NUMBA_CACHE_DIR'])\n"
+        "try:\n    tg.fitt\nexcept AttributeError as error:\n    print(error)"
+    )
+    said = python(code, XDG_CACHE_HOME=str(tmp_path)).splitlines()
+    assert said == ["False False False True", "True", "module 'thermogate' has no attribute 'fitt'"]
+
+
+def test_nothing_warns_on_the_way() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tg.fit(room(samples=10), "tite", **FEW)

@@ -1,0 +1,109 @@
+"""What `fit` computes is what `thermogate replay` writes of the same data, bit for bit."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.harness import EXAMPLES, overrides
+
+import thermogate as tg
+from service.cli.main import main
+
+FIELDS = {"y": "y", "mean": "mean", "lower_0.95": "lower", "upper_0.95": "upper", "sd": "sd", "residual": "residual"}
+
+
+def replayed(config: str, out: Path, settings: dict[str, object]) -> tuple[list[dict[str, str]], list, dict[str, Any]]:
+    """The rows of updates.csv and parameters.csv, and the zone's summary."""
+    path = EXAMPLES / config
+    assert main(["replay", str(path), "--out", str(out), *overrides(settings)]) == 0
+    zones = json.loads((out / "summary.json").read_text())["zones"]
+    (zone,) = zones
+    with (out / zone / "updates.csv").open() as updates, (out / zone / "parameters.csv").open() as parameters:
+        return list(csv.DictReader(updates)), list(csv.DictReader(parameters)), zones[zone]
+
+
+def numbers(rows: list[dict[str, str]], name: str) -> np.ndarray:
+    return np.array([float(row[name] or "nan") for row in rows])
+
+
+def assert_the_same(model: tg.Model, updates: list, parameters: list, summary: dict[str, Any]) -> None:
+    found = model.predictions
+    assert [when.strftime("%Y-%m-%dT%H:%M:%SZ") for when in found.index.tz_convert("UTC")] == [
+        row["time"] for row in updates
+    ]
+    for own, theirs in FIELDS.items():
+        assert found[own].to_numpy().tobytes() == numbers(updates, theirs).tobytes(), own
+    assert found["segment"].tolist() == numbers(updates, "segment").tolist()
+    for own in ("lower", "median", "upper"):
+        assert model.volatility[own].to_numpy().tobytes() == numbers(updates, f"alpha_{own}").tobytes()
+    assert model.gate["gate"].to_numpy().tobytes() == numbers(updates, "gate").tobytes()
+    for name in model.parameter_history:
+        assert model.parameter_history[name].to_numpy().tobytes() == numbers(parameters, name).tobytes()
+    assert model.faults == summary["faults"]
+    quantiles = model.parameters([0.025, 0.5, 0.975])
+    for name, row in summary["parameters"].items():
+        assert quantiles.loc[name, ["q0.025", "q0.5", "q0.975"]].tolist() == [row["q0.025"], row["q0.5"], row["q0.975"]]
+    skill = model.skill()
+    for name, one in zip(skill.index, summary["skill"].values(), strict=True):
+        assert skill.loc[name, "forecasts"] == one["forecasts"]
+        for score in ("coverage", "crps", "rmse", "width"):
+            assert skill.loc[name, score] == pytest.approx(one[score] or np.nan, rel=0, abs=0, nan_ok=True)
+
+
+def test_an_export_with_local_times_and_an_inline_network(tmp_path: Path) -> None:
+    config = tomllib.loads((EXAMPLES / "generic-csv.toml").read_text())
+    zone = config["zones"][0]
+    updates, parameters, summary = replayed(
+        "generic-csv.toml", tmp_path, {"zones.0.estimator_options.particles": 100, "zones.0.seed": 4}
+    )
+    frame = pd.read_csv(EXAMPLES / "data" / "generic.csv", sep=";", decimal=",", index_col="Zeit")
+    frame.index = pd.to_datetime(frame.index, format="%d.%m.%Y %H:%M")
+    model = tg.fit(
+        frame,
+        network=zone["network"],
+        tz="Europe/Berlin",
+        columns={
+            "T_i": "Raumtemperatur",
+            "T_out": ("Aussentemperatur", "degC"),
+            "u_heat": {"column": "Heizleistung_kW", "unit": "kW", "aggregate": "mean"},
+        },
+        levels=zone["levels"],
+        seed=4,
+        estimator_options={"particles": 100},
+    )
+    assert model.period == pd.Timedelta("15min")
+    assert_the_same(model, updates, parameters, summary)
+
+
+def test_a_raw_log_with_a_gap_missing_cells_and_late_rows(tmp_path: Path) -> None:
+    updates, parameters, summary = replayed(
+        "ecolar.toml", tmp_path, {"zones.0.estimator_options.particles": 64, "zones.0.seed": 0}
+    )
+    assert summary["segments"] > 1
+    frame = pd.read_csv(EXAMPLES / "data" / "ecolar-standin.csv.gz", index_col="Timestamp")
+    assert frame.isna().to_numpy().any()
+    frame.index = pd.to_datetime(frame.index)
+    assert not frame.index.is_monotonic_increasing
+    circuits = ["my-pv1", "my-pv2", "my-pv3", "Relay 4", "Relay 5"]
+    columns = {
+        "T_air": "Temp2",
+        "T_out": "Sensor_outside",
+        "T_adj": "Other_room_temp",
+        "u_heat": {"columns": circuits, "unit": "kW", "aggregate": "first", "valid": [0, 20000]},
+    }
+    options = {"preset": "paper", "particles": 64}
+    arguments: dict[str, Any] = {"tz": "Europe/Berlin", "columns": columns, "estimator_options": options}
+    arguments |= {"period": "5min", "max_gap": 0, "hold_inputs": 0}
+    if summary["faults"]:
+        with pytest.warns(UserWarning, match="not used"):
+            model = tg.fit(frame, "ecolar-6r4c", **arguments)
+    else:
+        model = tg.fit(frame, "ecolar-6r4c", **arguments)
+    assert_the_same(model, updates, parameters, summary)

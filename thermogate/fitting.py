@@ -1,0 +1,81 @@
+"""`fit` and `load`: where a model comes from."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from datetime import timedelta, tzinfo
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from estimator.network.network import Network
+from thermogate.files import read_model
+from thermogate.frames import Frame, clock, pandas, spacing
+from thermogate.learning import learn
+from thermogate.model import Model
+from thermogate.session import Session
+from thermogate.settings import network_of, settings_of
+
+
+def fit(
+    df: Frame,
+    network: str | Mapping[str, Any] | Network,
+    *,
+    columns: Mapping[str, Any] | None = None,
+    tz: str | tzinfo | None = None,
+    period: str | float | timedelta | None = None,
+    estimator: str | None = None,
+    estimator_options: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    levels: Sequence[float] | None = None,
+    max_gap: int | None = None,
+    hold_inputs: str | float | timedelta | None = None,
+    progress: bool = True,
+) -> Model:
+    """Learn the thermal model of a zone from a table of measurements, as the daemon would have learned it online.
+
+    Args:
+        df: a DataFrame with a DatetimeIndex; rows need no order and no even spacing.
+        network: a preset such as "titeth", a table as in [zones.network], or a `Network`.
+        columns: what a channel is read from, where the column does not have its name and unit: the name of a column, a
+            pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels].
+        tz: the time zone of an index without one, such as "Europe/Berlin"; otherwise that of the results.
+        period: the sampling period, such as "15min"; None takes the usual distance of the rows.
+        estimator, estimator_options, levels, max_gap, hold_inputs: as in [[zones]]; None is the daemon's default.
+        seed: of the random numbers; the same seed gives the same bits.
+        progress: whether a fit of more than two seconds shows a progress bar.
+
+    Raises ConfigError for arguments and DataError for a table that cannot be used.
+    """
+    pandas()
+    resolved = network_of(network)
+    times = clock(df, tz, "the table")
+    given: dict[str, Any] = {
+        "period": spacing(times.seconds) if period is None else _plain(period),
+        "estimator": estimator,
+        "estimator_options": dict(estimator_options) if estimator_options is not None else None,
+        "seed": seed,
+        "levels": [levels] if isinstance(levels, float) else None if levels is None else list(levels),
+        "max_gap": max_gap,
+        "hold_inputs": _plain(hold_inputs),
+    }
+    known = {name: value for name, value in given.items() if value is not None}
+    settings = settings_of(resolved, columns or {}, times.zone, known)
+    used = {name for names in settings.source_columns.values() for name in names}
+    others = tuple(name for name in map(str, df.columns) if name not in used)
+    session = Session(settings._replace(other_columns=others))
+    learned = learn(session, df, progress, "fit")
+    for sentence in learned.warnings:
+        warnings.warn(sentence, stacklevel=2)
+    return Model(session, learned.faults)
+
+
+def load(path: str | PathLike[str]) -> Model:
+    """The model that `Model.save` wrote to `path`; it goes on with the same bits. DataError for any other file."""
+    return Model(*read_model(Path(path)))
+
+
+def _plain(duration: Any) -> Any:
+    """A duration as the configuration knows it: a timedelta as seconds, anything else as it is."""
+    return duration.total_seconds() if isinstance(duration, timedelta) else duration

@@ -1,0 +1,335 @@
+"""A fitted model: it forecasts, explains itself and goes on learning."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from datetime import timedelta
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from adapters.reading import Fault
+from estimator.arrays import Array
+from estimator.network.network import Network
+from estimator.types import ParameterSummary
+from estimator.verification.scores import gaussian_crps
+from service.errors import DataError
+from service.fields.durations import format_duration
+from service.records.skill import Skill
+from thermogate.files import write_model
+from thermogate.frames import Frame, moments, pandas, table
+from thermogate.learning import learn
+from thermogate.plans import plan_rows, steps_in
+from thermogate.session import ALPHA, BOUNDS, OUTCOMES, REGIMES, Session
+from thermogate.settings import Settings
+
+QUANTILES = (0.025, 0.5, 0.975)
+
+
+class Model:
+    """A fitted model. `fit` and `load` make it."""
+
+    def __init__(self, session: Session, faults: Counter[Fault] | None = None) -> None:
+        self._session = session
+        self._faults: Counter[Fault] = faults or Counter()
+
+    @property
+    def network(self) -> Network:
+        """The thermal network, with its parameters and their bounds."""
+        return self._settings.network
+
+    @property
+    def estimator(self) -> str:
+        """The estimator's name."""
+        return self._settings.zone.estimator
+
+    @property
+    def period(self) -> timedelta:
+        """The sampling period."""
+        return timedelta(seconds=self._settings.zone.period)
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """How many readings were not used, by the reason."""
+        return {str(fault): count for fault, count in self._faults.items()}
+
+    def update(self, df: Frame, *, progress: bool = True) -> Model:
+        """Go on learning from later measurements, and return the model itself.
+
+        The columns are those of `fit`. Rows up to the last interval that the model has seen are passed over, as the
+        daemon does after a restart. DataError where there is no later row.
+        """
+        learned = learn(self._session, df, progress, "update")
+        self._faults += learned.faults
+        for sentence in learned.warnings:
+            warnings.warn(sentence, stacklevel=2)
+        return self
+
+    def forecast(
+        self,
+        plan: Any = None,
+        horizon: str | float | timedelta = "24h",
+        levels: Sequence[float] = (0.95,),
+    ) -> Frame:
+        """The measured temperatures [degC] of the next step and of `horizon` beyond it.
+
+        Args:
+            plan: planned inputs, as a DataFrame or a dict of columns. Values with times count from their time on; a
+                list has one value per step, of which the first holds from the first row of the forecast on; a number
+                holds throughout. Names and units are those of the columns of `fit`, or the network's own. What is not
+                planned is held as it was last measured.
+            horizon: how far beyond the next step, such as "24h".
+            levels: of the prediction intervals.
+
+        Returns a DataFrame by time with mean, median, sd, and lower_0.95 and upper_0.95 for the level .95. With several
+        measured temperatures every column is a pair (output, quantity).
+        """
+        _check_levels(levels)
+        _, rows = self._planned(plan, horizon)
+        fan = self._session.worker.fan(levels, rows)
+        assert fan is not None
+        columns: dict[Any, list[float]] = {}
+        for step in fan.steps:
+            for output in step.outputs:
+                quantities = {"mean": output.mean, "median": output.median, "sd": output.sd}
+                for interval in output.intervals:
+                    quantities[f"lower_{interval.level:g}"] = interval.lower
+                    quantities[f"upper_{interval.level:g}"] = interval.upper
+                for name, value in quantities.items():
+                    columns.setdefault(self._key(output.output, name), []).append(value)
+        return table(columns, self._moments([step.valid_time for step in fan.steps]))
+
+    def scenarios(self, plan: Any = None, horizon: str | float | timedelta = "24h", count: int = 100) -> Frame:
+        """`count` equally likely futures [degC] of the measured temperatures, without measurement noise: one column per
+        future, and rows, plan and horizon as in `forecast`. DataError if the estimator samples none."""
+        estimator = self._session.worker.estimator
+        if not hasattr(estimator, "scenarios"):
+            raise DataError(
+                f'the estimator {self.estimator} samples no futures; fit with estimator="mkf" for scenarios'
+            )
+        if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= 100_000:
+            raise DataError(f"count must be a whole number from 1 to 100000, not {count}")
+        standing, rows = self._planned(plan, horizon)
+        held = [used.value for used in standing.update.forecast.inputs]
+        inputs = [[row.get(name, value) for name, value in zip(self.network.inputs, held, strict=True)] for row in rows]
+        paths = estimator.scenarios(standing.state, np.array(inputs), int(count))
+        first, period = standing.update.forecast.valid_time, self._settings.zone.period
+        columns = {
+            self._key(output, place): paths[place, :, i]
+            for i, output in enumerate(self.network.measured)
+            for place in range(len(paths))
+        }
+        return table(columns, self._moments([first + step * period for step in range(len(rows) + 1)]))
+
+    def parameters(self, levels: Sequence[float] = QUANTILES) -> Frame:
+        """Quantiles at `levels` of every parameter, its unit, the bounds of its prior, and whether it is learned."""
+        network, summary = self.network, self._summary(levels)
+        columns: dict[str, Any] = _quantiles(levels, summary.parameters)
+        columns["unit"] = [parameter.unit for parameter in network.parameters]
+        for name in ("lower", "upper"):
+            bounds = [getattr(p, name) if p.free else float("nan") for p in network.parameters]
+            columns[f"prior_{name}"] = bounds
+        columns["free"] = [parameter.free for parameter in network.parameters]
+        names = [parameter.name for parameter in network.parameters]
+        return table(columns, pandas().Index(names, name="parameter"))
+
+    def time_constants(self, levels: Sequence[float] = QUANTILES) -> Frame:
+        """Quantiles at `levels` of the time constants [h], the fastest first."""
+        found = self._summary(levels).time_constants / 3600.0
+        names = [f"tau_{rank}" for rank in range(1, len(found) + 1)]
+        return table({**_quantiles(levels, found), "unit": ["h"] * len(found)}, pandas().Index(names, name="parameter"))
+
+    def heat_loss(self, levels: Sequence[float] = QUANTILES) -> Any:
+        """Quantiles at `levels` of the heat loss coefficient [W/K], from the first measured node to all boundaries in
+        steady state: a Series."""
+        values = self._summary(levels).heat_loss
+        return pandas().Series(values, index=[f"q{level:g}" for level in levels], name="heat_loss")
+
+    @property
+    def predictions(self) -> Frame:
+        """Every sample against the interval that was forecast for it one step before.
+
+        By time: y, mean, sd, the interval at the first of the levels, residual and crps [degC, K], then log_likelihood,
+        outcome and segment. With several measured temperatures every column is a pair (output, quantity).
+        """
+        rows, level = self._session.columns(), f"{self._settings.zone.levels[0]:g}"
+        names = {"y": "y", "mean": "mean", "sd": "sd", "lower": f"lower_{level}", "upper": f"upper_{level}"}
+        names |= {"residual": "residual"}
+        columns: dict[Any, Array] = {}
+        for output in self.network.measured:
+            own = {quantity: rows[f"{quantity}.{output}"] for quantity in names}
+            columns |= {self._key(output, shown): own[quantity] for quantity, shown in names.items()}
+            columns[self._key(output, "crps")] = gaussian_crps(-own["residual"], own["sd"], 0.0)
+        columns[self._key("", "log_likelihood")] = rows["log_likelihood"]
+        columns[self._key("", "outcome")] = np.array(OUTCOMES)[rows["outcome"].astype(int)]
+        columns[self._key("", "segment")] = rows["segment"].astype(int)
+        return table(columns, self._moments(rows["time"]))
+
+    @property
+    def volatility(self) -> Frame:
+        """The volatility alpha after every sample: lower and upper bound of its 95 % interval, median, and cdf, its
+        place in its own history. With several blocks every column is a pair (block, quantity); without volatility
+        there is no column."""
+        rows, blocks = self._session.columns(), self._session.worker.estimator.blocks
+        columns = {
+            (block, quantity) if len(blocks) > 1 else quantity: rows[f"alpha.{quantity}.{block}"]
+            for block in blocks
+            for quantity in ALPHA
+        }
+        return table(columns, self._moments(rows["time"]))
+
+    @property
+    def gate(self) -> Frame:
+        """The learning gate after every sample, and the regime that it follows from."""
+        rows = self._session.columns()
+        columns = {"gate": rows["gate"], "regime": np.array(REGIMES)[rows["regime"].astype(int)]}
+        return table(columns, self._moments(rows["time"]))
+
+    @property
+    def parameter_history(self) -> Frame:
+        """The posterior mean of every parameter after every sample."""
+        rows = self._session.columns()
+        columns = {parameter.name: rows[f"theta.{parameter.name}"] for parameter in self.network.parameters}
+        return table(columns, self._moments(rows["time"]))
+
+    @property
+    def disturbance(self) -> Frame:
+        """What the estimator knows of what nobody measures, after every sample: unmeasured heat [W] into the first
+        measured node with its 95 % interval, the probability that there is any, and the same bounds of the measurement
+        noise [K] of every output. NaN for an estimator without a model of it."""
+        rows = self._session.columns()
+        columns = {f"gain_{bound}": rows[f"gain.{bound}"] for bound in BOUNDS}
+        columns["probability_on"] = rows["gain.probability_on"]
+        columns |= {
+            f"measurement_sd_{output}_{bound}": rows[f"sd.{bound}.{output}"]
+            for output in self.network.measured
+            for bound in BOUNDS
+        }
+        return table(columns, self._moments(rows["time"]))
+
+    def skill(self, days: int = 30) -> Frame:
+        """How good the model's forecasts were over the last 1, 7 or 30 `days`, horizon by horizon.
+
+        Every forecast was made while the model learned, before the measurement that it is held to: one step ahead at
+        every sample, and hours ahead once an hour under the inputs that really followed. These are the figures of the
+        daemon, for the first measured temperature.
+
+        Columns: forecasts (their number), coverage and width [K] of the 95 % interval, crps and rmse [K], the rmse [K]
+        of persistence (nothing changes) and of an online ARX model, and the skill against both, the share by which the
+        model's rmse is smaller: 1 is perfect, 0 as good, below 0 worse.
+        """
+        found = self._skill()
+        if days not in found.windows:
+            known = ", ".join(map(str, found.windows))
+            raise DataError(f"days must be one of {known}, not {days}")
+        period = self._settings.zone.period
+        rows: dict[str, dict[str, float]] = {}
+        for one in found.windows[days]:
+            # A horizon that is no longer than one step is that step.
+            if not rows or one.lead > period:
+                against = {"skill_persistence": one.against_persistence, "skill_arx": one.against_arx}
+                rows[_horizon(one.lead, period)] = {**one._asdict(), **against}
+        index = pandas().Index(list(rows), name="horizon")
+        return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead")
+
+    @property
+    def weights(self) -> Frame:
+        """What each member of a bank weighs, horizon by horizon; no rows for another estimator."""
+        found, period = self._skill(), self._settings.zone.period
+        names = [_horizon(one.lead, period) for one in next(iter(found.windows.values()))]
+        return pandas().DataFrame.from_dict(dict(found.weights), orient="index", columns=names).rename_axis("member")
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the model to one file, which `load` reads. It is NumPy's npz and holds no Python objects."""
+        write_model(Path(path), self._session, self._faults)
+
+    def __repr__(self) -> str:
+        rows, zone = self._session.columns(), self._settings.zone
+        first, last = self._moments(rows["time"][[0, -1]])
+        lines = [
+            f"Thermogate model: network {self.network.name}, estimator {self.estimator}, a sample every "
+            f"{format_duration(zone.period)}",
+            f"  learned from {_count(len(rows['time']), 'sample')} in {_count(int(rows['segment'][-1]), 'segment')}, "
+            f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} ({self._settings.tz})",
+        ]
+        worker = self._session.worker
+        if worker.progress.stalled or worker.latest is None:
+            lines.append(f"  no forecast: {worker.progress.stalled}")
+        else:
+            forecast = worker.latest.forecast
+            when = self._moments([forecast.valid_time])[0]
+            lines += [
+                f"  {one.output} at {when:%Y-%m-%d %H:%M}: {one.mean:.2f} degC, {one.intervals[0].level:.0%} between "
+                f"{one.intervals[0].lower:.2f} and {one.intervals[0].upper:.2f}"
+                for one in forecast.outputs
+            ]
+            medians = ", ".join(f"{value:.2g}" for value in worker.latest.volatility.median)
+            gate = worker.latest.shown_gate
+            lines.append(f"  volatility {medians or 'none'} ({gate.regime}), learning gate {gate.value:.2f}")
+        if self._faults:
+            lines.append("  not used: " + ", ".join(f"{count} {fault}" for fault, count in self.faults.items()))
+        return "\n".join(lines)
+
+    @property
+    def _settings(self) -> Settings:
+        return self._session.settings
+
+    def _planned(self, plan: Any, horizon: str | float | timedelta) -> tuple[Any, list[dict[str, float]]]:
+        """What stands, and the planned inputs of every step; DataError where nothing stands."""
+        worker = self._session.worker
+        if worker.standing is None or worker.progress.stalled:
+            raise DataError(
+                f"there is no forecast: {worker.progress.stalled}; update the model with newer measurements"
+            )
+        steps = steps_in(horizon, self._settings.zone.period)
+        begin = worker.standing.update.forecast.valid_time
+        return worker.standing, plan_rows(plan, self._settings, begin, steps)
+
+    def _skill(self) -> Skill:
+        found = self._session.worker.skill()
+        assert found is not None
+        return found
+
+    def _summary(self, levels: Sequence[float]) -> ParameterSummary:
+        _check_levels(levels)
+        estimator = self._session.worker.estimator
+        if not estimator.physical:
+            raise DataError(
+                f"the estimator {self.estimator} has no parameters of a building; fit with another estimator"
+            )
+        found = self._session.worker.parameters(levels)
+        assert found is not None
+        return found
+
+    def _moments(self, seconds: Sequence[float] | Array) -> Any:
+        return moments(seconds, self._settings.tz)
+
+    def _key(self, output: str, quantity: Any) -> Any:
+        """The heading of a column: with several outputs, a pair."""
+        return (output, quantity) if len(self.network.measured) > 1 else quantity
+
+
+def _quantiles(levels: Sequence[float], values: Array) -> dict[str, Any]:
+    return {f"q{level:g}": values[:, place] for place, level in enumerate(levels)}
+
+
+def _plain(duration: Any) -> Any:
+    """A duration as the configuration knows it: a timedelta as seconds, anything else as it is."""
+    return duration.total_seconds() if isinstance(duration, timedelta) else duration
+
+
+def _horizon(lead: float, period: float) -> str:
+    return "1 step" if lead == period else f"{lead / 3600:g}h"
+
+
+def _check_levels(levels: Sequence[float]) -> None:
+    if isinstance(levels, str | float | int) or not len(levels) or not all(0.0 < level < 1.0 for level in levels):
+        raise DataError(f"levels must be a list of numbers between 0 and 1, such as [0.5, 0.95], not {levels}")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
