@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from estimator.errors import OptionsError
 from estimator.network.family import family
 from estimator.network.network import Network
+from estimator.network.presets import AUTO
 from estimator.option_checks import check_known, checked_number
 
 
@@ -31,6 +32,20 @@ DEFAULT_MEMBERS: dict[str, Mapping[str, object]] = {
     "arx": {"estimator": "arx"},
 }
 """Members that trust different things; the first one with a volatility publishes it, see `BankOptions.voice`."""
+
+
+_VARIANT_MEMBER = "output-error-0.3"
+"""The default member that each variant of an automatic network gets a copy of: over the hours that it serves, a missing
+path shows most."""
+
+
+def default_members(network: Network) -> dict[str, Mapping[str, object]]:
+    """The members of a bank that is told none: DEFAULT_MEMBERS, and one for every variant of an automatic network."""
+    members = dict(DEFAULT_MEMBERS)
+    if network.name == AUTO:
+        for variant in list(family(network))[1:]:
+            members[f"{_VARIANT_MEMBER}-{variant}"] = {**DEFAULT_MEMBERS[_VARIANT_MEMBER], "network": variant}
+    return members
 
 
 @dataclass(frozen=True)
@@ -70,7 +85,7 @@ def resolver(resolve_member: Resolve) -> Any:
     def resolve(network: Network, period: float, given: Mapping[str, object]) -> BankOptions:
         """The options in force; OptionsError with one sentence naming the option that is wrong."""
         check_known(given, {each.name for each in fields(BankOptions)}, "bank")
-        tables = given.get("members", DEFAULT_MEMBERS)
+        tables = given.get("members", default_members(network))
         if not isinstance(tables, Mapping) or not tables:
             raise OptionsError(
                 'members must be a table with one table per member, such as members.a.estimator = "mkf"', "members"

@@ -86,7 +86,7 @@ def against_balance(network: Network, summary: ParameterSummary, record: Record)
     sentence = (
         f"the learned heat loss of {amount(median)} W/K ({amount(lower)} to {amount(upper)}) contradicts the energy "
         f"balance of the last {found.days} days, which needs about {amount(found.heat_loss)} W/K; check unit and scale "
-        f'of {heat}, then widen the bounds with box = "wide" or let network = "auto" choose the network'
+        f'of {heat}, then widen the bounds (box = "wide") or compare networks with `thermogate experiment topology`'
     )
     return [Finding(AGAINST_BALANCE, "heat_loss", sentence)]
 

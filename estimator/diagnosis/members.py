@@ -83,7 +83,8 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
     if blind > _MOST:
         sentence = (
             f"members without a building carry {100 * blind:.0f} % of the forecast {_AHEAD / 3600:.0f} h ahead, so the "
-            'network misses something; add the sun and the neighbours as channels, or set network = "auto"'
+            "network misses something; add the sun and the neighbours as channels, or compare networks with "
+            "`thermogate experiment topology`"
         )
         findings.append(Finding(MISSES_SOMETHING, "zone", sentence))
     for variant, weight in variants(bank, state):

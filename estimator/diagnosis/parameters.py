@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.finding import AT_BOUND, NARROWER_BOUNDS, NOT_IDENTIFIED, Finding, amount
-from estimator.network.boxes import is_generic
+from estimator.network.boxes import boxed, is_generic
 from estimator.network.network import Network, Parameter
 from estimator.types import ParameterSummary
 
@@ -37,7 +37,7 @@ _WORTHWHILE = 0.5
 def at_bound(network: Network, summary: ParameterSummary) -> list[Finding]:
     """Free parameters whose posterior leans against a bound of the box; `summary` is at LEVELS."""
     findings = []
-    wider = ', or set box = "wide",' if is_generic(network) else ""
+    widest = boxed(network) if is_generic(network) else network
     for parameter, place, _ in _learned(network, summary):
         _, low, median, high, _ = place
         if low <= _EDGE and median <= _CROWDED:
@@ -46,6 +46,9 @@ def at_bound(network: Network, summary: ParameterSummary) -> list[Finding]:
             end, bound, key = "upper", parameter.upper, f"parameters.{parameter.name}.upper"
         else:
             continue
+        largest = widest.parameter(parameter.name)
+        reaches = largest.lower < parameter.lower if end == "lower" else largest.upper > parameter.upper
+        wider = ', or set box = "wide",' if reaches else ""
         sentence = (
             f"{parameter.name} is at its {end} bound of {amount(bound)} {parameter.unit}, so the true value may lie "
             f"beyond it; move {key}{wider} and start the zone anew"

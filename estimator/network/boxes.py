@@ -38,8 +38,8 @@ from typing import NamedTuple
 from estimator.errors import NetworkError
 from estimator.network.network import Network, Parameter
 
-ROOM, HALL = 20.0, 2000.0
-"""m2: the floor areas between which the widest box holds."""
+WIDEST = (20.0, 2000.0)
+"""m2: a room and a hall, the floor areas between which the widest box holds."""
 
 
 class PerArea(NamedTuple):
@@ -114,7 +114,7 @@ def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
     return replace(parameter, lower=lower, upper=upper, nominal=parameter.nominal if inside else None)
 
 
-def boxed(network: Network, smallest: float = ROOM, largest: float = HALL) -> Network:
+def boxed(network: Network, smallest: float = WIDEST[0], largest: float = WIDEST[1]) -> Network:
     """`network` with the boxes for a floor area between `smallest` and `largest` [m2]; without them the widest ones.
 
     Raises NetworkError if the network is not a generic one: its bounds then belong to one building.

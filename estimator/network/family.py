@@ -1,25 +1,34 @@
-"""A small family of networks over the same channels, for a zone whose network nobody has chosen."""
+"""A small family of networks over the same channels, for a zone whose network nobody has chosen.
+
+Every variant adds to the network and takes nothing away: it has the same inputs, outputs and parameters, and some more.
+So variants can stand beside each other in a bank, and what one of them learns can be told in the terms of the others.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from estimator.network.network import Conductance, InitialTemperature, Network, Parameter
+from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 
 GROUND = "T_ground"
 _GROUND_CAPACITANCE = 1e12
 """J/K: so large that nothing a zone does changes the temperature of the ground."""
 _GROUND_TEMPERATURE, _GROUND_SD = 12.0, 4.0
 
+OUTER = "T_outer"
+_OUTER_SD = 3.0
+_SHARE = Parameter("f_direct", "1", 0.02, 0.98, 0.3)
+
 
 def family(network: Network) -> dict[str, Network]:
-    """Variants of `network` by name, itself first: with a path from its heaviest node to a constant ground.
-
-    All of them have the same inputs and outputs, so that they can stand beside each other in a bank.
-    """
+    """Variants of `network` by name: `own`, itself, and those of `ground`, `two-layers` and `direct-heat` that it
+    allows."""
     variants = {"own": network}
     if GROUND not in network.nodes and len(network.nodes) > 1:
         variants["ground"] = with_ground(network)
+    for name, variant in (("two-layers", with_two_layers(network)), ("direct-heat", with_direct_heat(network))):
+        if variant is not None:
+            variants[name] = variant
     return variants
 
 
@@ -43,6 +52,71 @@ def with_ground(network: Network) -> Network:
         ),
         initial={**network.initial, GROUND: InitialTemperature(_GROUND_TEMPERATURE, _GROUND_SD)},
     )
+
+
+def with_two_layers(network: Network) -> Network | None:
+    """`network` with its envelope in two layers, the outer of which is tied to the outdoors in its place.
+
+    The envelope is the heaviest unmeasured node with a conductance to the first boundary. None without such a node.
+    """
+    outdoors = network.boundaries[0]
+    skins = {
+        node: edge
+        for edge in network.conductances
+        for node in edge.between
+        if outdoors in edge.between and node in network.nodes and node not in network.measured
+    }
+    if OUTER in network.nodes or not skins:
+        return None
+    envelope = max(skins, key=lambda node: _middle(network.parameter(network.capacitances[node])))
+    capacitance = network.parameter(network.capacitances[envelope])
+    touching = [network.parameter(edge.name) for edge in network.conductances if envelope in edge.between]
+    moved = replace(skins[envelope], between=(OUTER, outdoors))
+    return replace(
+        network,
+        name=f"{network.name}-two-layers",
+        capacitances={**network.capacitances, OUTER: "C_outer"},
+        conductances=(
+            *(moved if edge == skins[envelope] else edge for edge in network.conductances),
+            Conductance("g_layers", (envelope, OUTER)),
+        ),
+        parameters=(
+            *network.parameters,
+            Parameter("C_outer", "J/K", capacitance.lower, capacitance.upper),
+            Parameter("g_layers", "W/K", min(p.lower for p in touching), max(p.upper for p in touching)),
+        ),
+        initial={**network.initial, OUTER: InitialTemperature(outdoors, _OUTER_SD)},
+    )
+
+
+def with_direct_heat(network: Network) -> Network | None:
+    """`network` with a learned share of the heating that goes straight into the room, past the heater's mass.
+
+    At its upper end this is a network without a heater node. None unless one known heat flow [W] enters an unmeasured
+    node that is tied to a measured one.
+    """
+    for heat in network.heat_inputs:
+        alone = sum(other.channel == heat.channel for other in network.heat_inputs) == 1
+        rooms = [
+            room
+            for edge in network.conductances
+            for room in edge.between
+            if heat.node in edge.between and room in network.measured
+        ]
+        if alone and heat.node not in network.measured and heat.gain == Gain(1.0) and rooms:
+            split = (
+                HeatInput(heat.channel, rooms[0], Gain(parameter=_SHARE.name), heat.unit),
+                HeatInput(heat.channel, heat.node, Gain(1.0, _SHARE.name, -1.0), heat.unit),
+            )
+            return replace(
+                network,
+                name=f"{network.name}-direct-heat",
+                heat_inputs=tuple(
+                    part for each in network.heat_inputs for part in (split if each == heat else (each,))
+                ),
+                parameters=(*network.parameters, _SHARE),
+            )
+    return None
 
 
 def _middle(parameter: Parameter) -> float:

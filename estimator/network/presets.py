@@ -3,14 +3,19 @@
 `network(name)` gives one, validated. Bounds and nominal values: building 67 from the public grey-brick buildings set
 (Leprince et al. 2022, MIT) with the box .1 to 3 times the truth; the Ecolar zone from the bounds and least-squares
 starting point of the paper's authors; the small generic ones span common dwellings and offices.
+
+The bounds of a preset belong to the state that zones have learned with it, so they do not change. For other buildings,
+from a room of 20 m2 to a hall of 2,000 m2, the bounds come from the floor area (`estimator.network.boxes`, with the
+reasons): every network but building-67 can take them, and `automatic` has the widest ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from estimator.errors import NetworkError
+from estimator.network.boxes import WIDEST, box, boxed
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 
 SOLAR_APERTURE = Parameter("A_w", "m2", 0.1, 30.0, nominal=3.0)
@@ -237,6 +242,35 @@ def titethria() -> Network:
     return _small("titethria", "TiTeThRia: TiTeTh with direct air-outdoor conductance", ("T_i", "T_e", "T_h"), edges)
 
 
+AUTO = "auto"
+"""The name of the network that follows from the channels of its zone."""
+
+SUN, NEIGHBOUR = "I_sol", "T_adj"
+"""The channel of the sun, and how the channels of neighbours begin, in the network that follows from its channels."""
+
+
+def automatic(channels: Collection[str] = ()) -> Network:
+    """The network of a zone that has `channels` and nobody chose one for: TiTeThRia with the widest boxes.
+
+    `I_sol` among the channels adds a solar aperture into the room, and every channel that begins with `T_adj` a
+    conductance from the room to that neighbour. The order of the channels does not matter.
+    """
+    neighbours = tuple(sorted(channel for channel in channels if channel.startswith(NEIGHBOUR)))
+    edges = tuple(Conductance(f"g_i_{channel.removeprefix('T_')}", ("T_i", channel)) for channel in neighbours)
+    base = titethria()
+    network = boxed(
+        replace(
+            base,
+            name=AUTO,
+            boundaries=(*base.boundaries, *neighbours),
+            conductances=(*base.conductances, *edges),
+            parameters=(*base.parameters, *(_conductance(edge.name, 1.0, 2e3) for edge in edges)),
+            description="from the zone's channels: titethria with wide bounds, sun (I_sol) and neighbours (T_adj...)",
+        )
+    )
+    return network.with_solar("T_i", box(SOLAR_APERTURE, *WIDEST), SUN) if SUN in channels else network
+
+
 PRESETS: dict[str, Callable[[], Network]] = {
     "building-67": building_67,
     "ecolar-6r4c": ecolar,
@@ -251,4 +285,5 @@ PRESETS: dict[str, Callable[[], Network]] = {
     "tite": tite,
     "titeth": titeth,
     "titethria": titethria,
+    AUTO: automatic,
 }

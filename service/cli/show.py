@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from estimator.network import presets
+from estimator.network.family import family
 from estimator.network.network import Network
 from service.cli.tables import aligned
 from service.config.site import Config, ZoneConfig
@@ -84,4 +85,5 @@ def parameter_table(network: Network) -> list[str]:
         rows.append((parameter.name, parameter.unit, *bounds, nominal, "yes" if parameter.free else "no"))
     channels = ", ".join(f"{channel} [{network.channel_unit(channel)}]" for channel in network.channels)
     title = f"{network.name}: {network.description}" if network.description else network.name
-    return [title, f"states: {', '.join(network.nodes)}", f"channels: {channels}", *aligned(rows)]
+    variants = f"variants for members of a bank: {', '.join(family(network))}"
+    return [title, f"states: {', '.join(network.nodes)}", f"channels: {channels}", variants, *aligned(rows)]

@@ -10,6 +10,7 @@ from adapters.errors import SourceError
 from adapters.units import ENERGIES, conversion, possible_range
 from estimator.errors import NetworkError, OptionsError
 from estimator.network.network import Network
+from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS, resolve
 from service.config.site import ZoneTable
 from service.fields.problems import Place, Problems
@@ -17,6 +18,8 @@ from service.fields.words import shown, suggestion
 from service.sources.channel import Binding, ChannelConfig, SourceConfig
 from service.sources.kinds import SOURCE_KINDS
 from service.zone.aggregation import AGGREGATES
+
+_MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names begin with T_adj"
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,8 @@ def _check_channel_names(
     for name in draft.names:
         if name not in network.channels:
             known = suggestion(name, network.channels, "its channels are")
-            problems.add((*place, name), f'network "{network.name}" has no such channel; {known}')
+            more = _MORE_CHANNELS if network.name == AUTO else ""
+            problems.add((*place, name), f'network "{network.name}" has no such channel; {known}{more}')
     for name in network.channels:
         if name not in draft.names:
             unit, example = network.channel_unit(name), SOURCE_KINDS[kind].example

@@ -23,7 +23,10 @@ more makes up for them when telemetry comes again."""
 def make_worker(zone: ZoneConfig) -> ZoneWorker:
     """A fresh worker of `zone`."""
     estimator = registry.construct(zone.estimator, zone.network, zone.period, zone.options)
-    return ZoneWorker(estimator, WorkerSettings(zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages))
+    settings = WorkerSettings(
+        zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages, zone.proposes_bounds
+    )
+    return ZoneWorker(estimator, settings)
 
 
 def make_alignment(

@@ -14,7 +14,7 @@ from service.config.checks import ZoneDraft, check_ids, check_sources, check_use
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
-from service.config.networks import read_network
+from service.config.networks import proposes_bounds, read_network
 from service.config.overrides import apply_overrides
 from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
 from service.errors import ConfigError
@@ -181,7 +181,8 @@ def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, co
     rest = dict(table)
     network: Network | None = None
     if "network" in table:
-        described, network = read_network(table["network"], (*place, "network"), problems, context)
+        named = table["channels"] if isinstance(table.get("channels"), dict) else ()
+        described, network = read_network(table["network"], (*place, "network"), problems, context, tuple(named))
         # What is wrong with it has been said; the rest of the zone is read as if it were right.
         rest["network"] = described or PresetConfig(preset="tite")
     channels: dict[str, ChannelConfig] = {}
@@ -209,4 +210,5 @@ def completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
             defaults["aggregate"] = default_aggregate(unit, channel.unit)
         channels[name] = channel.model_copy(update=defaults)
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
-    return ZoneConfig.model_construct(**written | {"channels": channels, "network": network, "options": options})
+    resolved = {"network": network, "options": options, "proposes_bounds": proposes_bounds(zone.network)}
+    return ZoneConfig.model_construct(**written | resolved | {"channels": channels})

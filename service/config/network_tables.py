@@ -6,9 +6,12 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, PlainValidator, model_validator
 
+from estimator.network.boxes import WIDEST
 from service.fields.tables import TABLE
-from service.fields.values import Identifier, Name, Number, Positive, Text, number
+from service.fields.values import Flag, Identifier, Name, Number, Positive, Text, number
 from service.fields.words import shown
+
+_SMALLEST_AREA, _LARGEST_AREA = 1, 100_000
 
 
 class BoundsConfig(BaseModel):
@@ -143,6 +146,37 @@ def _solar(value: object) -> object:
     return {} if value else None
 
 
+def _floor_area(value: object) -> tuple[float, float]:
+    ends = value if isinstance(value, list | tuple) else (value, value)
+    if len(ends) != 2:
+        raise ValueError(f"must be a number of m2, or the smallest and the largest it can be, not {shown(value)}")
+    smallest, largest = (number(end) for end in ends)
+    if not _SMALLEST_AREA <= smallest <= largest <= _LARGEST_AREA:
+        raise ValueError(
+            f"must lie within {_SMALLEST_AREA} to {_LARGEST_AREA} m2, the smaller first, not {shown(value)}"
+        )
+    return smallest, largest
+
+
+class BoxConfig(BaseModel):
+    """The floor area that the bounds follow from, m2, and whether narrower ones are proposed after a week."""
+
+    model_config = TABLE
+
+    floor_area: Annotated[tuple[float, float], PlainValidator(_floor_area)] = Field(
+        description="the heated floor area in m2, such as 120, or a range such as [80, 200]"
+    )
+    propose: Flag = False
+
+
+def _box(value: object) -> object:
+    if isinstance(value, dict | BoxConfig):
+        return value
+    if value not in ("wide", "auto"):
+        raise ValueError(f'must be "wide", "auto", or a table such as {{ floor_area = 120 }}, not {shown(value)}')
+    return {"floor_area": WIDEST, "propose": value == "auto"}
+
+
 class PresetConfig(BaseModel):
     """A preset, with changes."""
 
@@ -150,6 +184,7 @@ class PresetConfig(BaseModel):
 
     preset: Text = Field(description="the name of a preset; `thermogate networks` lists them")
     solar: Annotated[SolarConfig | None, BeforeValidator(_solar)] = None
+    box: Annotated[BoxConfig | None, BeforeValidator(_box)] = None
     fixed: tuple[Text, ...] = Field(default=(), description='a list of parameters to hold at nominal, such as ["C_h"]')
     parameters: dict[str, BoundsConfig] = Field(
         default={}, description="a table with one line per parameter, such as C_i = { lower = 1e5, upper = 1e7 }"

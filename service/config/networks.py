@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 from estimator.errors import NetworkError
 from estimator.network import presets
+from estimator.network.boxes import box, boxed, is_generic
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
-from estimator.network.presets import SOLAR_APERTURE
+from estimator.network.presets import AUTO, SOLAR_APERTURE, SUN
 from service.config.network_tables import (
     BoundsConfig,
     GainConfig,
@@ -44,9 +45,10 @@ class Resolved(NamedTuple):
 
 
 def read_network(
-    raw: object, place: Place, problems: Problems, context: Mapping[str, Any]
+    raw: object, place: Place, problems: Problems, context: Mapping[str, Any], channels: Collection[str] = ()
 ) -> tuple[NetworkConfig | None, Network | None]:
-    """The network table `raw`, found at `place`, and its network; what is wrong with either is noted in `problems`."""
+    """The network table `raw`, found at `place`, and its network in a zone that has `channels`; what is wrong with
+    either is noted in `problems`."""
     if not isinstance(raw, str | dict):
         problems.add(place, f'must be a preset such as "titeth", or a [zones.network] table, not {shown(raw)}')
         return None, None
@@ -54,7 +56,7 @@ def read_network(
     table = problems.read(model, long_form, place, context)
     if table is None:
         return None, None
-    network, mistakes = resolve(table)
+    network, mistakes = resolve(table, channels)
     for mistake in mistakes:
         problems.add((*place, *mistake.place), mistake.sentence)
     return table, network
@@ -70,10 +72,10 @@ def preset_network(name: str, overrides: Sequence[str]) -> Network:
     return network
 
 
-def resolve(table: NetworkConfig) -> Resolved:
-    """The network that `table` describes, validated if there are no mistakes."""
+def resolve(table: NetworkConfig, channels: Collection[str] = ()) -> Resolved:
+    """The network that `table` describes in a zone that has `channels`, validated if there are no mistakes."""
     mistakes: list[Mistake] = []
-    network = _from_preset(table, mistakes) if isinstance(table, PresetConfig) else _inline(table, mistakes)
+    network = _from_preset(table, channels, mistakes) if isinstance(table, PresetConfig) else _inline(table, mistakes)
     if network is not None:
         network = _with_initial(network, table.initial, mistakes)
     if network is not None and not mistakes:
@@ -84,14 +86,33 @@ def resolve(table: NetworkConfig) -> Resolved:
     return Resolved(network, mistakes)
 
 
-def _from_preset(table: PresetConfig, mistakes: list[Mistake]) -> Network | None:
+def proposes_bounds(table: NetworkConfig) -> bool:
+    """Whether a zone with the network in `table` is to propose narrower bounds after its first week."""
+    if not isinstance(table, PresetConfig):
+        return False
+    return table.preset == AUTO if table.box is None else table.box.propose
+
+
+def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: list[Mistake]) -> Network | None:
     if table.preset not in presets.PRESETS:
         wrong = f'unknown network "{table.preset}"; {suggestion(table.preset, presets.PRESETS, "the presets are")}'
         mistakes.append(Mistake(("preset",), wrong))
         return None
     network = presets.network(table.preset)
+    if table.preset == AUTO:
+        # What the table says of the sun replaces what follows from the channels.
+        network = presets.automatic([name for name in channels if name != SUN or table.solar is None])
+    if table.box is not None:
+        if not is_generic(network):
+            wrong = (
+                f'network "{network.name}" is one building, whose bounds do not follow from a floor area; remove box'
+            )
+            mistakes.append(Mistake(("box",), wrong))
+            return network
+        network = boxed(network, *table.box.floor_area)
     if table.solar is not None:
-        shone_upon = _with_solar(network, table.solar, mistakes)
+        aperture = SOLAR_APERTURE if table.box is None else box(SOLAR_APERTURE, *table.box.floor_area)
+        shone_upon = _with_solar(network, aperture, table.solar, mistakes)
         if shone_upon is None:
             return None
         network = shone_upon
@@ -134,14 +155,15 @@ def _no_parameter(network: Network, name: str) -> str:
     return f'network "{network.name}" has no parameter "{name}"; {known}'
 
 
-def _with_solar(network: Network, solar: SolarConfig, mistakes: list[Mistake]) -> Network | None:
+def _with_solar(network: Network, aperture: Parameter, solar: SolarConfig, mistakes: list[Mistake]) -> Network | None:
     node = solar.node or network.measured[0]
     if node not in network.nodes:
         known = suggestion(node, network.nodes, "the state nodes are")
         mistakes.append(Mistake(("solar", "node"), f'"{node}" is not a state node; {known}'))
         return None
-    aperture = _changed(SOLAR_APERTURE, solar)
-    wrong = _bounds_problem(aperture, "at .1 or 30 m2")
+    default = f"at {aperture.lower:g} or {aperture.upper:g} m2"
+    aperture = _changed(aperture, solar)
+    wrong = _bounds_problem(aperture, default)
     if wrong:
         mistakes.append(Mistake(("solar",), wrong))
         return None

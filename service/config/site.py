@@ -86,6 +86,8 @@ class ZoneConfig(ZoneTable):
     network: InstanceOf[Network]  # type: ignore[assignment]  # what the table describes takes the table's place
     options: Any
     """What `estimator_options` amount to: the resolved options of the estimator."""
+    proposes_bounds: bool = False
+    """Whether the zone proposes narrower bounds after its first week."""
 
     @property
     def max_ages(self) -> dict[str, float]:

@@ -14,7 +14,7 @@ from service.config.site import TABLES, Config
 
 def effective_toml(config: Config) -> str:
     """`config` as TOML that `load` accepts, with every default, network parameter and estimator option written out."""
-    resolved = {"zones": {"__all__": {"network", "options"}}}
+    resolved = {"zones": {"__all__": {"network", "options", "proposes_bounds"}}}
     dumped = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
     tables = {name: dumped["sinks"][name] if name in config.sinks else dumped[name] for name in TABLES}
     for table, zone in zip(tables["zones"], config.zones, strict=True):

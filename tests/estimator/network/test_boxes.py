@@ -5,7 +5,7 @@ import math
 import pytest
 
 from estimator.errors import NetworkError
-from estimator.network.boxes import HALL, PER_AREA, ROOM, boxed
+from estimator.network.boxes import PER_AREA, WIDEST, boxed
 from estimator.network.presets import PRESETS, SOLAR_APERTURE, network
 
 GENERIC = [name for name in PRESETS if name != "building-67"]
@@ -43,7 +43,7 @@ def test_a_floor_area_gives_a_box_inside_the_widest(name, area):
         if inner.name in PER_AREA:
             assert inner.lower == pytest.approx(PER_AREA[inner.name].lower * area)
             assert math.log10(outer.upper / outer.lower) == pytest.approx(
-                math.log10(inner.upper / inner.lower) + math.log10(HALL / ROOM)
+                math.log10(inner.upper / inner.lower) + math.log10(WIDEST[1] / WIDEST[0])
             )
         if inner.nominal is not None:
             assert inner.lower <= inner.nominal <= inner.upper

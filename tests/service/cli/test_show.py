@@ -155,9 +155,10 @@ def test_networks_lists_every_preset_with_its_states_and_inputs(capsys: Capture)
 def test_network_by_name_lists_its_parameters(capsys: Capture) -> None:
     assert main(["networks", "tite", "--set", "solar=true", "--set", "parameters.C_e.value=3e7"]) == 0
 
-    _, states, channels, *table = capsys.readouterr().out.splitlines()
+    _, states, channels, variants, *table = capsys.readouterr().out.splitlines()
     assert states == "states: T_i, T_e"
     assert channels == "channels: T_i [degC], T_out [degC], u_heat [W], I_sol [W/m2]"
+    assert variants == "variants for members of a bank: own, ground, two-layers"
     assert [line.split() for line in table] == [
         ["parameter", "unit", "lower", "upper", "nominal", "free"],
         ["C_i", "J/K", "100000", "1e+08", "2e+06", "yes"],

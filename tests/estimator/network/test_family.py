@@ -1,0 +1,59 @@
+"""Variants of a network: the same channels and parameters, and some more."""
+
+import numpy as np
+import pytest
+
+from estimator.network.assembly import assemble
+from estimator.network.discretise import heat_loss
+from estimator.network.family import family, with_direct_heat, with_two_layers
+from estimator.network.presets import PRESETS, automatic, network
+
+VARIANTS = ("own", "ground", "two-layers", "direct-heat")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_variants_have_the_same_channels_and_all_parameters(name):
+    own = network(name)
+    found = family(own)
+    assert list(found) == [variant for variant in VARIANTS if variant in found]
+    assert found["own"] is own
+    for variant in list(found.values())[1:]:
+        variant.validate()
+        assert (variant.inputs, variant.measured) == (own.inputs, own.measured)
+        assert set(own.parameters) < set(variant.parameters)
+        assert variant.nodes[: len(own.nodes)] == own.nodes
+
+
+def test_an_automatic_network_has_the_whole_family():
+    assert tuple(family(automatic(("T_i", "T_out", "u_heat", "I_sol", "T_adj")))) == VARIANTS
+
+
+def middle(net, **changes):
+    values = [changes.get(p.name, p.nominal or (p.lower * p.upper) ** 0.5) for p in net.parameters]
+    return np.array(values)[:, None]
+
+
+def test_two_layers_with_a_stiff_joint_lose_as_much_as_one():
+    own = network("titethria")
+    layered = with_two_layers(own)
+    joined = heat_loss(assemble(layered, middle(layered, g_layers=1e9)), 0)
+    assert joined == pytest.approx(heat_loss(assemble(own, middle(own)), 0), rel=1e-5)
+    outer = next(edge for edge in layered.conductances if edge.name == "g_e_out")
+    assert outer.between == ("T_outer", "T_out")
+
+
+def test_direct_heat_is_a_share_of_all_heat():
+    own = network("titethria")
+    split = with_direct_heat(own)
+    heat = assemble(split, middle(split, f_direct=0.25)).inputs[0, :, split.inputs.index("u_heat")]
+    assert dict(zip(split.nodes, heat, strict=True)) == {"T_i": 0.25, "T_e": 0.0, "T_h": 0.75}
+
+
+@pytest.mark.parametrize("name", ["tite", "m1", "m5"])
+def test_heat_that_already_enters_the_room_is_not_split(name):
+    assert with_direct_heat(network(name)) is None
+
+
+def test_a_network_without_a_node_between_room_and_outdoors_has_no_layers():
+    assert with_two_layers(network("m1").with_fixed([])) is not None
+    assert with_two_layers(with_two_layers(network("tite"))) is None

@@ -1,0 +1,187 @@
+"""`network = "auto"`, which follows from the channels, and bounds that follow from the floor area."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.config_samples import sound, write
+
+from estimator.network import presets
+from estimator.network.boxes import PER_AREA, boxed
+from estimator.network.network import Network
+from service.cli.main import main
+from service.config.fitting import fingerprint, make_worker
+from service.config.load import load
+from service.config.network_tables import PresetConfig
+from service.config.networks import preset_network, resolve
+from service.config.site import ZoneConfig
+from service.config.written import effective_toml
+from service.errors import ConfigError
+
+SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
+NEIGHBOUR = {"source": "log", "column": "Bedroom", "unit": "degC"}
+
+
+def living(folder: Path, network: object = "auto", channels: dict[str, Any] | None = None, **keys: Any) -> ZoneConfig:
+    """The living room with `network`, more `channels` and other `keys`, loaded."""
+    tables = sound(folder)
+    zone = tables["zones"][0]
+    zone |= {"network": network, **keys}
+    zone["channels"] |= channels or {}
+    return load(write(folder, tables)).zones[0]
+
+
+def test_auto_follows_from_the_channels(tmp_path: Path) -> None:
+    plain = living(tmp_path).network
+    assert (plain.name, plain.channels) == ("auto", ("T_i", "T_out", "u_heat"))
+    sunny = living(tmp_path, channels={"I_sol": SUN}).network
+    assert sunny.channels == ("T_i", "T_out", "u_heat", "I_sol")
+    assert sunny.parameter("A_w").upper == PER_AREA["A_w"].upper * 2000
+    both = living(tmp_path, channels={"T_adj_north": NEIGHBOUR, "T_adj": NEIGHBOUR, "I_sol": SUN}).network
+    assert both.boundaries == ("T_out", "T_adj", "T_adj_north")
+    assert {"g_i_adj", "g_i_adj_north", "A_w"} < {parameter.name for parameter in both.free}
+
+
+def test_the_fingerprint_of_auto_does_not_depend_on_the_order_of_channels(tmp_path: Path) -> None:
+    more = {"T_adj_north": NEIGHBOUR, "I_sol": SUN, "T_adj": NEIGHBOUR}
+    ways = [living(tmp_path, channels=dict(order)) for order in (more.items(), reversed(more.items()))]
+    assert fingerprint(ways[0]) == fingerprint(ways[1])
+    assert fingerprint(ways[0]) != fingerprint(living(tmp_path))
+
+
+def test_the_state_of_a_preset_of_today_still_belongs_to_it(tmp_path: Path) -> None:
+    known = "cd9f56"
+    assert fingerprint(living(tmp_path, "titethria"))[:6] == known
+
+
+@pytest.mark.parametrize("estimator", ["rbpf", "ekf", "mkf"])
+def test_every_estimator_takes_the_automatic_network(tmp_path: Path, estimator: str) -> None:
+    zone = living(tmp_path, channels={"I_sol": SUN, "T_adj": NEIGHBOUR}, estimator=estimator)
+    assert make_worker(zone).network == zone.network
+
+
+def test_a_bank_of_an_automatic_network_has_a_member_for_every_variant(tmp_path: Path) -> None:
+    bank = make_worker(living(tmp_path, estimator="bank")).estimator
+    networks = {member.network.name for member in bank.members}
+    assert networks == {"auto", "auto-ground", "auto-two-layers", "auto-direct-heat"}
+    chosen = make_worker(living(tmp_path, "titeth", estimator="bank")).estimator
+    assert {member.network.name for member in chosen.members} == {"titeth"}
+
+
+def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
+    table = {"preset": "auto", "solar": {"node": "T_e", "upper": 12.0}}
+    network = living(tmp_path, table, {"I_sol": SUN}).network
+    assert [heat.node for heat in network.heat_inputs if heat.channel == "I_sol"] == ["T_e"]
+    assert network.parameter("A_w").upper == 12.0
+
+
+def test_what_is_shown_as_effective_is_the_same_network(tmp_path: Path) -> None:
+    tables = sound(tmp_path)
+    tables["zones"][0] |= {"network": "auto"}
+    path = write(tmp_path, tables)
+    config = load(path)
+    (tmp_path / "effective.toml").write_text(effective_toml(config), encoding="utf-8")
+    again = load(tmp_path / "effective.toml").zones[0].network
+    assert (again.name, set(again.parameters)) == ("auto", set(config.zones[0].network.parameters))
+
+
+@pytest.mark.parametrize(
+    ("channels", "parts"),
+    [
+        ({"I_sun": SUN}, ("no such channel", "T_i, T_out, u_heat", "it also takes I_sol", "begin with T_adj")),
+        ({"T_out": None}, ("is missing", "needs it")),
+    ],
+)
+def test_channels_that_auto_does_not_know_or_misses_are_explained(
+    tmp_path: Path, channels: dict[str, Any], parts: tuple[str, ...]
+) -> None:
+    tables = sound(tmp_path)
+    zone = deepcopy(tables["zones"][0]) | {"network": "auto"}
+    zone["channels"] = {k: v for k, v in (zone["channels"] | channels).items() if v is not None}
+    tables["zones"][0] = zone
+    with pytest.raises(ConfigError) as caught:
+        load(write(tmp_path, tables))
+    (sentence,) = caught.value.problems
+    assert all(part in sentence for part in parts)
+
+
+def built(**table: Any) -> Network:
+    network, mistakes = resolve(PresetConfig.model_validate(table))
+    assert mistakes == []
+    assert network is not None
+    return network
+
+
+def test_a_floor_area_sets_the_bounds_and_parameters_have_the_last_word() -> None:
+    network = built(preset="titeth", box={"floor_area": 120}, solar=True, parameters={"C_i": {"upper": 5e6}})
+    area = boxed(presets.titeth(), 120.0, 120.0)
+    assert network.parameter("C_e") == area.parameter("C_e")
+    assert (network.parameter("C_i").lower, network.parameter("C_i").upper) == (3.6e5, 5e6)
+    assert network.parameter("A_w").upper == pytest.approx(36.0)
+
+
+def test_wide_auto_and_a_range_of_areas() -> None:
+    assert built(preset="titeth", box="wide") == built(preset="titeth", box="auto") == boxed(presets.titeth())
+    ranged = built(preset="m4", box={"floor_area": [80, 200]})
+    assert ranged == boxed(presets.m4(), 80.0, 200.0)
+    assert built(preset="titeth") == presets.titeth(), "today's bounds stay where no box is asked for"
+
+
+def test_a_box_narrows_the_automatic_network() -> None:
+    network = built(preset="auto", box={"floor_area": 50})
+    assert network.parameter("C_i").lower == 1.5e5
+    assert network.name == "auto"
+
+
+@pytest.mark.parametrize(
+    ("network", "proposes"),
+    [
+        ("auto", True),
+        ({"preset": "auto", "box": "wide"}, False),
+        ({"preset": "titeth", "box": "auto"}, True),
+        ({"preset": "titeth", "box": {"floor_area": 90, "propose": True}}, True),
+        ({"preset": "titeth", "box": "wide"}, False),
+        ("titeth", False),
+    ],
+)
+def test_narrower_bounds_are_proposed_where_they_were_left_to_the_data(
+    tmp_path: Path, network: object, proposes: bool
+) -> None:
+    zone = living(tmp_path, network)
+    assert zone.proposes_bounds is proposes
+    assert make_worker(zone).settings.proposes_bounds is proposes
+
+
+@pytest.mark.parametrize(
+    ("preset", "box", "part"),
+    [
+        ("titeth", "large", 'must be "wide", "auto"'),
+        ("titeth", 120, 'must be "wide", "auto"'),
+        ("titeth", {}, "is missing; give the heated floor area in m2"),
+        ("titeth", {"floor_area": "120"}, "must be a number"),
+        ("titeth", {"floor_area": 0}, "must lie within 1 to 100000 m2"),
+        ("titeth", {"floor_area": [200, 80]}, "the smaller first"),
+        ("titeth", {"floor_area": [1, 2, 3]}, "the smallest and the largest"),
+        ("titeth", {"floor_area": 90, "rooms": 3}, "the keys here are"),
+        ("building-67", "wide", "remove box"),
+    ],
+)
+def test_mistakes_in_a_box_are_explained(tmp_path: Path, preset: str, box: object, part: str) -> None:
+    tables = sound(tmp_path)
+    tables["zones"][1]["network"] = {"preset": preset, "box": box}
+    del tables["zones"][1]["channels"]["I_sol"]
+    with pytest.raises(ConfigError) as caught:
+        load(write(tmp_path, tables))
+    sentences = [sentence for sentence in caught.value.problems if "network.box" in sentence]
+    assert len(sentences) == 1
+    assert part in sentences[0]
+
+
+def test_networks_shows_auto_with_its_variants(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["networks", "auto"]) == 0
+    printed = capsys.readouterr().out
+    assert "variants for members of a bank: own, ground, two-layers, direct-heat" in printed
+    assert preset_network("auto", ["solar=true"]).channels == ("T_i", "T_out", "u_heat", "I_sol")
