@@ -31,6 +31,10 @@ EXPERIMENTS = {
         "replay.experiments.peers.experiment",
         "measured buildings that others have fitted, from the folder that --data names",
     ),
+    "hours-ahead": Entry(
+        "replay.experiments.hours_ahead.experiment",
+        "forecasts of the next step and up to a day ahead, by every estimator on measured and simulated recordings",
+    ),
     "sensitivity": Entry(
         "replay.experiments.sensitivity.experiment",
         "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
