@@ -21,7 +21,7 @@ from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior
 from estimator.verification.hindsight import Hindsight, Pending
-from estimator.verification.scores import crps, gaussian_crps, reduced
+from estimator.verification.scores import crps, reduced
 
 COMPONENTS = 96
 """Components that a member brings into a mixture at most."""
