@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import TypeGuard
 
 from estimator.errors import OptionsError
 
@@ -31,9 +32,14 @@ def checked_choice(name: str, value: object, choices: Collection[str]) -> str:
     return value
 
 
+def is_number(value: object, *, whole: bool = False) -> TypeGuard[float]:
+    """Whether `value` is a number, an int if it must be `whole`; True and False are none."""
+    return isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+
+
 def checked_number(name: str, value: object, low: float, high: float, *, whole: bool = False) -> float:
     """`value`, a number from `low` to `high`; an int if it must be `whole`."""
-    if isinstance(value, bool) or not isinstance(value, int if whole else int | float) or not low <= value <= high:
+    if not is_number(value, whole=whole) or not low <= value <= high:
         kind = "a whole number" if whole else "a number"
         raise OptionsError(f"{name} = {value!r} must be {kind} from {low:g} to {high:g}", name)
     return value if whole else float(value)

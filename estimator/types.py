@@ -11,6 +11,9 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.network.network import Network
 
+ALPHA_LEVELS = (0.025, 0.5, 0.975)
+"""Levels of the quantiles of the volatility alpha."""
+
 
 class Outcome(StrEnum):
     """What an update did with its sample."""
@@ -54,30 +57,44 @@ class Disturbance(NamedTuple):
     """(n_y, 3): sigma_y [K] of every output."""
 
 
+class Verified(NamedTuple):
+    """What had been forecast for a sample."""
+
+    lead: int
+    """How many steps before."""
+    mixture: Mixture
+    """The distribution of the outputs."""
+
+
 class Posterior(NamedTuple):
-    """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,)."""
+    """What one update learned. Arrays over volatility blocks have shape (B,), over parameters (n_theta,).
+
+    What not every estimator has comes last and need not be given.
+    """
 
     state: Any
     outcome: Outcome
     log_likelihood: float
     """log p(y_k | y_1:k-1); NaN when nothing was assimilated."""
-    alpha_quantiles: Array
-    """(B, 3): .025, .5 and .975 quantiles of alpha_k; B is 0 where the estimator has no volatility."""
-    cdf: Array
-    """(B,): F_k, where the median of alpha_k stands in its own history."""
-    gate: float
-    """g_k, the smallest over blocks, 1 if there are none; 0 where nothing was learned."""
-    regime: str
-    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks; else "constant"."""
-    effective_sample_size: float
-    """N_eff; NaN for an estimator without particles."""
-    resampled: bool
-    floored: bool
-    """Whether the parameter covariance had collapsed and was held at its floor."""
     parameters: Array
     """(n_theta,): posterior mean of each log parameter, exponentiated; fixed ones at their value."""
+    alpha_quantiles: Array = np.empty((0, len(ALPHA_LEVELS)))
+    """(B, 3): quantiles of alpha_k at ALPHA_LEVELS; B is 0 where the estimator has no volatility."""
+    cdf: Array = np.empty(0)
+    """(B,): F_k, where the median of alpha_k stands in its own history."""
+    gate: float | None = None
+    """g_k, the smallest over blocks, 0 where nothing was learned; None for an estimator without a gate."""
+    regime: str | None = None
+    """What F_k stands for: "low", "transitional" or "high" volatility, the highest over blocks."""
+    effective_sample_size: float | None = None
+    """N_eff; None for an estimator without particles."""
+    resampled: bool = False
+    floored: bool = False
+    """Whether the parameter covariance had collapsed and was held at its floor."""
     disturbance: Disturbance | None = None
     """None for an estimator that has no model of disturbances."""
+    verified: tuple[Verified, ...] = ()
+    """Forecasts of this very sample whose time has come, of an estimator that verifies itself."""
 
 
 class ParameterSummary(NamedTuple):
@@ -103,6 +120,8 @@ class Estimator(Protocol):
 
     physical: bool
     """Whether its parameters are those of a building."""
+    verifies_itself: bool
+    """Whether `update` tells how the estimator's own forecasts hours ahead have turned out."""
 
     @property
     def issue_type(self) -> type[Any]:
@@ -140,6 +159,9 @@ class Estimator(Protocol):
 
     def verified(self, state: Any, lead: int, errors: Array) -> Any:
         """`state` after the errors (n_y,) [K] of a forecast `lead` steps ahead became known; NaN: not measured."""
+
+    def member_weights(self, state: Any) -> Mapping[str, Array]:
+        """What each member weighs at each horizon, (H,) by name; nothing where there are no members."""
 
     def pack(self, state: Any) -> dict[str, Array]:
         """The arrays of a state, by name."""

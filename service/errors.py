@@ -15,6 +15,10 @@ class ConfigError(ServiceError):
         super().__init__("\n".join(self.problems))
 
 
+class DataError(ServiceError):
+    """A table of measurements, a plan or a file of a model that cannot be used."""
+
+
 class ReloadRefused(ServiceError):
     """Nothing was changed. `problems` holds one sentence for every obstacle."""
 

@@ -1,6 +1,7 @@
 """The rooms of the house and who may import whom."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ PACKAGES = {
     "adapters": set(),
     "service": {"estimator", "adapters"},
     "replay": {"estimator", "service"},
+    "thermogate": {"estimator", "adapters", "service"},
 }
 """Which other packages each one may import."""
 
@@ -53,6 +55,13 @@ LEVELS = {
         {"recorded"},
         {"scores"},
         {"errors", "localtime"},
+    ),
+    "thermogate": (
+        {"model"},
+        {"files"},
+        {"session"},
+        {"settings", "plans"},
+        {"frames", "rows"},
     ),
 }
 """The rooms of each package, from the top floor down. A room imports only from floors below its own."""
@@ -142,3 +151,15 @@ def test_every_room_says_what_lives_in_it(package):
             assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))), f"{path} has no docstring"
             rooms = len([module for module in path.parent.glob("*.py") if module != path])
             assert rooms <= CROWDED, f"{path.parent} holds {rooms} modules"
+
+
+@pytest.mark.parametrize("package", LEVELS)
+def test_the_map_of_the_architecture_shows_every_room_on_its_floor(package):
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    cells = [cell.strip() for line in page.split("```")[1].splitlines() for cell in line.split("│")]
+    drawn = [room for cell in cells for room in re.split(r"\s{2,}", cell)[0].split(", ")]
+    # Several packages have a room for their errors, always on the lowest floor.
+    floors = [(room, index) for index, rooms in enumerate(LEVELS[package]) for room in rooms - {"errors", "__main__"}]
+    assert {room for room, _ in floors} <= set(drawn)
+    from_above = sorted(floors, key=lambda entry: drawn.index(entry[0]))
+    assert [index for _, index in from_above] == sorted(index for _, index in floors)

@@ -15,7 +15,11 @@ from hypothesis import strategies as st
 from service.fields.values import identifier
 
 ROOT = Path(__file__).parents[1]
-FILES = [path for package in ("estimator", "adapters", "service", "replay") for path in (ROOT / package).rglob("*.py")]
+FILES = [
+    path
+    for package in ("estimator", "adapters", "service", "replay", "thermogate")
+    for path in (ROOT / package).rglob("*.py")
+]
 TREES = {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
 
 SQL = re.compile(

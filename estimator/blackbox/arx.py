@@ -89,6 +89,7 @@ class ARX:
         self._verified_forgetting = exp(-3600.0 / (options.verified_memory_days * _DAY))
 
     physical = False
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[ARXState]:
@@ -205,6 +206,10 @@ class ARX:
             heat_loss=none,
         )
 
+    def member_weights(self, state: ARXState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
     def pack(self, state: ARXState) -> dict[str, Array]:
         """The arrays of a state, by name."""
         return state._asdict()
@@ -241,8 +246,8 @@ class ARX:
 
     def _theory(self, state: ARXState) -> Array:
         """Standard deviation (n_y,) [K] at the state's time, if residuals were independent."""
-        variance = state.residual[:, 0] / state.residual[:, 1]
-        return np.sqrt(variance * np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
+        unit = np.sqrt(state.residual[:, 0] / state.residual[:, 1])
+        return unit * np.sqrt(np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
 
     def filled(self, outputs: Array) -> Array:
         """A past (n_y, past_outputs) in which nothing has changed."""
@@ -258,13 +263,6 @@ class ARX:
             state=state,
             outcome=outcome,
             log_likelihood=log_likelihood,
-            alpha_quantiles=np.empty((0, 3)),
-            cdf=np.empty(0),
-            gate=1.0 if outcome is Outcome.ASSIMILATED else 0.0,
-            regime="constant",
-            effective_sample_size=float("nan"),
-            resampled=False,
-            floored=False,
             parameters=np.full(len(self.network.parameters), np.nan),
         )
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.blackbox.arx import LEVEL, ARX, ARXState
+from estimator.blackbox.arx import ARX, LEVEL, ARXState
 from estimator.blackbox.options import ARXOptions
 from estimator.network.network import Network
 from estimator.types import Mixture, ParameterSummary, Posterior
@@ -52,6 +52,7 @@ class Daily:
     """The model of one zone. See `estimator.types.Estimator` for the moves."""
 
     physical = False
+    verifies_itself = False
 
     def __init__(self, network: Network, period: float, options: ARXOptions) -> None:
         self.network = network.validate()
@@ -126,6 +127,10 @@ class Daily:
     def parameters(self, state: DailyState, levels: Array) -> ParameterSummary:
         """Not a number throughout: the model has no parameters of a building."""
         return self._arx.parameters(state.differences(), levels)
+
+    def member_weights(self, state: DailyState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
 
     def pack(self, state: DailyState) -> dict[str, Array]:
         """The arrays of a state, by name."""

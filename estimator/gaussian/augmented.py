@@ -4,9 +4,8 @@ The augmented state is s = [x; phi], phi = log theta of the free parameters, wit
 in one thing, the move of s over a step, which they bring as a `Move`. The measurement is linear in s, so the update is
 the same: for it the sigma points of the unscented transform give exactly the Kalman update.
 
-These filters have no volatility. They name no blocks, their alpha and F_k are empty arrays, the gate is 1 whenever a
-sample is assimilated and 0 where nothing was learned, the regime is "constant", and N_eff, which counts particles, is
-NaN.
+These filters have no volatility and no particles: they name no blocks, and their updates leave out alpha, the gate and
+N_eff.
 """
 
 from __future__ import annotations
@@ -27,8 +26,6 @@ from estimator.network.network import Network
 from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
 from estimator.types import Mixture, Outcome, ParameterSummary, Posterior
-
-REGIME = "constant"
 
 _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 """Below this log likelihood a measurement is one that the filter cannot explain at all, as for the particle filter."""
@@ -66,6 +63,7 @@ class AugmentedFilter:
         self._prior_sd = (self._space.upper - self._space.lower) / np.sqrt(12.0)
 
     physical = True
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[AugmentedState]:
@@ -160,6 +158,10 @@ class AugmentedFilter:
         """The state itself: the filter learns from its innovations alone."""
         return state
 
+    def member_weights(self, state: AugmentedState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
     def pack(self, state: AugmentedState) -> dict[str, Array]:
         """The arrays of a state, by name."""
         return state._asdict()
@@ -190,12 +192,5 @@ class AugmentedFilter:
             state=state,
             outcome=outcome,
             log_likelihood=log_likelihood,
-            alpha_quantiles=np.empty((0, 3)),
-            cdf=np.empty(0),
-            gate=1.0 if outcome is Outcome.ASSIMILATED else 0.0,
-            regime=REGIME,
-            effective_sample_size=float("nan"),
-            resampled=False,
-            floored=False,
             parameters=theta,
         )

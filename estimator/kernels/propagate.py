@@ -40,14 +40,14 @@ def layout(n: int) -> Layout:
     return Layout(*(sum(sizes[:index]) for index in range(len(sizes) + 1)))
 
 
-def _layout_of(size: tuple[int, ...]) -> tuple[int, ...]:
+def _layout_of(size: tuple[int, ...]) -> Layout:
     """`layout` of as many states as `size` has entries, as compile-time constants."""
-    return tuple(layout(len(size)))
+    return layout(len(size))
 
 
 @overload(_layout_of, jit_options=JIT)
 def _compiled_layout(size):  # type: ignore[no-untyped-def]
-    rows = tuple(layout(size.count))
+    rows = layout(size.count)
     return lambda size: rows
 
 
@@ -117,11 +117,11 @@ def parameters_of(coordinates, lower, upper, logit, free, first, inside, theta):
 def assemble_block(at, capacitance, edges, heat, heat_gain, theta, inputs, s):  # type: ignore[no-untyped-def]
     """Rows `conductance`, `flow` and `root`, which is C yet, of a block (3)."""
     n_x = capacitance.shape[0]
-    conductance, flow = at[0], at[1]
-    for row in range(conductance, at[2]):
+    conductance, flow = at.conductance, at.flow
+    for row in range(conductance, at.root):
         put(s, row, 0.0)
     for i in range(n_x):
-        put(s, at[2] + i, get(theta, capacitance[i]))
+        put(s, at.root + i, get(theta, capacitance[i]))
     for e in range(edges.shape[0]):
         i, j, value = edges[e, 0], edges[e, 1], get(theta, edges[e, 2])
         diagonal = conductance + i * (i + 1) // 2 + i
@@ -152,28 +152,27 @@ def propagate(  # type: ignore[no-untyped-def]
     n_x, particles = mean.shape
     n_tri = covariance.shape[0]
     at = _layout_of(size)
-    s = aligned(np.empty((at[6] + 1) * LANES))
+    s = aligned(np.empty((at.rows + 1) * LANES))
     theta = aligned(np.empty((fixed.shape[0] + 1) * LANES))
     for p in range(fixed.shape[0]):
         theta[p * LANES : (p + 1) * LANES] = fixed[p]
-    at_decay, at_norm, at_noise = at[0], at[4], at[5]
     for first in range(0, particles, LANES):
         inside = within(first, particles)
         parameters_of(coordinates, lower, upper, logit, free, first, inside, theta)
         assemble_block(at, capacitance, edges, heat, heat_gain, theta, inputs, s)
         prepare(size, s)
-        norm = largest(get(s, at_norm))
+        norm = largest(get(s, at.norm))
         scaling = -period
         squarings = 0
         while norm * -scaling > SMALL_NORM:
             scaling *= 0.5
             squarings += 1
-        for row in range(at_decay, n_tri):
+        for row in range(at.conductance, n_tri):
             put(s, row, get(s, row) * scaling)
         small_exponential(size, s)
         for _ in range(squarings):
             double(size, s)
         for i in range(n_x):
             alpha = exponential(load(log_alpha, (block[i], first), inside))
-            put(s, at_noise + i, process_variance * alpha * alpha)
+            put(s, at.noise + i, process_variance * alpha * alpha)
         predict(size, s, mean, covariance, out_mean, out_covariance, first, inside)

@@ -17,6 +17,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
+from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.mixture.compiled import CompiledMixture
 from estimator.mixture.model import WATTS, MixtureModel, Particles, Scenarios, Walk
@@ -27,11 +28,8 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
 from estimator.particle.gate import learning_gate, regime
-from estimator.particle.kalman import packed_index
 from estimator.particle.resampling import Weighted, effective_sample_size
-from estimator.types import Disturbance, Mixture, Outcome, ParameterSummary, Posterior
-
-LEVELS = np.array([0.025, 0.5, 0.975])
+from estimator.types import ALPHA_LEVELS, Disturbance, Mixture, Outcome, ParameterSummary, Posterior
 
 CONSTANT = "constant"
 """The regime of a filter without volatility."""
@@ -50,6 +48,8 @@ _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 
 _OFF_SD = 1e-9
 """Standard deviation [kW] that stands for none."""
+
+LEVELS = np.array(ALPHA_LEVELS)
 
 
 class MKFState(NamedTuple):
@@ -122,6 +122,7 @@ class MKF:
         self._moves: CompiledMixture | ReferenceMixture = moves(self._model)
 
     physical = True
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[MKFIssue]:
@@ -145,9 +146,9 @@ class MKF:
         mean, covariance = np.zeros((model.size, count)), np.zeros((model.size * (model.size + 1) // 2, count))
         mean[model.size - model.free :] = model.space.from_uniform(shrunk)
         for d, variance in enumerate(model.prior_variance, model.size - model.free):
-            covariance[packed_index(d, d)] = _START_SHARE**2 * variance
+            covariance[packed(d, d)] = _START_SHARE**2 * variance
         for i in range(model.states, model.states + model.gains):
-            covariance[packed_index(i, i)] = (gain_on * np.exp(2.0 * _between(size, model.gain_sd_bounds)))[0]
+            covariance[packed(i, i)] = (gain_on * np.exp(2.0 * _between(size, model.gain_sd_bounds)))[0]
         self._set_temperatures(mean, covariance, outputs, inputs)
         return MKFState(
             seed=np.array(seed, dtype=np.uint64),
@@ -242,6 +243,10 @@ class MKF:
         """The state itself: the filter learns from its likelihood alone."""
         return state
 
+    def member_weights(self, state: MKFState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
     def pack(self, state: MKFState) -> dict[str, Array]:
         """The arrays of a state, by name."""
         return state._asdict()
@@ -281,7 +286,7 @@ class MKF:
         mean[:states] = start[:, None]
         for i in range(self._model.size):
             for j in range(min(i + 1, states)):
-                covariance[packed_index(i, j)] = sds[i] ** 2 if i == j else 0.0
+                covariance[packed(i, j)] = sds[i] ** 2 if i == j else 0.0
 
     def _sample(self, state: MKFState, draws: Draws, count: int) -> tuple[Indices, Array]:
         """Indices (K,) of particles, drawn by weight, and draws (n_z, K) from their Gaussians."""
@@ -385,7 +390,7 @@ class MKF:
         quantiles = np.zeros(len(LEVELS))
         if on > 0.0:
             at = self._model.states
-            means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed_index(at, at)], _OFF_SD**2))
+            means, sds = state.mean[at], np.sqrt(np.maximum(state.covariance[packed(at, at)], _OFF_SD**2))
             below = float((shares * ndtr(-means / sds)).sum())
             begin, above = below > LEVELS, LEVELS - (1.0 - on)
             levels = np.where(begin, LEVELS, above) / on

@@ -12,11 +12,12 @@ import numpy as np
 
 from estimator.arrays import Array, Indices
 from estimator.gaussian.floor import with_known_gain
+from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.mixture.model import HOUR, SMALLEST_PIVOT, WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.network.modal import ModalNetwork
 from estimator.particle.gate import weighted_quantiles
-from estimator.particle.kalman import kalman_update, pack, packed_index, unpack
+from estimator.particle.kalman import kalman_update, pack, unpack
 from estimator.particle.reference import mixture_quantile
 from estimator.particle.resampling import Weighted, reweigh, systematic
 from estimator.particle.volatility import walked_volatility
@@ -72,8 +73,8 @@ class ReferenceMixture:
                     noise = np.exp(2 * particles.log_noise[row])
                     step = kalman_update(mean, covariance, node, y, noise)
                     # P - P P / (P + R) is P R / (P + R), which keeps its digits where P is far above R.
-                    rows = [packed_index(i, node) for i in range(self._model.size)]
-                    step.covariance[rows] = covariance[rows] * (noise / (covariance[packed_index(node, node)] + noise))
+                    rows = [packed(i, node) for i in range(self._model.size)]
+                    step.covariance[rows] = covariance[rows] * (noise / (covariance[packed(node, node)] + noise))
                     mean, covariance = step.mean, step.covariance
                     log_likelihood = log_likelihood + step.log_likelihood
             return particles._replace(mean=self._confined(mean, covariance), covariance=covariance), log_likelihood
@@ -236,7 +237,7 @@ class ReferenceMixture:
         space, first = self._model.space, self._model.size - self._model.free
         mean = mean.copy()
         for d in range(self._model.free):
-            row = covariance[[packed_index(i, first + d) for i in range(len(mean))]]
+            row = covariance[[packed(i, first + d) for i in range(len(mean))]]
             excess = np.clip(mean[first + d], space.lower[d], space.upper[d]) - mean[first + d]
             mean = mean + row * np.where(row[first + d] > 0, excess / np.maximum(row[first + d], 1e-300), 0.0)
         mean[first:] = space.confine(mean[first:])

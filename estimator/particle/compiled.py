@@ -8,12 +8,13 @@ from scipy.special import ndtri
 from estimator.arrays import Array, Indices
 from estimator.kernels import quantiles as kernel_quantiles
 from estimator.kernels import steps as kernels
+from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.kernels.propagate import propagate
 from estimator.network.assembly import topology
 from estimator.network.network import Network
 from estimator.network.space import ParameterSpace
-from estimator.particle.kalman import Assimilated, packed_index
+from estimator.particle.kalman import Assimilated
 from estimator.particle.liu_west import Kernel
 from estimator.particle.options import Options
 from estimator.particle.resampling import Weighted
@@ -70,7 +71,7 @@ class CompiledSteps:
         """The mixture of line 10 over the outputs `nodes` (n_y,), with measurement `variance` R."""
         weights, sds = np.empty_like(log_weights), np.empty((len(nodes), len(log_weights)))
         for row, node in zip(sds, nodes, strict=True):
-            kernels.predictive(log_weights, covariance[packed_index(node, node)], variance, weights, row)
+            kernels.predictive(log_weights, covariance[packed(node, node)], variance, weights, row)
         return Mixture(weights, mean[nodes], sds)
 
     def reweigh(self, log_weights: Array) -> Weighted:

@@ -11,12 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.kernels.algebra import packed
 from estimator.network.discretise import Discrete
-
-
-def packed_index(i: int, j: int) -> int:
-    """Row of element (i, j) in a packed covariance."""
-    return i * (i + 1) // 2 + j if i >= j else j * (j + 1) // 2 + i
 
 
 def pack(full: Array) -> Array:
@@ -54,13 +50,13 @@ class Assimilated(NamedTuple):
 
 def kalman_update(mean: Array, covariance: Array, node: int, y: float, variance: float | Array) -> Assimilated:
     """Assimilate one scalar output `y` of state `node` with measurement `variance` R, one for all or (N,)."""
-    column = covariance[[packed_index(i, node) for i in range(len(mean))]]
+    column = covariance[[packed(i, node) for i in range(len(mean))]]
     innovation = y - mean[node]
     total = column[node] + variance
     gain = column / total
     updated = covariance.copy()
     for i in range(len(mean)):
         for j in range(i + 1):
-            updated[packed_index(i, j)] -= gain[i] * column[j]
+            updated[packed(i, j)] -= gain[i] * column[j]
     log_likelihood = -0.5 * (np.log(2 * np.pi * total) + innovation**2 / total)
     return Assimilated(mean + gain * innovation, updated, log_likelihood)

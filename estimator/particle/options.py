@@ -13,7 +13,7 @@ from math import inf, sqrt
 
 from estimator.errors import OptionsError
 from estimator.network.network import Network
-from estimator.option_checks import check_known, checked_choice, checked_number, checked_preset
+from estimator.option_checks import check_known, checked_choice, checked_number, checked_preset, is_number
 
 ALL_NODES = "all"
 
@@ -134,7 +134,7 @@ def resolve(network: Network, period: float, given: Mapping[str, object]) -> Opt
 def _shrinkage(discount: object, given: Mapping[str, object]) -> float:
     if "shrinkage" in given:
         raise OptionsError("'discount' and 'shrinkage' say the same thing; give one of them", "discount", "shrinkage")
-    if isinstance(discount, bool) or not isinstance(discount, int | float) or not 0.5 < discount <= 1:
+    if not is_number(discount) or not 0.5 < discount <= 1:
         raise OptionsError(f"discount = {discount!r} must be a number above 0.5 and at most 1", "discount")
     return (3 * discount - 1) / (2 * discount)
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
@@ -22,14 +23,13 @@ from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
 from estimator.particle.compiled import CompiledSteps
 from estimator.particle.gate import learning_gate, regime, weighted_quantiles
-from estimator.particle.kalman import packed_index
 from estimator.particle.liu_west import liu_west_kernel
 from estimator.particle.options import ALL_NODES, Options
 from estimator.particle.reference import ReferenceSteps
 from estimator.particle.resampling import Weighted, effective_sample_size
-from estimator.types import Mixture, Outcome, ParameterSummary, Posterior
+from estimator.types import ALPHA_LEVELS, Mixture, Outcome, ParameterSummary, Posterior
 
-ALPHA_LEVELS = np.array([0.025, 0.5, 0.975])
+_ALPHA_LEVELS = np.array(ALPHA_LEVELS)
 
 _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 """Below this log weight every weight would be zero in floating point."""
@@ -73,6 +73,7 @@ class RBPF:
         self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period, block, options.process_sd)
 
     physical = True
+    verifies_itself = False
 
     @property
     def issue_type(self) -> type[ParticleState]:
@@ -180,6 +181,10 @@ class RBPF:
         """The state itself: the filter learns from its likelihood alone."""
         return state
 
+    def member_weights(self, state: ParticleState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
     def pack(self, state: ParticleState) -> dict[str, Array]:
         """The arrays of a state, by name."""
         return state._asdict()
@@ -195,7 +200,7 @@ class RBPF:
         mean = np.tile(start[:, None], count)
         covariance = np.zeros((size * (size + 1) // 2, count))
         for i, sd in enumerate(sds):
-            covariance[packed_index(i, i)] = sd**2
+            covariance[packed(i, i)] = sd**2
         return mean, covariance
 
     def _propagate(self, state: ParticleState, inputs: Array, step: int, draws: Draws) -> ParticleState:
@@ -210,7 +215,7 @@ class RBPF:
         options, weights, log_weights = self.options, weighted.weights, weighted.log_weights
         draws = Draws(int(state.seed), int(state.step))
         phi = self._steps.mean_log_parameters(state.coordinates, weights)
-        quantiles = np.array([self._steps.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
+        quantiles = np.array([self._steps.weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
         gates = [
             learning_gate(counts, median, options)
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
@@ -250,7 +255,7 @@ class RBPF:
     def _kept(self, state: ParticleState, outcome: Outcome) -> Posterior:
         """The summary of a step that learned nothing: the prior is kept, the gate is shut."""
         weights = np.exp(state.log_weights)
-        quantiles = np.array([self._steps.weighted_quantiles(row, weights, ALPHA_LEVELS) for row in state.log_alpha])
+        quantiles = np.array([self._steps.weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
         counted = [
             learning_gate(counts, median, self.options).cdf
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
@@ -264,8 +269,6 @@ class RBPF:
             gate=0.0,
             regime=regime(max(counted), self.options),
             effective_sample_size=effective_sample_size(weights),
-            resampled=False,
-            floored=False,
             parameters=self._point_estimate(self._steps.mean_log_parameters(state.coordinates, weights)),
         )
 

@@ -7,13 +7,14 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
+from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
 from estimator.network.network import Network
 from estimator.network.space import ParameterSpace
 from estimator.particle.gate import weighted_quantiles
-from estimator.particle.kalman import Assimilated, kalman_predict, kalman_update, packed_index
+from estimator.particle.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.particle.liu_west import Kernel, moments, rejuvenate
 from estimator.particle.options import Options
 from estimator.particle.resampling import Weighted, reweigh, systematic
@@ -51,7 +52,7 @@ class ReferenceSteps:
         self, mean: Array, covariance: Array, log_weights: Array, nodes: Indices, variance: float
     ) -> Mixture:
         """The mixture of line 10 over the outputs `nodes` (n_y,), with measurement `variance` R."""
-        variances = covariance[[packed_index(node, node) for node in nodes]] + variance
+        variances = covariance[[packed(node, node) for node in nodes]] + variance
         return Mixture(np.exp(log_weights), mean[nodes], np.sqrt(variances))
 
     def reweigh(self, log_weights: Array) -> Weighted:

@@ -6,16 +6,18 @@ import math
 
 import numpy as np
 from numba import njit
+from scipy.special import ndtr
 
 from estimator.arrays import Array
 from estimator.types import Mixture
 
-COMPONENTS = 24
+COMPONENTS = 32
 """Components of a mixture that are scored: more change a score by less than its own noise."""
 
 _REACH = 3.0
 """Standard deviations of the component means within which `reduced` tells them apart."""
 _ROOT_2 = math.sqrt(2.0)
+_ROOT_PI = math.sqrt(math.pi)
 _ROOT_2_PI = math.sqrt(2.0 * math.pi)
 
 
@@ -23,8 +25,10 @@ def reduced(mixture: Mixture, count: int = COMPONENTS) -> Mixture:
     """At most `count` Gaussians that stand for `mixture`, with the same mean and variance of every output.
 
     Components whose mean of the first output falls into the same of `count` equal intervals become one with their
-    moments (West 1993). Weights are normalised.
+    moments (West 1993). A mixture that is small enough is returned as it is.
     """
+    if len(mixture.weights) <= count:
+        return mixture
     sds = np.broadcast_to(mixture.sds, mixture.means.shape)
     return Mixture(*_reduced(mixture.weights, mixture.means, sds, count))
 
@@ -36,7 +40,14 @@ def crps(mixture: Mixture, output: int, value: float) -> float:
     """
     rows = slice(output, output + 1)
     small = reduced(Mixture(mixture.weights, mixture.means[rows], mixture.sds[rows]))
-    return float(_crps(small.weights, small.means[0], small.sds[0], value))
+    return float(_crps(small.weights / small.weights.sum(), small.means[0], small.sds[0], value))
+
+
+def gaussian_crps(mean: Array, sd: Array, value: float) -> Array:
+    """Continuous ranked probability scores [K] of Gaussians with `mean` and `sd` (n,) against `value`."""
+    z = (value - mean) / sd
+    scores: Array = sd * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z**2) / _ROOT_2_PI - 1.0 / _ROOT_PI)
+    return scores
 
 
 def distribution(mixture: Mixture, output: int, value: float) -> float:

@@ -14,7 +14,7 @@ from replay.bms.faults import MENU, Fault, FaultError, FaultSpec
 from replay.bms.register_map import as_csv
 from replay.bms.simulation import Simulation
 from service.config.http import HttpConfig
-from service.publish.rendering import utc
+from service.fields.times import utc
 from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.guard import Guard

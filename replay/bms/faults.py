@@ -12,6 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from replay.bms.plant import Channel, Device
 from replay.errors import ReplayError
 from service.fields.durations import parse_duration
+from service.fields.problems import own_sentence
 
 
 class FaultError(ReplayError):
@@ -108,8 +109,7 @@ _EXAMPLE = "drift:room1/T_air,value=0.5,after=10min,for=1h"
 def explain(error: ValidationError) -> str:
     """What is wrong, in one sentence."""
     return "; ".join(
-        f"{'.'.join(map(str, problem['loc']))}: {problem['msg'].removeprefix('Value error, ')}"
-        for problem in error.errors()
+        f"{'.'.join(map(str, problem['loc']))}: {own_sentence(problem) or problem['msg']}" for problem in error.errors()
     )
 
 

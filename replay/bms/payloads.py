@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from typing import NamedTuple
+
+from service.fields.times import written_to_the_millisecond
 
 _SENML_UNITS = {"degC": "Cel", "1": "/", "Wh": "Wh"}  # RFC 8428 and 8798; W, K, % and W/m2 are written as they are
 
@@ -30,7 +31,7 @@ def as_json(reading: Published) -> bytes:
     missing = math.isnan(reading.value)
     document = {
         "present": {"value": None if missing else round(reading.value, 6), "unit": reading.unit},
-        "time": datetime.fromtimestamp(reading.time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        "time": written_to_the_millisecond(reading.time),
         "quality": "bad" if missing else "good",
     }
     return json.dumps(document).encode()

@@ -16,10 +16,6 @@ from replay.bms.world import Snapshot
 WEATHER_UNIT_ID = 1
 FIRST_ROOM_UNIT_ID = 11
 FIRST_METER_UNIT_ID = 100
-LAST_UNIT_ID = 247
-MOST_ROOMS = FIRST_METER_UNIT_ID - FIRST_ROOM_UNIT_ID
-MOST_METERS = LAST_UNIT_ID - FIRST_METER_UNIT_ID + 1
-MOST_REGISTERS = 10_000
 
 _JOULES_PER_WATT_HOUR = 3600.0
 # The first counter rolls over soon after the start, where the mistakes of its readers are.

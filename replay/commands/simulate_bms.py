@@ -7,7 +7,10 @@ from pathlib import Path
 
 from service.cli.arguments import AddCommand, number, whole
 
-_MOST_ZONES, _MOST_METERS, _MOST_REGISTERS = 80, 148, 10_000
+_MOST_ZONES = 80
+_MOST_METERS = 148
+"""Unit ids of a Modbus line (1 to 247) from `replay.bms.plant.FIRST_METER_UNIT_ID` on."""
+_MOST_REGISTERS = 10_000
 SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 

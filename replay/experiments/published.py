@@ -86,15 +86,6 @@ ECOLAR_NIGHTS = {
 }
 """Table 8: median and standard deviation of the open-loop RMSE of the nights."""
 
-TOPOLOGY = {
-    ("m1", False): (0.637, 0.508, 0.314, 0.934, 0.136),
-    ("m2", False): (0.369, 0.284, 0.284, 0.560, 0.047),
-    ("m4", False): (0.359, 0.274, 0.256, 0.549, 0.021),
-    ("m4", True): (0.363, 0.277, 0.258, 0.543, 0.051),
-    ("m8", False): (0.365, 0.277, 0.270, 0.533, 0.016),
-}
-"""Table 3, by model and solar channel: training RMSE; full, night and day MAE; J_acf."""
-
 SENSITIVITY = {
     "particles 3000": "open-loop RMSE, median: 0.25",
     "particles 9000": "open-loop RMSE, median: 0.20",

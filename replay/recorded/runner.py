@@ -13,7 +13,6 @@ import math
 import resource
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -27,7 +26,10 @@ from service.config.fitting import make_alignment, make_worker
 from service.config.recording import Part, recorded
 from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
+from service.fields.durations import format_duration
+from service.fields.times import written_time
 from service.records.history import HistoryRow
+from service.records.skill import HorizonSkill
 from service.records.update import Update
 
 DAY = 86400
@@ -106,7 +108,7 @@ class Run:
         row = HistoryRow.of(update)
         self._rows.append(row)
         self._seconds.append(update.step_seconds)
-        when = rfc3339(update.time)
+        when = written_time(update.time)
         self._updates.writerow([when, *(_cell(value) for value in row[1:])])
         self._parameters.writerow([when, *(_cell(value) for value in update.parameters)])
 
@@ -120,6 +122,12 @@ class Run:
         """Refused readings by kind."""
         return {str(fault): count for fault, count in self.alignment.faults.items()}
 
+    def _skill(self) -> dict[str, dict[str, float | None]]:
+        """What the forecasts of the last 30 days were worth, by lead."""
+        skill = self._worker.skill()
+        found = () if skill is None else skill.windows[max(skill.windows)]
+        return {format_duration(one.lead): _finite(_described(one)) for one in found}
+
     def summary(self) -> dict[str, Any]:
         """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""
         table, rows = self.table, self._rows
@@ -130,10 +138,11 @@ class Run:
             "convention": "one_step",
             "samples": len(rows),
             "segments": self._worker.progress.segment,
-            "first": rfc3339(rows[0].time) if rows else None,
-            "last": rfc3339(rows[-1].time) if rows else None,
+            "first": written_time(rows[0].time) if rows else None,
+            "last": written_time(rows[-1].time) if rows else None,
             **_scores(rows, table.levels[0]),
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
+            "skill": self._skill(),
             "faults": self.faults,
             "parameters": {}
             if posterior is None
@@ -157,6 +166,11 @@ class Run:
             },
             "seed": table.seed,
         }
+
+
+def _described(one: HorizonSkill) -> dict[str, float]:
+    against = {"skill_against_persistence": one.against_persistence, "skill_against_arx": one.against_arx}
+    return one._asdict() | against
 
 
 def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:
@@ -195,11 +209,6 @@ async def _feed(config: Config, runs: dict[str, Run], start: float | None, end: 
             if part.zone in runs:
                 samples = runs[part.zone].deliver(part, start, end)
                 bar.update(samples)
-
-
-def rfc3339(when: float) -> str:
-    """UTC seconds as RFC 3339."""
-    return datetime.fromtimestamp(when, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def _cell(value: float | bool | int) -> str:

@@ -6,13 +6,13 @@ A command imports what it needs when it runs, so that `thermogate --help` does n
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Callable, Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from service.errors import ConfigError
+from service.fields.numbers import read_number, read_whole
+from service.fields.times import ZoneMissing, parse_time
 
 if TYPE_CHECKING:
     from service.config.site import Config
@@ -46,9 +46,10 @@ def whole(lower: int, upper: int) -> Callable[[str], int]:
     """A reader of whole numbers from `lower` to `upper`."""
 
     def parse(text: str) -> int:
-        if not text.isdecimal() or not lower <= int(text) <= upper:
+        value = read_whole(text)
+        if value is None or not lower <= value <= upper:
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
-        return int(text)
+        return value
 
     return parse
 
@@ -57,8 +58,8 @@ def number(lower: float, upper: float) -> Callable[[str], float]:
     """A reader of numbers from `lower` to `upper`."""
 
     def parse(text: str) -> float:
-        value = _float(text)
-        if not lower <= value <= upper:
+        value = read_number(text)
+        if value is None or not lower <= value <= upper:
             raise argparse.ArgumentTypeError(f"{text!r} is not a number from {lower:g} to {upper:g}")
         return value
 
@@ -67,8 +68,8 @@ def number(lower: float, upper: float) -> Callable[[str], float]:
 
 def positive(text: str) -> float:
     """A finite number above 0."""
-    value = _float(text)
-    if not 0 < value < math.inf:
+    value = read_number(text)
+    if value is None or not value > 0:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return value
 
@@ -76,18 +77,10 @@ def positive(text: str) -> float:
 def instant(text: str) -> float:
     """UTC seconds of an RFC 3339 time."""
     try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a time; write it as 2025-05-03T00:00:00Z") from None
-    if time.tzinfo is None:
+        return parse_time(text).timestamp()
+    except ZoneMissing:
         raise argparse.ArgumentTypeError(
             f"{text!r} has no time zone; end it with Z for UTC or an offset such as +02:00, as in 2025-05-03T00:00:00Z"
-        )
-    return time.timestamp()
-
-
-def _float(text: str) -> float:
-    try:
-        return float(text)
+        ) from None
     except ValueError:
-        return math.nan
+        raise argparse.ArgumentTypeError(f"{text!r} is not a time; write it as 2025-05-03T00:00:00Z") from None

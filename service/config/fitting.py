@@ -26,8 +26,11 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
     return ZoneWorker(estimator, WorkerSettings(zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages))
 
 
-def make_alignment(zone: ZoneConfig, resume_after: int | None = None, live: bool = False) -> Alignment:
-    """The alignment of `zone`, `live` or recorded, going on after the sample at `resume_after` if there is one."""
+def make_alignment(
+    zone: ZoneConfig, resume_after: int | None = None, live: bool = False, resume_idle: int = 0
+) -> Alignment:
+    """The alignment of `zone`, `live` or recorded, going on after the sample at `resume_after` if there is one, with
+    which `resume_idle` samples in a row without a reading ended."""
     # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
     longest = max(zone.hold_inputs, *zone.max_ages.values(), 0.0)
     bridged = min(max(zone.max_gap, ceil(longest / zone.period)) + 1, _MOST_EMPTY)
@@ -40,6 +43,7 @@ def make_alignment(zone: ZoneConfig, resume_after: int | None = None, live: bool
         lateness=zone.lateness,
         idle_limit=bridged,
         resume_after=resume_after,
+        resume_idle=resume_idle,
         live=live,
         # Nothing that is dated by a clock that was never set is believed.
         earliest=PLAUSIBLE if live else EARLIEST,

@@ -96,7 +96,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     if problems.sentences or site is None or log is None or http is None:
         return None
     zones = tuple(
-        _completed(draft.table, draft.network, resolved)
+        completed(draft.table, draft.network, resolved)
         for draft, resolved in zip(drafts, options, strict=True)
         if draft.table and draft.network
     )
@@ -197,7 +197,7 @@ def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, co
     return ZoneDraft(place, problems.read(ZoneTable, rest, place, context), network, names, channels)
 
 
-def _completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
+def completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
     """The checked `zone`, with the defaults that depend on its network: aggregate and valid range of every channel."""
     channels = {}
     for name, channel in zone.channels.items():

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Source
 from service.sources.routing import Delivery, Router
 from service.zone.clock import Clock
+from service.zone.pauses import GrowingPause
 from service.zone.zone import Zone
 
 FIRST_PAUSE = 1.0
@@ -22,9 +23,6 @@ TICK = 0.5
 
 NOTABLE_JUMP = 2.0
 """What the wall clock may be set by without a word, in s."""
-
-_AGAIN_SECONDS = 0.5
-"""How long a cancelled task may take to clean up before it is cancelled again, in s."""
 
 TOGETHER = 32
 """Zones that take in their shares in one turn of the event loop: some ms of it at most."""
@@ -37,7 +35,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
     """
-    pause, position = FIRST_PAUSE, start
+    pause, position = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start
     while True:
         try:
             async for batch in source.batches(position):
@@ -45,7 +43,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
                 if isfinite(batch.now):
                     # Were it asked again, it is for what comes after this.
                     position = nextafter(batch.now, inf)
-                    pause = FIRST_PAUSE
+                    pause.reset()
             break
         except SourceConfigError as error:
             _log.error("%s; it stays off", error)
@@ -58,11 +56,11 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
             reason = f"sources.{source.name} failed: {error!r}"
             _log.debug("%s", reason, exc_info=error)
         # Many daemons behind one switch must not all come back at the same moment.
-        wait = pause * random.uniform(0.5, 1.0)
+        wait = pause.seconds * random.uniform(0.5, 1.0)
         _log.error("%s; trying again in %.1f s", reason, wait)
         await _tell(zones, router, source.name, reason)
         await asyncio.sleep(wait)
-        pause = min(2 * pause, LONGEST_PAUSE)
+        pause.grow()
     for name in router.zones:
         await zones[name].end(source.name)
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
@@ -86,20 +84,6 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) ->
 async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
     for name in router.zones:
         await zones[name].source_failed(source, reason)
-
-
-async def end(tasks: Collection[asyncio.Task[None]]) -> None:
-    """Cancel `tasks` and wait until they are over, whatever comes of them.
-
-    One cancellation may not be enough: `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its
-    answers, passes over one that meets an answer.
-    """
-    pending = set(tasks)
-    while pending:
-        for task in pending:
-            task.cancel()
-        _, pending = await asyncio.wait(pending, timeout=_AGAIN_SECONDS)
-    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def keep_time(zones: Mapping[str, Zone]) -> None:

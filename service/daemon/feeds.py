@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from adapters.reading import Batch, Source
 from service.config.site import Config
-from service.daemon.feeding import end, feed
+from service.daemon.feeding import feed
+from service.daemon.tasks import end
 from service.sources.routing import Router
 from service.zone.zone import Zone
 

@@ -15,11 +15,11 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import nullcontext
-from datetime import UTC, datetime
 from types import TracebackType
 from typing import TextIO
 
 from service.config.log import LEVELS, LogConfig
+from service.fields.times import written_time, written_to_the_millisecond
 
 WINDOW_SECONDS = 60.0
 SWEEP_SECONDS = 5.0
@@ -134,9 +134,10 @@ class PlainFormatter(logging.Formatter):
     """UTC time, level, message; what would break the line, or steer a terminal, is escaped."""
 
     def __init__(self, dated: bool = True) -> None:
-        super().__init__("%(asctime)sZ %(levelname)s %(message)s" if dated else "%(levelname)s %(message)s")
-        self.datefmt = "%Y-%m-%dT%H:%M:%S"
-        self.converter = time.gmtime
+        super().__init__("%(asctime)s %(levelname)s %(message)s" if dated else "%(levelname)s %(message)s")
+
+    def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:
+        return written_time(record.created)
 
     def format(self, record: logging.LogRecord) -> str:
         return one_line(super().format(record))
@@ -146,9 +147,8 @@ class JsonFormatter(logging.Formatter):
     """An object a line: time, level, logger, message, and the traceback where there is one."""
 
     def format(self, record: logging.LogRecord) -> str:
-        moment = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
         line = {
-            "time": moment.replace("+00:00", "Z"),
+            "time": written_to_the_millisecond(record.created),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),

@@ -15,7 +15,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
@@ -23,7 +23,6 @@ from typing import Any, TypeVar
 
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
-from service.daemon.feeding import end
 from service.daemon.instruments import instrument
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
@@ -31,6 +30,7 @@ from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
+from service.daemon.tasks import end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
@@ -216,8 +216,7 @@ class Daemon:
             runtime.start_zones()
             try:
                 await server.started(serving)
-                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in sinks))
-                if not await _before(stop, settling):
+                if not await _before(stop, asyncio.ensure_future(asyncio.to_thread(_settle, sinks))):
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
@@ -252,6 +251,11 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
+
+
+def _settle(sinks: Iterable[Sink]) -> None:
+    for sink in sinks:
+        sink.settle()
 
 
 async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:

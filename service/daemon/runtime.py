@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from service.config.fitting import fingerprint, make_alignment, make_worker
 from service.config.site import Config, ZoneConfig
-from service.daemon.feeding import end, keep_time, watch_clock
+from service.daemon.feeding import keep_time, watch_clock
 from service.daemon.feeds import Feed, Tally
 from service.daemon.reload import Changes, compare, obstacles
+from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
 from service.zone.plumbing import Plumbing
@@ -135,9 +136,9 @@ class Runtime:
         lasts = await asyncio.gather(*(zone.prepare() for zone in zones.values()))
         self._last |= dict(zip(zones, lasts, strict=True))
         for table in tables:
-            live = config.goes_live(table)
-            pace = config.pace_of(table)
-            zones[table.id].align(make_alignment(table, self._last[table.id], live), live, pace)
+            live, zone = config.goes_live(table), zones[table.id]
+            alignment = make_alignment(table, self._last[table.id], live, zone.empty_samples)
+            zone.align(alignment, live, config.pace_of(table))
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]

@@ -52,7 +52,7 @@ class Vitals:
     async def run(self, look: Callable[[], None] = lambda: None) -> None:
         """Look every LOOK_SECONDS, for ever, and call `look` after each time."""
         while True:
-            self._look(time.monotonic())
+            self.look(time.monotonic())
             look()
             await asyncio.sleep(LOOK_SECONDS)
 
@@ -77,7 +77,8 @@ class Vitals:
         now = time.monotonic()
         return [zone for zone, (_, since) in self._stuck.items() if now - since > self._patience]
 
-    def _look(self, now: float) -> None:
+    def look(self, now: float) -> None:
+        """See what has answered and been finished at `now`, monotonic s, and ask anew where there was an answer."""
         for organ in self._organs:
             question, _ = self._asked.get(organ.what, (None, now))
             if question is None or question.done():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from service.fields.numbers import number_in
+
 DAY = 86400.0
 _LONGEST = 36525 * DAY
 
@@ -19,8 +21,10 @@ def parse_duration(value: object) -> float:
             seconds = float(match[1]) * _SECONDS[match[2]]
             if seconds <= _LONGEST:
                 return seconds
-    elif isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _LONGEST:
-        return float(value)
+    else:
+        number = number_in(value)
+        if number is not None and 0 <= number <= _LONGEST:
+            return number
     shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
     raise ValueError(
         f'{shown} is not a duration; write a number with s, min, h or d, such as "30s", "5min", "1h" or "7d", '

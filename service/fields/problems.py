@@ -54,17 +54,28 @@ def written(raw: object, place: Place) -> str:
     text = ""
     for part in place:
         if isinstance(part, int):
-            text += f"[{part}]"
+            text = extended(text, part)
             raw = raw[part] if isinstance(raw, list | tuple) and part < len(raw) else None
             if isinstance(raw, dict) and isinstance(raw.get("id"), str):
                 text += f" ('{raw['id']}')"
         elif text and not isinstance(raw, dict):
             break
         else:
-            key = part if _BARE_KEY.fullmatch(part) else f'"{part}"'
-            text += f".{key}" if text else key
+            text = extended(text, part if _BARE_KEY.fullmatch(part) else f'"{part}"')
             raw = raw.get(part) if isinstance(raw, dict) else None
     return text
+
+
+def extended(text: str, part: str | int) -> str:
+    """The place `text` and one step more: an item of its list, or a key of its table."""
+    if isinstance(part, int):
+        return f"{text}[{part}]"
+    return f"{text}.{part}" if text else part
+
+
+def own_sentence(detail: Mapping[str, Any]) -> str | None:
+    """What a check of ours says in an error of pydantic's; None where the check is pydantic's own."""
+    return str(detail["ctx"]["error"]) if detail["type"] == "value_error" else None
 
 
 def _value(raw: Any, place: Place) -> object:
@@ -93,9 +104,9 @@ def _located(detail: Any) -> Place:
 
 
 def _sentence(model: type[BaseModel], detail: Any, place: Place) -> str:
-    kind = detail["type"]
-    if kind == "value_error":
-        return str(detail["ctx"]["error"])
+    kind, sentence = detail["type"], own_sentence(detail)
+    if sentence is not None:
+        return sentence
     owner = _model_at(model, place[:-1])
     if kind == "extra_forbidden" and owner is not None:
         return unknown_key(place[-1], list(owner.model_fields))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from service.fields.numbers import whole_in
+
 _BYTES = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(kB|MB|GB|TB)\s*")
 
@@ -14,8 +16,10 @@ def parse_size(value: object) -> int:
         match = _PATTERN.fullmatch(value)
         if match:
             return round(float(match[1]) * _BYTES[match[2]])
-    elif isinstance(value, int) and not isinstance(value, bool) and value >= 0:
-        return value
+    else:
+        size = whole_in(value, lower=0)
+        if size is not None:
+            return size
     shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
     raise ValueError(
         f'{shown} is not a size; write a number with kB, MB, GB or TB, such as "500MB" or "2GB", or a whole number of '

@@ -7,7 +7,6 @@ import difflib
 import ipaddress
 import math
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,6 +17,7 @@ from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainVali
 from adapters.errors import SourceConfigError
 from adapters.timestamps import timestamp_parser
 from service.fields.durations import DAY, format_duration, parse_duration
+from service.fields.numbers import is_level, number_in, whole_in
 from service.fields.sizes import format_size, parse_size
 from service.fields.words import shown
 
@@ -45,29 +45,32 @@ def flag(value: object) -> bool:
 
 
 def number(value: object) -> float:
-    # Compared, not converted: an integer in TOML may be larger than any float.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+    found = number_in(value)
+    if found is None:
         raise ValueError(f"must be a number, without quotes, not {shown(value)}")
-    return float(value)
+    return found
 
 
 def positive(value: object) -> float:
-    if not number(value) > 0:
+    found = number(value)
+    if not found > 0:
         raise ValueError(f"must be greater than 0, not {shown(value)}")
-    return number(value)
+    return found
 
 
 def non_zero(value: object) -> float:
-    if number(value) == 0:
+    found = number(value)
+    if found == 0:
         raise ValueError("must not be 0, which would make every reading the same")
-    return number(value)
+    return found
 
 
 def whole(lower: int, upper: int) -> Callable[[object], int]:
     def check(value: object) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or not lower <= value <= upper:
+        found = whole_in(value, lower, upper)
+        if found is None:
             raise ValueError(f"must be a whole number from {lower} to {upper}, not {shown(value)}")
-        return value
+        return found
 
     return check
 
@@ -134,9 +137,10 @@ def period(value: object) -> int:
 
 
 def level(value: object) -> float:
-    if not 0 < number(value) < 1:
+    found = number(value)
+    if not is_level(found):
         raise ValueError(f"must lie between 0 and 1, such as 0.95, not {shown(value)}")
-    return number(value)
+    return found
 
 
 def distinct(levels: tuple[float, ...]) -> tuple[float, ...]:
@@ -155,11 +159,12 @@ def pace(value: object) -> float:
     """A multiple of real time; "max" becomes infinity."""
     if value == "max":
         return math.inf
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+    found = number_in(value)
+    if found is None or not found > 0:
         raise ValueError(
             f'must be "max" (as fast as possible) or a multiple of real time above 0, such as 60, not {shown(value)}'
         )
-    return float(value)
+    return found
 
 
 def is_loopback(host: str) -> bool:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
-from service.publish.rendering import utc
+from service.fields.times import written_time
 from service.publish.sinks import Announcement
 from service.records.measures import Measure, single
 
@@ -31,9 +31,9 @@ class Event(NamedTuple):
     data: bytes
 
 
-def event(kind: str, payload: bytes, time: float | None) -> Event:
+def event(kind: str, payload: bytes, time: int | None) -> Event:
     """The document `payload` as an event, whose id is the sample time that it belongs to, UTC s."""
-    stamp = None if time is None else utc(time).isoformat().replace("+00:00", "Z")
+    stamp = None if time is None else written_time(time)
     return Event(kind, format_sse_event(event=kind, id=stamp, data_str=payload.decode()))
 
 

@@ -6,7 +6,6 @@ What happens is counted here by the one who sees it (`publish`, ...). What there
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Iterable, Mapping
 
@@ -14,13 +13,16 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Hi
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from service.fields.durations import format_duration
 from service.publish.rendering import clock
 from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family
+from service.records.skill import Skill
 from service.records.status import STATES
 from service.records.update import Update
 from service.records.view import ZoneView
 
+_SKILL_DAYS = 7
 _DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
@@ -42,6 +44,22 @@ class Metrics:
             "thermogate_interval_width_kelvin",
             "Width of the published interval of the first output, at the first level",
             zone,
+            registry=registry,
+        )
+        horizon = ["zone", "lead"]
+        self._coverage = Gauge(
+            "thermogate_forecast_coverage",
+            "Share of forecasts whose 95 % interval held, 7 days",
+            horizon,
+            registry=registry,
+        )
+        self._crps = Gauge(
+            "thermogate_forecast_crps_kelvin", "Mean CRPS of forecasts, 7 days", horizon, registry=registry
+        )
+        self._skill = Gauge(
+            "thermogate_forecast_skill",
+            "1 - RMSE / RMSE of the reference, 7 days",
+            ["zone", "lead", "reference"],
             registry=registry,
         )
         self._loop_delay = Histogram(
@@ -84,6 +102,9 @@ class Metrics:
             self._gate,
             self._n_eff,
             self._width,
+            self._coverage,
+            self._crps,
+            self._skill,
             self._checkpoints,
             self._checkpointed,
             self._failures,
@@ -94,6 +115,8 @@ class Metrics:
         """Count a new update."""
         if announcement.occasion is Occasion.UPDATE and announcement.update is not None:
             self._observe(announcement.zone, announcement.update)
+        if announcement.skill is not None:
+            self._observe_skill(announcement.zone, announcement.skill)
 
     def settle(self) -> None:
         """Nobody is waited for."""
@@ -124,11 +147,20 @@ class Metrics:
         self._seconds.labels(zone).observe(update.step_seconds)
         for block, median in zip(update.volatility.blocks, update.volatility.median, strict=True):
             self._alpha.labels(zone, block).set(median)
-        self._gate.labels(zone).set(update.gate.value)
-        if not math.isnan(update.effective_sample_size):
+        self._gate.labels(zone).set(update.shown_gate.value)
+        if update.effective_sample_size is not None:
             self._n_eff.labels(zone).set(update.effective_sample_size)
         for interval in update.forecast.outputs[0].intervals[:1]:
             self._width.labels(zone).set(interval.upper - interval.lower)
+
+    def _observe_skill(self, zone: str, skill: Skill) -> None:
+        for one in skill.windows[_SKILL_DAYS]:
+            if one.forecasts:
+                lead = format_duration(one.lead)
+                self._coverage.labels(zone, lead).set(one.coverage)
+                self._crps.labels(zone, lead).set(one.crps)
+                self._skill.labels(zone, lead, "persistence").set(one.against_persistence)
+                self._skill.labels(zone, lead, "arx").set(one.against_arx)
 
 
 class _MeasureCollector(Collector):

@@ -142,6 +142,69 @@ class GatePayload(Envelope):
     log_likelihood: Number = Field(description="log p(y_k | y_1:k-1); null when nothing was assimilated")
 
 
+class NoisePayload(Payload):
+    """How noisy one measured temperature is."""
+
+    output: str = Field(description="channel of the network")
+    unit: Literal["K"] = "K"
+    lower: Number = Field(description="quantile of sigma_y at levels[0], K")
+    median: Number = Field(description="median of sigma_y, K")
+    upper: Number = Field(description="quantile of sigma_y at levels[2], K")
+
+
+class GainPayload(Envelope):
+    """What the estimator knows of what nobody measures: heat into the first measured node, and the sensors' noise."""
+
+    sample_time: AwareDatetime
+    issue_time: AwareDatetime
+    unit: Literal["W"] = Field(default="W", description="unit of lower, median and upper")
+    levels: list[float] = Field(description="levels of lower, median and upper")
+    lower: Number = Field(description="W; null for an estimator without a model of the gain")
+    median: Number = Field(description="W; a negative gain is a loss, such as an open window")
+    upper: Number = Field(description="W")
+    probability_on: Number = Field(description="probability that there is such heat now, 0 to 1")
+    measurement_sd: list[NoisePayload]
+
+
+class HorizonSkillPayload(Payload):
+    """What the verified forecasts of one horizon were worth."""
+
+    lead_s: int = Field(description="from the last sample that the forecast knew to the one that it is about, s")
+    forecasts: int = Field(description="how many were verified")
+    coverage: Number = Field(description="share of them whose interval held what came, 0 to 1")
+    crps: Number = Field(description="mean continuous ranked probability score, K")
+    rmse: Number = Field(description="root mean square error of the mean, K")
+    width: Number = Field(description="mean width of the interval, K")
+    persistence_rmse: Number = Field(description="of the forecast that nothing changes, K")
+    arx_rmse: Number = Field(description="of a linear regression on past outputs and inputs, learned online, K")
+    skill_against_persistence: Number = Field(description="1 - rmse / persistence_rmse; above 0 is better than it")
+    skill_against_arx: Number = Field(description="1 - rmse / arx_rmse")
+
+
+class SkillWindowPayload(Payload):
+    """The horizons over one window."""
+
+    days: int
+    horizons: list[HorizonSkillPayload] = Field(description="one step, 1 h, 6 h, 24 h")
+
+
+class MemberPayload(Payload):
+    """What one member of a bank weighs."""
+
+    member: str
+    weights: list[Number] = Field(description="at each horizon, 0 to 1")
+
+
+class SkillPayload(Envelope):
+    """The zone's own forecasts held to what came: under the inputs that really followed."""
+
+    sample_time: AwareDatetime = Field(description="the newest sample that was compared with a forecast")
+    unit: Literal["K"] = Field(default="K", description="unit of crps, rmse and width")
+    level: float = Field(description="of the interval whose coverage is counted")
+    windows: list[SkillWindowPayload] = Field(description="the last day, 7 days, 30 days")
+    members: list[MemberPayload] = Field(description="of a bank; empty for other estimators")
+
+
 class ChannelStatus(Payload):
     """When a channel last had a good reading."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import UTC, datetime
 
 from adapters.reading import Quality
-from estimator.types import Outcome
+from estimator.types import ALPHA_LEVELS, Outcome
+from service.fields.times import utc
 from service.publish.payloads import (
     AlphaPayload,
     BlockPayload,
@@ -15,27 +15,26 @@ from service.publish.payloads import (
     FanPayload,
     FanStepPayload,
     ForecastPayload,
+    GainPayload,
     GatePayload,
+    HorizonSkillPayload,
     InputPayload,
     IntervalPayload,
+    MemberPayload,
+    NoisePayload,
     OutputPayload,
+    SkillPayload,
+    SkillWindowPayload,
     StatusPayload,
     VolatilityPayload,
 )
 from service.records.fan import Fan
+from service.records.skill import HorizonSkill, Skill
 from service.records.status import ZoneStatus
 from service.records.update import InputUsed, OutputForecast, Update
 
-ALPHA_LEVELS = (0.025, 0.5, 0.975)
-"""Levels of the volatility quantiles in an `Update`."""
-
 _WORST_LAST = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
 _OUTCOME_QUALITY: Mapping[str, Quality] = {Outcome.MISSING: Quality.UNCERTAIN, Outcome.VANISHED: Quality.BAD}
-
-
-def utc(seconds: float) -> datetime:
-    """`seconds` since 1970 as an aware UTC time; JSON shows it with Z."""
-    return datetime.fromtimestamp(seconds, UTC)
 
 
 def forecast_payload(site: str, zone: str, update: Update, levels: Sequence[float] | None = None) -> ForecastPayload:
@@ -89,12 +88,65 @@ def gate_payload(site: str, zone: str, update: Update) -> GatePayload:
         zone=zone,
         sample_time=utc(update.time),
         issue_time=utc(update.forecast.issue_time),
-        gate=update.gate.value,
-        regime=update.gate.regime,
-        n_eff=update.effective_sample_size,
+        gate=update.shown_gate.value,
+        regime=update.shown_gate.regime,
+        n_eff=update.shown_sample_size,
         resampled=update.resampled,
         floored=update.floored,
         log_likelihood=update.log_likelihood,
+    )
+
+
+def gain_payload(site: str, zone: str, update: Update) -> GainPayload | None:
+    """What `update` knows of what nobody measures; None where the estimator has no model of it."""
+    known = update.disturbance
+    if known is None:
+        return None
+    lower, median, upper = known.gain
+    return GainPayload(
+        site=site,
+        zone=zone,
+        sample_time=utc(update.time),
+        issue_time=utc(update.forecast.issue_time),
+        levels=list(ALPHA_LEVELS),
+        lower=lower,
+        median=median,
+        upper=upper,
+        probability_on=known.probability_on,
+        measurement_sd=[
+            NoisePayload(output=forecast.output, lower=noise[0], median=noise[1], upper=noise[2])
+            for forecast, noise in zip(update.forecast.outputs, known.measurement_sd, strict=True)
+        ],
+    )
+
+
+def skill_payload(site: str, zone: str, skill: Skill) -> SkillPayload:
+    """What a zone's forecasts were worth."""
+    return SkillPayload(
+        site=site,
+        zone=zone,
+        sample_time=utc(skill.time),
+        level=skill.level,
+        windows=[
+            SkillWindowPayload(days=days, horizons=[_horizon(one) for one in horizons])
+            for days, horizons in skill.windows.items()
+        ],
+        members=[MemberPayload(member=name, weights=list(weights)) for name, weights in skill.weights.items()],
+    )
+
+
+def _horizon(one: HorizonSkill) -> HorizonSkillPayload:
+    return HorizonSkillPayload(
+        lead_s=one.lead,
+        forecasts=one.forecasts,
+        coverage=one.coverage,
+        crps=one.crps,
+        rmse=one.rmse,
+        width=one.width,
+        persistence_rmse=one.persistence_rmse,
+        arx_rmse=one.arx_rmse,
+        skill_against_persistence=one.against_persistence,
+        skill_against_arx=one.against_arx,
     )
 
 
@@ -159,9 +211,9 @@ def _forecast(
         **dict(described[0]),
         outputs=described,
         volatility=_alpha(update),
-        gate=update.gate.value,
-        regime=update.gate.regime,
-        n_eff=update.effective_sample_size,
+        gate=update.shown_gate.value,
+        regime=update.shown_gate.regime,
+        n_eff=update.shown_sample_size,
         inputs=[
             InputPayload(
                 channel=used.channel,

@@ -12,17 +12,20 @@ from pydantic import BaseModel
 from service.publish.payloads import to_json
 from service.publish.rendering import (
     forecast_payload,
+    gain_payload,
     gate_payload,
+    skill_payload,
     status_payload,
     volatility_payload,
     vouched,
 )
 from service.records.measures import Measure
+from service.records.skill import Skill
 from service.records.status import ZoneStatus
 from service.records.update import Update
 
-TOPICS = ("forecast", "volatility", "gate", "status")
-"""What every zone tells, each as a JSON document of its own."""
+TOPICS = ("forecast", "volatility", "gate", "gain", "skill", "status")
+"""What a zone can tell, each as a JSON document of its own."""
 
 
 class Occasion(Enum):
@@ -37,20 +40,31 @@ class Announcement:
     """What `zone` has to tell. Every topic is rendered when the first sink asks for it, and once."""
 
     def __init__(
-        self, site: str, zone: str, status: ZoneStatus, update: Update | None, occasion: Occasion = Occasion.UPDATE
+        self,
+        site: str,
+        zone: str,
+        status: ZoneStatus,
+        update: Update | None,
+        occasion: Occasion = Occasion.UPDATE,
+        skill: Skill | None = None,
     ) -> None:
-        """`update` is the newest one of the zone; without any there is a status alone to tell."""
+        """`update` is the newest one of the zone; without any there is a status alone to tell. `skill` is given when
+        there is news of it."""
         self.zone = zone
         self.status = status
         self.update = update
         self.occasion = Occasion.STATUS if update is None else occasion
+        self.skill = skill
         self._site = site
         self._rendered: dict[str, bytes] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
         """What there is to tell, in the order in which it is told."""
-        return ("status",) if self.occasion is Occasion.STATUS else TOPICS
+        if self.occasion is Occasion.STATUS or self.update is None:
+            return ("status",)
+        left_out = {"gain": self.update.disturbance is None, "skill": self.skill is None}
+        return tuple(topic for topic in TOPICS if not left_out.get(topic, False))
 
     @cached_property
     def disowned(self) -> bool:
@@ -61,7 +75,7 @@ class Announcement:
         return vouched(issued, self.status).quality is not issued.quality
 
     def payload(self, topic: str) -> bytes:
-        """The document of `topic`, one of TOPICS; all but the status need an update."""
+        """The document of `topic`, one of `topics`; the forecast also where the status alone has changed."""
         if topic not in self._rendered:
             self._rendered[topic] = to_json(self._render(topic))
         return self._rendered[topic]
@@ -70,10 +84,14 @@ class Announcement:
         site, zone, update = self._site, self.zone, self.update
         if topic == "status":
             return status_payload(site, zone, self.status, update)
+        if topic == "skill":
+            assert self.skill is not None, "there is no news of the skill"
+            return skill_payload(site, zone, self.skill)
         assert update is not None, f"there is no {topic} without an update"
         if topic == "forecast":
             return vouched(forecast_payload(site, zone, update), self.status)
-        return {"volatility": volatility_payload, "gate": gate_payload}[topic](site, zone, update)
+        render = {"volatility": volatility_payload, "gate": gate_payload, "gain": gain_payload}[topic]
+        return render(site, zone, update)
 
 
 class Sink(Protocol):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from adapters.reading import Quality
+from estimator.types import Outcome
 
 
 class Interval(NamedTuple):
@@ -62,6 +64,10 @@ class Volatility(NamedTuple):
     cdf: tuple[float, ...]
 
 
+CONSTANT = "constant"
+"""The regime where the estimator has no volatility."""
+
+
 class Gate(NamedTuple):
     """The learning gate g_k and the regime it follows from: low, transitional or high volatility, or constant."""
 
@@ -81,6 +87,18 @@ class Score(NamedTuple):
     level: float
 
 
+class Disturbance(NamedTuple):
+    """What the estimator knows of what nobody measures, at the levels of `Volatility`.
+
+    `gain` is unmeasured heat [W] into the first measured node, NaN without a model of it, `probability_on` that there
+    is any; `measurement_sd` is sigma_y [K] of every output.
+    """
+
+    gain: tuple[float, float, float]
+    probability_on: float
+    measurement_sd: tuple[tuple[float, float, float], ...]
+
+
 class Update(NamedTuple):
     """What one sample brought: the score of its forecast, the posterior summary and the next forecast.
 
@@ -94,8 +112,10 @@ class Update(NamedTuple):
     y: tuple[float, ...]
     score: Score | None
     volatility: Volatility
-    gate: Gate
-    effective_sample_size: float
+    gate: Gate | None
+    """None where the estimator has none."""
+    effective_sample_size: float | None
+    """None where the estimator has no particles."""
     resampled: bool
     floored: bool
     log_likelihood: float
@@ -103,3 +123,19 @@ class Update(NamedTuple):
     forecast: Forecast
     step_seconds: float
     """Wall time of the step; not part of what must be reproducible."""
+    disturbance: Disturbance | None = None
+    """None for an estimator without a model of disturbances."""
+
+    @property
+    def shown_gate(self) -> Gate:
+        """The gate as everything that leaves the daemon or is stored states it: an estimator without one learns fully
+        from what it assimilates."""
+        if self.gate is not None:
+            return self.gate
+        return Gate(1.0 if self.outcome == Outcome.ASSIMILATED else 0.0, CONSTANT)
+
+    @property
+    def shown_sample_size(self) -> float:
+        """The effective sample size as everything that leaves the daemon or is stored states it: NaN where there are
+        no particles."""
+        return math.nan if self.effective_sample_size is None else self.effective_sample_size

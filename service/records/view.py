@@ -9,6 +9,7 @@ from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.records.fan import Fan
 from service.records.history import HistoryRow
+from service.records.skill import Skill
 from service.records.status import ZoneStatus
 from service.records.update import Update
 
@@ -37,6 +38,9 @@ class ZoneView(Protocol):
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles at `levels`; None before the first sample."""
+
+    async def skill(self) -> Skill | None:
+        """What the zone's forecasts have been worth; None before the first sample."""
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """The newest `limit` rows with `start` <= time < `end` (UTC seconds; None: open), oldest first."""

@@ -71,14 +71,14 @@ class CheckpointStore:
     """Checkpoints of all zones under `directory`, the newest `keep` of each. Every method may raise CheckpointError."""
 
     def __init__(self, directory: Path, keep: int = 3) -> None:
-        self._directory = directory
+        self.path = directory
         self._keep = keep
 
     def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> Path:
         """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
-        folder = self._directory / zone
+        folder = self.path / zone
         target = folder / f"{checkpoint.step:012d}.npz"
-        content = _encode(checkpoint)
+        content = encode(checkpoint)
         temporary = target.with_name(f"{target.name}{_TEMPORARY}")
         try:
             make_folder(folder)
@@ -108,7 +108,7 @@ class CheckpointStore:
         A damaged one is renamed to `.corrupt`, said in the log, and the one before it is used. StateMismatch if the
         valid one has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
         """
-        folder = self._directory / zone
+        folder = self.path / zone
         try:
             if not folder.is_dir():
                 return None
@@ -128,7 +128,7 @@ class CheckpointStore:
 
     def files(self, zone: str) -> list[Path]:
         """The kept checkpoints of `zone`, newest first."""
-        return _newest_first(self._directory / zone)
+        return _newest_first(self.path / zone)
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
@@ -137,15 +137,15 @@ class CheckpointStore:
 
     def reset(self, zone: str) -> Path | None:
         """Set the checkpoints of `zone` aside in a folder of their own, which is returned; None if there are none."""
-        folder = self._directory / zone
+        folder = self.path / zone
         return self._set_aside(zone, [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else [])
 
     def set_aside(self, zone: str, after: int) -> Path | None:
         """The same with those alone that were taken later than `after`."""
-        return self._set_aside(zone, [p for p in _newest_first(self._directory / zone) if int(p.stem) > after])
+        return self._set_aside(zone, [p for p in _newest_first(self.path / zone) if int(p.stem) > after])
 
     def _set_aside(self, zone: str, files: list[Path]) -> Path | None:
-        folder = self._directory / zone
+        folder = self.path / zone
         try:
             if not files:
                 return None
@@ -175,7 +175,8 @@ class CheckpointStore:
             return None
 
 
-def _encode(checkpoint: Checkpoint) -> bytes:
+def encode(checkpoint: Checkpoint) -> bytes:
+    """The bytes of a checkpoint's file; CheckpointError for an array of Python objects."""
     for name, array in checkpoint.arrays.items():
         if array.dtype.hasobject:
             raise CheckpointError(f"array '{name}' of a checkpoint holds Python objects, which are never stored")

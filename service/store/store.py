@@ -14,12 +14,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
 from service.errors import ServiceError, StateMismatch
+from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.measures import Measure, Rows, single
 from service.records.sample import Sample
@@ -131,8 +131,8 @@ class Store:
             _log.warning(
                 "zone '%s' goes on from its checkpoint at %s, but the journal ends %s: samples and history are missing",
                 zone,
-                shown_time(checkpoint),
-                "before any sample of it" if last is None else f"at {shown_time(last)}",
+                written_time(checkpoint),
+                "before any sample of it" if last is None else f"at {written_time(last)}",
             )
             return checkpoint
         if pruned is not None and (checkpoint is None or checkpoint < pruned):
@@ -140,7 +140,7 @@ class Store:
                 "zone '%s' has no readable checkpoint after %s, up to which its samples were deleted by "
                 "keep_history or max_journal; it has learned anew from the later ones",
                 zone,
-                shown_time(pruned),
+                written_time(pruned),
             )
         return last
 
@@ -226,11 +226,6 @@ class Store:
     def _take_recorded(self) -> None:
         while self._recorded:
             self._journal.record(*self._recorded.popleft())
-
-
-def shown_time(seconds: int) -> str:
-    """UTC seconds for people."""
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from service.errors import KeyFileError
 from service.fields.values import Identifier
 from service.store.durable_files import make_folder
+from service.web.server.followed import FollowedFiles
 
 PREFIX = "tg_"
 """How every key begins, so that people and secret scanners know one when they see it."""
@@ -130,7 +131,7 @@ class KeyRing:
     def __init__(self, path: Path, *, required: bool) -> None:
         """Reads the file; KeyFileError if it cannot be trusted. `required`: keys are in force even if there is none."""
         self._path = path
-        self._seen = _signature(path)
+        self._file = FollowedFiles(path)
         self._keys = read_keys(path)
         self._in_force = required or bool(self._keys)
 
@@ -157,10 +158,9 @@ class KeyRing:
 
     def _follow(self) -> None:
         """Read the file again if it is another one than last time. One that cannot be trusted changes nothing."""
-        signature = _signature(self._path)
-        if signature == self._seen:
+        if not self._file.changed():
             return
-        self._seen = signature
+        self._file.look()
         before = _accepted(self._keys)
         try:
             self._keys = read_keys(self._path)
@@ -182,15 +182,6 @@ def _accepted(keys: Sequence[Key]) -> dict[str, Key]:
 
 def _digest(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
-
-
-def _signature(path: Path) -> tuple[int, ...] | None:
-    """What changes when the file does; None if there is none."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_ino, status.st_mtime_ns, status.st_size, status.st_mode
 
 
 @contextmanager

@@ -7,14 +7,14 @@ from collections import Counter
 from fastapi import FastAPI
 
 from service.records.measures import Measure, Rows, single
-from service.web.limits import StreamLimits
 from service.web.server.server import HttpServer
 
 
 def http_measures(server: HttpServer, app: FastAPI) -> list[Measure]:
     """Connections, streams, answers and the certificate of `server`, which serves `app` of `create_app`."""
 
-    limits: StreamLimits = app.state.stream_limits
+    def streams() -> Rows:
+        return single(app.state.stream_limits.open)
 
     def expiry() -> Rows:
         return () if server.certificate is None else single(server.certificate.expires.timestamp())
@@ -24,7 +24,7 @@ def http_measures(server: HttpServer, app: FastAPI) -> list[Measure]:
 
     return [
         Measure("thermogate_http_connections", "gauge", "Open connections", (), lambda: single(server.connections)),
-        Measure("thermogate_http_streams", "gauge", "Open event streams", (), lambda: single(limits.open)),
+        Measure("thermogate_http_streams", "gauge", "Open event streams", (), streams),
         Measure(
             "thermogate_http_answers", "counter", "Answers by status", ("status",), lambda: counted(app.state.answers)
         ),

@@ -19,6 +19,8 @@ from pydantic import (
 from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
 from service.fields.durations import parse_duration
+from service.fields.numbers import is_level
+from service.fields.times import ZoneMissing, parse_time
 from service.publish.payloads import Envelope, Number, Payload, StatusPayload
 
 MAX_LEVELS = 32
@@ -27,7 +29,7 @@ PARAMETER_LEVELS = (0.025, 0.5, 0.975)
 
 
 def _level(value: float) -> float:
-    if not 0 < value < 1:
+    if not is_level(value):
         raise ValueError(f"a level lies between 0 and 1, such as 0.95, not {value:g}")
     return value
 
@@ -41,14 +43,15 @@ def _few(levels: list[float]) -> list[float]:
 def _instant(value: object) -> datetime:
     text = str(value)
     try:
-        when = datetime.fromisoformat(text)
+        return parse_time(text)
+    except ZoneMissing:
+        raise ValueError(
+            f"'{text}' has no time zone; end it with Z for UTC or with an offset such as %2B02:00"
+        ) from None
     except ValueError:
         # A plus sign in a query string means a space.
         hint = "; write + as %2B in a query" if " " in text else ""
         raise ValueError(f"'{text}' is not an RFC 3339 time such as 2025-05-03T12:00:00Z{hint}") from None
-    if when.tzinfo is None:
-        raise ValueError(f"'{text}' has no time zone; end it with Z for UTC or with an offset such as %2B02:00")
-    return when
 
 
 def _values(value: object, read: ValidatorFunctionWrapHandler) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from http import HTTPStatus
 from typing import Any
 
@@ -12,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
 from service.errors import ServiceError
+from service.fields.problems import extended, own_sentence
 from service.web.server.refusal import MEDIA_TYPE, RequestRefused, problem_answer, refusal
 
 RETRY_SECONDS = 60
@@ -100,15 +102,15 @@ async def _internal(request: Request, error: Exception) -> Response:
 
 def _sentence(detail: Mapping[str, Any]) -> str:
     """One validation error of pydantic as a sentence that begins with its place."""
-    kind, place = detail["type"], _place(detail["loc"])
+    kind, place, sentence = detail["type"], _place(detail["loc"]), own_sentence(detail)
+    if sentence is not None:
+        return f"{place}: {sentence}"
     if kind == "json_invalid":
         return f"the body is not JSON: {detail['ctx']['error']}"
     if kind == "missing":
         return f"{place} is missing"
     if kind == "extra_forbidden":
         return f"{place} is not known; /docs lists the known ones"
-    if kind == "value_error":
-        return f"{place}: {detail['ctx']['error']}"
     if isinstance(detail["input"], bytes):
         return "the body was not sent as JSON; set Content-Type: application/json"
     wanted = detail["msg"].replace("Input should", "must").split(", unable")[0]
@@ -119,9 +121,7 @@ def _place(location: Sequence[str | int]) -> str:
     kind, *path = location
     if not path:
         return "the JSON body"
-    name = str(path[0])
-    for part in path[1:]:
-        name += f"[{part}]" if isinstance(part, int) else f".{part}"
+    name = reduce(extended, path[1:], str(path[0]))
     return f"query parameter '{name}'" if kind == "query" else f"field '{name}'"
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Mapping
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header
 from fastapi.responses import Response, StreamingResponse
 
+from service.fields.times import parse_time
 from service.publish.events import Event, Streams, event, events_of
 from service.publish.payloads import to_json
 from service.publish.sinks import Announcement
@@ -71,7 +72,6 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
 def _sample_time(last_event_id: str | None) -> datetime | None:
     """The time that an id of ours names; None for anything else, which is then of no concern."""
     try:
-        when = datetime.fromisoformat(last_event_id or "")
+        return parse_time(last_event_id or "")
     except ValueError:
         return None
-    return None if when.tzinfo is None else when.astimezone(UTC)

@@ -11,8 +11,17 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from estimator.types import ParameterSummary
-from service.publish.payloads import FanPayload, ForecastPayload, Payload, to_json
-from service.publish.rendering import fan_payload, forecast_payload, refined_payload, status_payload, utc, vouched
+from service.fields.times import utc
+from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, Payload, SkillPayload, to_json
+from service.publish.rendering import (
+    fan_payload,
+    forecast_payload,
+    gain_payload,
+    refined_payload,
+    skill_payload,
+    status_payload,
+    vouched,
+)
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.update import Update
@@ -100,6 +109,35 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         if summary is None:
             raise _waiting(view)
         return _json(_parameters(site, view, query.level, summary))
+
+    @router.get(
+        "/{zone}/skill",
+        response_model=SkillPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
+    )
+    async def skill(zone: str, caller: Asking) -> Response:
+        view = find_zone(zones, zone, caller)
+        found = await view.skill()
+        if found is None:
+            raise _waiting(view)
+        return _json(skill_payload(site, zone, found))
+
+    @router.get(
+        "/{zone}/gain",
+        response_model=GainPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them",
+    )
+    async def gain(zone: str, caller: Asking) -> Response:
+        view = find_zone(zones, zone, caller)
+        payload = gain_payload(site, zone, _latest(view))
+        if payload is None:
+            sentence = (
+                f"the estimator '{view.estimator}' of zone '{zone}' has no model of unmeasured heat; mkf and bank do"
+            )
+            raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
+        return _json(payload)
 
     @router.get(
         "/{zone}/history",

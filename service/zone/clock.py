@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+from service.fields.times import written_time
+
 PLAUSIBLE = 1_735_689_600.0
 """2025-01-01T00:00:00Z in UTC s. There is no Thermogate of that age: a clock before it has not been set."""
 
@@ -36,5 +38,4 @@ def implausible(now: float) -> str | None:
     """Why wall-clock time `now` cannot be right, or None."""
     if now >= PLAUSIBLE:
         return None
-    said = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now))
-    return f"the clock of this machine says {said} and was never set; readings are refused until it is"
+    return f"the clock of this machine says {written_time(now)} and was never set; readings are refused until it is"

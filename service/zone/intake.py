@@ -14,6 +14,7 @@ from service.store.store import Store
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
 from service.zone.mailbox import Accepted, Mailbox
+from service.zone.pauses import GrowingPause
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
@@ -118,14 +119,14 @@ class Intake:
 
     async def _append(self, sample: Sample) -> None:
         """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
-        pause = FIRST_PAUSE
+        pause = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)
         while True:
             try:
                 await self._store.append(self._zone, sample)
                 self.unwritten = None
                 return
             except ServiceError as error:
-                self.unwritten = f"it cannot accept samples: {error}; trying again every {pause:.0f} s or more"
+                self.unwritten = f"it cannot accept samples: {error}; trying again every {pause.seconds:.0f} s or more"
                 _log.error("zone '%s' cannot accept samples: %s", self._zone, error)
-                await asyncio.sleep(pause)
-                pause = min(2 * pause, LONGEST_PAUSE)
+                await asyncio.sleep(pause.seconds)
+                pause.grow()

@@ -49,6 +49,8 @@ class Mailbox:
         self._ended = False
         self._closed = asyncio.Event()
         self._news = asyncio.Event()
+        self._emptied = asyncio.Event()
+        """Set while the worker waits for news."""
         self._room = asyncio.Event()
 
     def __len__(self) -> int:
@@ -78,7 +80,7 @@ class Mailbox:
             self._left = Left(accepted.sample.time, accepted.at)
         else:
             self._items.append(accepted)
-        self._news.set()
+        self._bring()
 
     async def get(self) -> Accepted | Left | Mark:
         """What comes next. After a `Left` the journal has to be read to its end; samples that come meanwhile may be
@@ -100,6 +102,7 @@ class Mailbox:
             if self._closed.is_set():
                 return Mark.CLOSED
             self._news.clear()
+            self._emptied.set()
             await self._news.wait()
 
     def discard(self) -> None:
@@ -108,21 +111,29 @@ class Mailbox:
         self._left = Left(None, asyncio.get_running_loop().time() if since is None else since)
         self._items.clear()
         self._room.set()
-        self._news.set()
+        self._bring()
 
     def set_back(self) -> None:
         """The zone has to go back with the wall clock, once everything that waits is assimilated."""
         self._set_back = True
-        self._news.set()
+        self._bring()
 
     def end(self) -> None:
         """No telemetry will follow."""
         self._ended = True
-        self._news.set()
+        self._bring()
 
     def close(self) -> None:
         """Nothing at all will follow."""
         self._closed.set()
+        self._bring()
+
+    async def emptied(self) -> None:
+        """Wait until the worker has finished with everything and asks for more."""
+        await self._emptied.wait()
+
+    def _bring(self) -> None:
+        self._emptied.clear()
         self._news.set()
 
     async def closed_within(self, seconds: float) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
@@ -19,13 +20,14 @@ from pydantic.dataclasses import dataclass
 
 from adapters.reading import Quality
 from estimator.network.network import Network
-from service.records.update import Update
+from service.records.update import CONSTANT, Update
 from service.store.checkpoint import Checkpoint
 from service.zone.worker import Held, Progress, Standing, ZoneWorker
 
 _HELD_VALUES = "held_values"
 _HELD_TIMES = "held_times"
 _ESTIMATOR = "estimator."
+_VERIFIED = "verified."
 
 
 @dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
@@ -67,9 +69,12 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     held, progress, standing = worker.held, worker.progress, worker.standing
     if standing is None:
         return None
-    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in standing.state._asdict().items()}
+    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in worker.estimator.pack(standing.state).items()}
+    arrays |= {_VERIFIED + name: value for name, value in worker.verification.pack(standing.verified).items()}
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
-    meta = json.loads(_META.dump_json(_Meta(held.qualities, progress, standing.update)))
+    update = standing.update
+    stated = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
+    meta = _META.dump_python(_Meta(held.qualities, progress, stated), mode="json")
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -82,17 +87,29 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
 
 def parameters(checkpoint: Checkpoint) -> tuple[float, ...]:
     """The posterior means of the parameters in a checkpoint, in the network's order and each in its own unit."""
-    return _META.validate_json(json.dumps(checkpoint.meta)).latest.parameters
+    return _META.validate_python(checkpoint.meta).latest.parameters
 
 
 def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     """Put a fresh `worker` where the checkpoint was taken."""
-    meta = _META.validate_json(json.dumps(checkpoint.meta))
-    stored: dict[str, Any] = {
-        name.removeprefix(_ESTIMATOR): value for name, value in checkpoint.arrays.items() if name.startswith(_ESTIMATOR)
-    }
-    worker.resume(
-        Standing(worker.estimator.unpack(stored), meta.latest),
-        Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities),
-        meta.progress,
+    meta = _META.validate_python(checkpoint.meta)
+    update = meta.latest
+    if update.gate is not None and update.gate.regime == CONSTANT:
+        update = update._replace(gate=None)
+    if update.effective_sample_size is not None and math.isnan(update.effective_sample_size):
+        update = update._replace(effective_sample_size=None)
+    held = Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities)
+    state = worker.estimator.unpack(_under(_ESTIMATOR, checkpoint))
+    stored = _under(_VERIFIED, checkpoint)
+    # Before version 0.2 no forecast was verified: what is pending then begins with this start.
+    outputs = np.array(update.y)
+    verified = (
+        worker.verification.unpack(stored)
+        if stored
+        else worker.verification.start(worker.settings.seed, outputs, held.values)
     )
+    worker.resume(Standing(state, update, verified), held, meta.progress)
+
+
+def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
+    return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}

@@ -20,7 +20,19 @@ from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Poste
 from service.errors import ServiceError
 from service.records.fan import Fan, FanStep
 from service.records.sample import Sample
-from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
+from service.records.skill import Skill
+from service.records.update import (
+    Disturbance,
+    Forecast,
+    Gate,
+    InputUsed,
+    Interval,
+    OutputForecast,
+    Score,
+    Update,
+    Volatility,
+)
+from service.zone.verification import Verification, Verified
 
 VANISHED_LIMIT = 6
 """After this many samples in a row that no particle explains, or of which the forecast said nothing, the thermal states
@@ -75,6 +87,8 @@ class Standing(NamedTuple):
 
     state: Any
     update: Update
+    verified: Verified
+    """What is known of earlier forecasts."""
 
 
 class ZoneWorker:
@@ -85,6 +99,7 @@ class ZoneWorker:
         self.settings = settings
         width = len(estimator.network.inputs)
         self.held = _nothing_held(width)
+        self.verification = Verification(estimator)
         self.standing: Standing | None = None
         """One attribute, replaced whole, so that another thread never sees a state beside another sample's forecast."""
         self.progress = Progress()
@@ -103,6 +118,14 @@ class ZoneWorker:
     def latest(self) -> Update | None:
         """The newest update; None before the first sample."""
         return None if self.standing is None else self.standing.update
+
+    @property
+    def empty_samples(self) -> int:
+        """How many samples in a row, up to the last one, had no reading of any channel."""
+        progress, measured = self.progress, self.held.times[~np.isnan(self.held.times)]
+        if progress.last_time is None or not measured.size:
+            return progress.missing
+        return min(progress.missing, int(progress.last_time + self.period - measured.max()) // self.period)
 
     def anew(self) -> ZoneWorker:
         """A worker of the same zone that has seen nothing."""
@@ -146,7 +169,7 @@ class ZoneWorker:
         """
         if self.standing is None or self.progress.stalled:
             return None
-        state, update = self.standing
+        state, update = self.standing.state, self.standing.update
         held = np.array([used.value for used in update.forecast.inputs])
         rows = np.tile(held, (len(plan), 1))
         for row, changes in zip(rows, plan, strict=True):
@@ -163,6 +186,15 @@ class ZoneWorker:
         """Posterior quantiles of the parameters; None before the first sample."""
         standing = self.standing
         return None if standing is None else self.estimator.parameters(standing.state, np.array(levels))
+
+    def skill(self) -> Skill | None:
+        """What the zone's forecasts have been worth; None before the first sample."""
+        standing = self.standing
+        return (
+            None
+            if standing is None
+            else self.verification.skill(standing.verified, standing.state, standing.update.time)
+        )
 
     def _bridge(self, last: int, until: int) -> None:
         """Step through the whole missing intervals between two samples, as far as they can be bridged."""
@@ -191,17 +223,18 @@ class ZoneWorker:
         self.progress = before._replace(last_time=sample.time, missing=missing, stalled=stalled)
         if stalled is not None:
             return None
-        posterior, score = self._assimilate(sample, continues)
+        posterior, score, verified = self._assimilate(sample, continues)
         state = self.estimator.predict(posterior.state, self.held.values)
+        verified = self.verification.predict(verified, state, self.held.values, self.settings.seed)
         started = self.progress.segment > before.segment
         update = self._update(sample, posterior, STARTED if started else str(posterior.outcome), score, state, began)
-        self.standing = Standing(state, update)
+        self.standing = Standing(state, update, verified)
         self.progress = self.progress._replace(samples=before.samples + 1)
         return update
 
-    def _assimilate(self, sample: Sample, continues: bool) -> tuple[Posterior, Score | None]:
+    def _assimilate(self, sample: Sample, continues: bool) -> tuple[Posterior, Score | None, Verified]:
         """Score and assimilate y_k, or begin a segment with it; a forecast that stood for it is scored either way."""
-        score = None
+        score, verification = None, self.verification
         if continues and self.standing is not None:
             score = _score(self.standing.update.forecast, sample)
             posterior = self.estimator.update(self.standing.state, sample.outputs)
@@ -209,15 +242,18 @@ class ZoneWorker:
             vanished = self.progress.vanished + 1 if lost(posterior.outcome, sds) else 0
             self.progress = self.progress._replace(vanished=vanished)
             if vanished < VANISHED_LIMIT:
-                return posterior, score
+                published, before = self.standing.update.forecast, self.standing.verified
+                return posterior, score, verification.update(before, published, posterior, sample.outputs, sample.time)
         self.progress = self.progress._replace(vanished=0, segment=self.progress.segment + 1)
         inputs = self.held.values
         if self.standing is None:
             state = self.estimator.start(self.settings.seed, sample.outputs, inputs)
+            verified = verification.start(self.settings.seed, sample.outputs, inputs)
         else:
             state = self.estimator.restart(self.standing.state, sample.outputs, inputs)
+            verified = verification.restart(self.standing.verified, sample.outputs, inputs)
         # The states start at y itself, so y has nothing more to teach: the update is one without outputs.
-        return self.estimator.update(state, np.full(len(sample.outputs), np.nan)), score
+        return self.estimator.update(state, np.full(len(sample.outputs), np.nan)), score, verified
 
     def _unusable_inputs(self, now: int) -> str | None:
         """Why the inputs cannot carry a prediction at UTC time `now`, or None."""
@@ -241,7 +277,7 @@ class ZoneWorker:
             y=tuple(map(float, sample.outputs)),
             score=score,
             volatility=Volatility(self.estimator.blocks, lower, median, upper, tuple(map(float, posterior.cdf))),
-            gate=Gate(posterior.gate, posterior.regime),
+            gate=None if posterior.gate is None or posterior.regime is None else Gate(posterior.gate, posterior.regime),
             effective_sample_size=posterior.effective_sample_size,
             resampled=posterior.resampled,
             floored=posterior.floored,
@@ -249,6 +285,7 @@ class ZoneWorker:
             parameters=tuple(map(float, posterior.parameters)),
             forecast=self._forecast(sample.time, state),
             step_seconds=time.perf_counter() - began,
+            disturbance=_disturbance(posterior),
         )
 
     def _forecast(self, sample_time: int, state: Any) -> Forecast:
@@ -276,6 +313,14 @@ class ZoneWorker:
             intervals = tuple(map(Interval, levels, lower, upper))
             forecasts.append(OutputForecast(name, float(mean[index]), median, float(sd[index]), intervals))
         return tuple(forecasts)
+
+
+def _disturbance(posterior: Posterior) -> Disturbance | None:
+    known = posterior.disturbance
+    if known is None:
+        return None
+    lower, median, upper = known.gain.tolist()
+    return Disturbance((lower, median, upper), known.probability_on, tuple(map(tuple, known.measurement_sd.tolist())))
 
 
 def _nothing_held(width: int) -> Held:

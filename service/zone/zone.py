@@ -21,18 +21,22 @@ from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.sample import Sample
+from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
 from service.records.update import Update
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
+from service.zone.pauses import GrowingPause
 from service.zone.plumbing import Plumbing
 from service.zone.recovery import Recovery
 from service.zone.timeliness import Timeliness
 from service.zone.worker import ZoneWorker
 
 ATTEMPTS = 3
+
+_HOUR = 3600
 
 _log = logging.getLogger(__name__)
 
@@ -58,6 +62,11 @@ class Zone:
         """How many samples were assimilated, or could not be."""
         self._replayed = 0
         """How many samples the last restoring took from the journal."""
+        self.empty_samples = 0
+        """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
+        that is not known."""
+        self._skilled: int | None = None
+        """The hour in which the skill was last announced."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -97,6 +106,11 @@ class Zone:
         return self._recovery.fingerprint
 
     @property
+    def worker(self) -> ZoneWorker:
+        """What it has learned with; another one after a failure."""
+        return self._worker
+
+    @property
     def live(self) -> bool:
         """Whether the zone goes by the wall clock."""
         return self._intake.live
@@ -120,6 +134,10 @@ class Zone:
         """Posterior quantiles of the parameters."""
         worker = self._worker
         return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+
+    async def skill(self) -> Skill | None:
+        """What the zone's forecasts have been worth."""
+        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, self._worker.skill)
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
@@ -180,11 +198,19 @@ class Zone:
         """Make samples durable and hand them to the worker."""
         await self._intake.accept(samples)
 
+    async def settled(self) -> None:
+        """Wait until everything that has been accepted is assimilated, while `run` is under way."""
+        async with self._intake.accepting:
+            pass
+        await self._intake.mailbox.emptied()
+
     async def prepare(self) -> int | None:
         """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
         leaves the zone failed, to be retried by `run`."""
         try:
             last = await self.restore()
+            if last == self._worker.progress.last_time:
+                self.empty_samples = self._worker.empty_samples
             if self._replayed:
                 # The next start need not replay the same samples again.
                 await self._recovery.save(self._worker)
@@ -205,12 +231,12 @@ class Zone:
 
     async def run(self) -> None:
         """Serve the mailbox, in order, until it is closed; then write a checkpoint."""
-        pause, failed_on, attempts = FIRST_PAUSE, None, 0
+        pause, failed_on, attempts = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), None, 0
         while True:
             try:
                 if self._failure is not None:
                     await self._recover()
-                    pause = FIRST_PAUSE
+                    pause.reset()
                 await self._serve()
                 return
             except StateMismatch:
@@ -218,12 +244,12 @@ class Zone:
             except Exception as error:
                 attempts = attempts + 1 if failed_on == self._at else 1
                 failed_on, self._at = self._at, None
-                self._fail(error, pause)
+                self._fail(error, pause.seconds)
                 if failed_on is not None and attempts >= ATTEMPTS:
                     await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
-                if await self._intake.mailbox.closed_within(pause):
+                if await self._intake.mailbox.closed_within(pause.seconds):
                     return
-                pause = min(2 * pause, LONGEST_PAUSE)
+                pause.grow()
 
     async def _serve(self) -> None:
         # What was restored is announced, so that a late joiner need not wait for the next sample.
@@ -292,7 +318,10 @@ class Zone:
 
     def _announce(self, occasion: Occasion) -> None:
         """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
-        announcement = Announcement(self._plumbing.site, self.id, self.status(), self._worker.latest, occasion)
+        update, skill = self._worker.latest, None
+        if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
+            self._skilled, skill = update.time // _HOUR, self._worker.skill()
+        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill)
         for sink in self._plumbing.sinks:
             try:
                 sink.publish(announcement)

@@ -19,7 +19,7 @@ from adapters.zenoh.connection import Connection
 from adapters.zenoh.points import ZenohChannel
 from adapters.zenoh.source import Intake, ZenohSource
 
-METER = Edge(conversion=conversion("Wh", "W"), valid=(-1e6, 1e6), counter=True, rollover=65536.0)
+METER = Edge(conversion=conversion("Wh", "W"), valid=(-1e12, 1e12), counter=True, rollover=65536.0)
 
 
 def register(name: str, address: int, edge: Edge = Edge()) -> ModbusChannel:  # noqa: B008 - a value, never changed

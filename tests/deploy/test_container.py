@@ -136,7 +136,7 @@ def test_the_daemon_runs_on_a_read_only_root_without_any_capability(tmp_path: Pa
             samples = 0
             while samples == 0:
                 assert time.monotonic() < deadline
-                with urllib.request.urlopen(f"{found[1]}/zones", timeout=10) as answer:
+                with urllib.request.urlopen(f"{found[1]}/zones", timeout=60) as answer:
                     samples = json.load(answer)["zones"][0]["samples"]
                 time.sleep(0.2)
             status = Path(f"/proc/{process.pid}/status").read_text()
@@ -147,6 +147,6 @@ def test_the_daemon_runs_on_a_read_only_root_without_any_capability(tmp_path: Pa
             )
             assert (done.returncode, done.stdout[:5]) == (0, "OK - ")
             process.terminate()
-            assert process.wait(timeout=30) == 0
+            assert process.wait(timeout=60) == 0
         finally:
             process.kill()

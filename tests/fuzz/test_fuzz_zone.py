@@ -52,7 +52,7 @@ def finite(update: Update) -> None:
             assert math.isfinite(interval.lower)
             assert math.isfinite(interval.upper)
             assert interval.lower <= output.median <= interval.upper
-    assert 0 <= update.gate.value <= 1
+    assert 0 <= update.shown_gate.value <= 1
     assert all(map(math.isfinite, update.parameters))
     for payload in (forecast_payload, volatility_payload, gate_payload):
         to_json(payload("site", "z", update))

@@ -2,11 +2,12 @@
 
     python tests/integration/kill_loop.py --kills 500
 
-Three zones are fed from one recording, some dozens of samples a second each, with several checkpoints a second. The
-kills fall into the start, the load and the stop. A ledger in a process of its own (`kill_ledger.py`) writes down what
-REST and Zenoh said. After every restart that serves, and at the end, each of its entries must stand in the history with
-the same bits; at the end the whole history, the forecasts and the parameters must be those of a daemon that was never
-killed.
+Three zones read one recording, some dozens of samples a second each, with several checkpoints a second. The kills fall
+into the start, the load and the stop. A ledger in a process of its own (`kill_ledger.py`) records every number that
+REST and Zenoh report. A daemon under load is killed only after the ledger has new scores of every zone, so that every
+such kill puts scores at stake, however slow the machine is. After every restart that serves, and at the end, the
+history must hold each entry of the ledger with the same bits. At the end, the whole history, the forecasts and the
+parameters must be those of a daemon that was never killed.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,8 +34,14 @@ ZONES = {"north": ("rbpf", 60), "south": ("rbpf", 120), "attic": ("ekf", 60)}
 """Estimator and period in s."""
 START = 1_746_230_400
 PACE = 4800.0
-ROWS_PER_KILL = 30
-"""How much of the recording a kill is given: about what is replayed between two of them."""
+ROWS_PER_KILL = 60
+"""Rows of the recording for each kill: more than the zones read between two kills."""
+SCORES = (4, 16)
+"""How many new scores of every zone the ledger must have before a kill under load: at least, and at most."""
+FURTHER_SECONDS = 0.3
+"""The kill then comes at a random moment within this time."""
+PATIENCE = 300.0
+"""Seconds after which a daemon or a ledger that makes no progress fails the loop."""
 PAGE = 10_000
 
 Row = dict[str, Any]
@@ -129,7 +135,13 @@ class Loop:
         self._config = write_site(folder, ROWS_PER_KILL * kills + 200)
         self._port, self._endpoint = free_port(), f"tcp/127.0.0.1:{free_port()}"
         self._ledger = folder / "ledger.jsonl"
-        self._read = 0
+        self._position = 0
+        """How much of the ledger has been read, in bytes."""
+        self._entries: list[Row] = []
+        self._held = 0
+        """How many of the entries have been compared with the history."""
+        self._scores: dict[str, set[str]] = {zone: set() for zone in ZONES}
+        """Times of the acknowledged scores, by zone."""
         self._startup = 1.5
         self._replayed = 0
         self._wrong: Counter[str] = Counter()
@@ -150,27 +162,28 @@ class Loop:
                 moments[self._kill()] += 1
                 if progress and (number + 1) % 10 == 0:
                     print(f"{number + 1} kills, {time.monotonic() - began:.0f} s", flush=True)
-            acknowledged = {(entry["zone"], entry["time"]) for entry in self._told() if entry["told_by"] != "forecast"}
+            acknowledged = sum(self._acknowledged().values())
             with self._daemon({"sources.log.pace": "max"}) as daemon:
-                daemon.wait_until_ended()
+                daemon.wait_until_ended(self._patience)
+                # What the daemon announced last may still be on its way.
                 time.sleep(0.3)
                 ledger.terminate()
                 ledger.wait(60)
-                self._read = 0
-                entries = self._hold_to_ledger(daemon)
+                self._held = 0
+                self._hold_to_ledger(daemon)
                 killed = state_of(daemon)
         finally:
             ledger.kill()
             ledger.communicate()
         alone = {"sources.log.pace": "max", "site.state_dir": str(self._folder / "alone")}
         with self._daemon(alone | {"zenoh.enabled": False, "http.port": 0}) as daemon:
-            daemon.wait_until_ended()
+            daemon.wait_until_ended(self._patience)
             straight = state_of(daemon)
         return Report(
             kills=self._kills,
             moments=dict(moments),
-            acknowledged=len(acknowledged),
-            entries=len(entries),
+            acknowledged=acknowledged,
+            entries=len(self._entries),
             lost=self._wrong["lost"],
             differing=self._wrong["differing"],
             history_rows=sum(len(history) for history, *_ in straight.values()),
@@ -203,7 +216,8 @@ class Loop:
                 daemon.url()
                 self._startup = 0.8 * self._startup + 0.2 * (time.monotonic() - began)
                 self._hold_to_ledger(daemon)
-                time.sleep(choose.uniform(0.0, 0.9))
+                self._wait_for_scores(daemon, choose.randint(*SCORES))
+                time.sleep(choose.uniform(0.0, FURTHER_SECONDS))
             if moment == "stop":
                 daemon.process.terminate()
                 time.sleep(choose.uniform(0.0, 0.15))
@@ -215,16 +229,38 @@ class Loop:
             self._replayed += sum(int(word) for word in _replays(log))
             return moment if code is None else "stopped just before"
 
-    def _told(self, first: int = 0) -> list[Row]:
-        """What is in the ledger, from entry number `first` on."""
-        with self._ledger.open(encoding="utf-8") as file:
-            # The last line may be under way.
-            return [json.loads(line) for line in islice(file, first, None) if line.endswith("\n")]
+    @property
+    def _patience(self) -> float:
+        """Seconds that the rest of the recording may take."""
+        return PATIENCE + 0.02 * ROWS_PER_KILL * self._kills
 
-    def _hold_to_ledger(self, daemon: Daemon) -> list[Row]:
-        """Compare what the ledger has taken down since the last time with the history; the entries."""
-        entries = self._told(self._read)
-        self._read += len(entries)
+    def _wait_for_scores(self, daemon: Daemon, count: int) -> None:
+        """Return once the ledger has `count` more scores of every zone."""
+        before, deadline = self._acknowledged(), time.monotonic() + PATIENCE
+        while min(now - before[zone] for zone, now in self._acknowledged().items()) < count:
+            assert daemon.process.poll() is None, daemon.log()
+            assert time.monotonic() < deadline, f"no {count} scores of every zone in {PATIENCE} s; {daemon.log()}"
+            time.sleep(0.01)
+
+    def _acknowledged(self) -> dict[str, int]:
+        """How many scores of each zone the ledger has."""
+        with self._ledger.open("rb") as file:
+            file.seek(self._position)
+            # The last line may be incomplete.
+            lines = file.read().rpartition(b"\n")[0].splitlines(keepends=True)
+        self._position += sum(map(len, lines)) + bool(lines)
+        for line in lines:
+            entry = json.loads(line)
+            self._entries.append(entry)
+            if entry["told_by"] != "forecast":
+                self._scores[entry["zone"]].add(entry["time"])
+        return {zone: len(times) for zone, times in self._scores.items()}
+
+    def _hold_to_ledger(self, daemon: Daemon) -> None:
+        """Compare the entries that are new in the ledger with the history."""
+        self._acknowledged()
+        entries = self._entries[self._held :]
+        self._held = len(self._entries)
         for zone in ZONES:
             of_zone = [entry for entry in entries if entry["zone"] == zone]
             if not of_zone:
@@ -238,7 +274,6 @@ class Loop:
                 elif row["mean"] is not None or entry["told_by"] != "forecast":
                     told = entry["row"]
                     self._wrong["differing"] += any(told[name] != row[name] for name in told)
-        return entries
 
 
 def _replays(log: str) -> Iterator[str]:

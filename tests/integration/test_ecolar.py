@@ -32,12 +32,11 @@ def test_a_recorded_period_streams_through_the_daemon(case, tmp_path):
         "zones.0.estimator_options.particles": 1000,
     }
     with Daemon(EXAMPLES / "ecolar.toml", tmp_path / "log", settings) as daemon:
-        daemon.wait_until_ended(timeout=240)
+        daemon.wait_until_ended()
         rows = daemon.history("living")
         status, parameters = daemon.get("/zones/living/parameters")
-        code, seconds = daemon.terminate()
+        code = daemon.terminate()
     assert (status, code) == (200, 0)
-    assert seconds < 5
     assert "Traceback" not in daemon.log()
     y, mean, lower, upper = (
         np.array([np.nan if row[name] is None else row[name] for row in rows])

@@ -37,7 +37,7 @@ class Site(NamedTuple):
         request = urllib.request.Request(url, headers=headers, method=method)
         trust = ssl.create_default_context(cafile=self.pair.certificate)
         try:
-            with urllib.request.urlopen(request, timeout=30, context=trust) as answer:
+            with urllib.request.urlopen(request, timeout=60, context=trust) as answer:
                 return answer.status, answer.read().decode()
         except urllib.error.HTTPError as error:
             with error:
@@ -136,7 +136,7 @@ def test_a_renewed_certificate_is_served_without_a_restart(site: Site) -> None:
     renewed = make_pair(site.pair.certificate.parent)
     assert renewed.issued.serial_number != before
     port = int(site.daemon.url().rpartition(":")[2])
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while True:
         served = ssl.get_server_certificate(("127.0.0.1", port), timeout=10)
         if served.split() == renewed.certificate.read_text().split():
@@ -160,7 +160,7 @@ def test_no_secret_gets_out(site: Site) -> None:
         answers[words[0]] = done.stdout + done.stderr
     assert "living" in answers["check"]
     assert "password_file" in answers["show-config"]
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while "trying again" not in site.daemon.log() and time.monotonic() < deadline:
         time.sleep(0.2)
     answers["log"] = site.daemon.log()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from integration import kill_loop
-from integration.kill_loop import Loop
+from integration.kill_loop import SCORES, ZONES, Loop
 from support.harness import Daemon
 
 
@@ -15,7 +15,9 @@ def test_killed_again_and_again_nothing_is_lost(tmp_path: Path) -> None:
     report = Loop(tmp_path, kills=5, seed=7).run(progress=False)
     assert report.good, report.line()
     assert sum(report.moments.values()) == 5
-    assert report.acknowledged > 50
+    killed_under_load = 5 - report.moments.get("start", 0)
+    assert killed_under_load >= 2, "the seed chooses the moments"
+    assert report.acknowledged >= killed_under_load * SCORES[0] * len(ZONES)
     assert report.history_rows > 300
 
 

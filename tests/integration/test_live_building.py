@@ -30,11 +30,11 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Bms, Daemo
 
 
 def switch_off(bms: Bms) -> None:
-    urllib.request.urlopen(urllib.request.Request(f"{bms.control}/faults", method="DELETE"), timeout=10).close()
+    urllib.request.urlopen(urllib.request.Request(f"{bms.control}/faults", method="DELETE"), timeout=60).close()
 
 
 def ask(url: str) -> dict:
-    with urllib.request.urlopen(url, timeout=10) as answer:
+    with urllib.request.urlopen(url, timeout=60) as answer:
         return json.load(answer)
 
 
@@ -90,7 +90,7 @@ def test_the_live_demo_serves_and_stops(tmp_path: Path) -> None:
             assert time.monotonic() < deadline
             time.sleep(0.1)
         process.terminate()
-        shown, _ = process.communicate(timeout=30)
+        shown, _ = process.communicate(timeout=60)
         assert process.returncode == 0
         assert "Modbus TCP" in shown
         assert (tmp_path / "live.toml").exists()

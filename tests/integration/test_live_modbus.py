@@ -42,7 +42,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
             assert not any(one["stale"] for one in daemon.get("/zones/zone-bms")[1]["status"]["channels"])
 
             site.refused.add((1, "holding", 1))
-            status = until(daemon, "zone-bms", lambda status: channel(status, "T_out")["stale"], timeout=5)
+            status = until(daemon, "zone-bms", lambda status: channel(status, "T_out")["stale"])
             assert status["state"] == "running"
             assert not channel(status, "T_i")["stale"]
             assert status["faults"]["refused_by_device"] >= 1
@@ -52,7 +52,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
 
             status = until(daemon, "zone-bms", lambda status: status["state"] == "stalled")
             assert "T_out is" in status["reason"]
-            assert daemon.terminate()[0] == 0
+            assert daemon.terminate() == 0
         assert site.codes == {3}, "of all the frames that the daemon sent"
         assert "the device refuses zone-bms/T_out (unit 1 holding 1): exception 2" in daemon.log()
         assert "Traceback" not in daemon.log()
@@ -75,7 +75,7 @@ def test_staleness_reaches_zenoh_with_the_first_interval_that_lacks_the_channel(
             until(daemon, "zone-bms", lambda status: status["samples"] >= 2)
             refusing.set()
             site.refused.add((1, "holding", 1))
-            assert seen.wait(20), daemon.log()
+            assert seen.wait(60), daemon.log()
         subscriber.undeclare()
     last_good = datetime.fromisoformat(channel(first, "T_out")["last_good"])
     assert datetime.fromisoformat(first["last_sample_time"]) - last_good <= timedelta(seconds=1), "one period"
@@ -104,7 +104,7 @@ def test_a_device_that_goes_away_harms_no_other_zone_and_is_found_again(tmp_path
             after = daemon.get("/zones/zone-other")[1]["status"]
             assert after["samples"] > before["samples"]
             assert (after["segment"], after["faults"]) == (1, {})
-            assert daemon.terminate()[0] == 0
+            assert daemon.terminate() == 0
         assert "Traceback" not in daemon.log()
 
 

@@ -43,4 +43,4 @@ def test_the_connection_is_kept_and_no_sample_is_lost(tmp_path: Path) -> None:
             until(daemon, "zone-bms", lambda status: status["samples"] >= samples + 3)
             assert site.connections == 2
             assert "goes on after" not in daemon.log()
-            assert daemon.terminate()[0] == 0
+            assert daemon.terminate() == 0

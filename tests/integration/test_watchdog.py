@@ -82,6 +82,10 @@ class Manager:
                 return heard
         raise AssertionError(f"{wanted} was not heard in {heard[-20:]}; {self.log.read_text()}")
 
+    def leave(self) -> None:
+        """Listen no more."""
+        self._socket.close()
+
     def silence(self, seconds: float) -> bool:
         """Whether nothing is heard for so long."""
         self._socket.settimeout(seconds)
@@ -108,7 +112,7 @@ def test_ready_then_fed_then_reloaded_then_stopped(tmp_path: Path) -> None:
         assert "configuration reloaded: nothing has changed" in manager.log.read_text()
         manager.process.send_signal(signal.SIGTERM)
         manager.hear("STOPPING=1")
-        assert manager.process.wait(timeout=30) == 0
+        assert manager.process.wait(timeout=60) == 0
 
 
 def test_a_zone_that_hangs_is_not_hidden_by_those_that_work(tmp_path: Path) -> None:
@@ -121,7 +125,7 @@ def test_a_zone_that_hangs_is_not_hidden_by_those_that_work(tmp_path: Path) -> N
         assert "room-1" in manager.log.read_text()
         # systemd then ends it so; the log says where every thread was.
         manager.process.send_signal(signal.SIGABRT)
-        assert manager.process.wait(timeout=30) == -signal.SIGABRT
+        assert manager.process.wait(timeout=60) == -signal.SIGABRT
         log = manager.log.read_text()
         assert "Current thread" in log
         assert "threading.py" in log
@@ -131,19 +135,19 @@ def test_a_zone_that_hangs_is_not_hidden_by_those_that_work(tmp_path: Path) -> N
 def test_a_reload_of_a_daemon_without_a_manager_is_no_matter(tmp_path: Path, signum: int) -> None:
     with Manager(tmp_path) as manager:
         manager.hear("READY=1")
-        manager._socket.close()
+        manager.leave()
         manager.process.send_signal(signal.SIGHUP)
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 60
         while "configuration reloaded" not in manager.log.read_text():
             assert time.monotonic() < deadline, manager.log.read_text()
             time.sleep(0.05)
         manager.process.send_signal(signum)
-        assert manager.process.wait(timeout=30) == 0
+        assert manager.process.wait(timeout=60) == 0
 
 
 def test_a_reload_that_breaks_half_way_ends_the_daemon_for_a_fresh_start(tmp_path: Path) -> None:
     with Manager(tmp_path, "break") as manager:
         manager.hear("READY=1")
         manager.process.send_signal(signal.SIGHUP)
-        assert manager.process.wait(timeout=30) == 1
+        assert manager.process.wait(timeout=60) == 1
         assert "JournalError: the journal is gone" in manager.log.read_text()

@@ -18,6 +18,7 @@ from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan, FanStep
 from service.records.history import HistoryRow
 from service.records.sample import Sample
+from service.records.skill import HorizonSkill, Skill
 from service.records.status import ZoneStatus
 from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
 
@@ -120,6 +121,16 @@ class FakeZone:
         nominal = np.array([parameter.nominal or 1.0 for parameter in self.network.parameters])
         constants = np.array([95.0, 864.0, 9612.0, 716400.0])
         return ParameterSummary(np.array(levels), nominal[:, None] * scale, constants[:, None] * scale, 105.0 * scale)
+
+    async def skill(self) -> Skill | None:
+        self.asked.append(("skill",))
+        if self.failure is not None:
+            raise self.failure
+        if not self.updates:
+            return None
+        one = HorizonSkill(300, 12, 0.95, 0.03, 0.05, 0.2, 0.1, 0.06)
+        none = HorizonSkill(86400, 0, *[math.nan] * 6)
+        return Skill(self.updates[-1].time, 0.95, dict.fromkeys((1, 7, 30), (one, none)), {})
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         self.asked.append(("history", start, end, limit))

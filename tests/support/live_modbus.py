@@ -31,7 +31,7 @@ def running(site: Plant, port: int = 0) -> Iterator[Plant]:
     thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
     thread.start()
     try:
-        assert ready.wait(10)
+        assert ready.wait(60)
         yield site
     finally:
         loop.call_soon_threadsafe(stop.set)
@@ -62,7 +62,7 @@ def configuration(folder: Path, ports: dict[str, int]) -> Path:
                 "id": f"zone-{name}",
                 "period": "1s",
                 "network": "tite",
-                "hold_inputs": "4s",
+                "hold_inputs": "8s",
                 "estimator_options": {"particles": 50},
                 "channels": {
                     "T_i": {"source": name, "register": 0, **tenths},
@@ -78,7 +78,7 @@ def configuration(folder: Path, ports: dict[str, int]) -> Path:
     return path
 
 
-def until(daemon: Daemon, zone: str, done, timeout: float = 30) -> dict:
+def until(daemon: Daemon, zone: str, done, timeout: float = 60) -> dict:
     """Poll a zone's status until it is as wanted."""
     deadline = time.monotonic() + timeout
     status: dict = {}

@@ -117,7 +117,7 @@ def _device(plant: Plant, unit: int) -> SimDevice:
     return SimDevice(unit, simdata=(coils, discretes, holdings, inputs), action=act)
 
 
-async def collect(source: object, enough: Callable[[list[object]], bool], seconds: float = 10.0) -> list[object]:
+async def collect(source: object, enough: Callable[[list[object]], bool], seconds: float = 60.0) -> list[object]:
     """Batches of `source` until there are `enough`; fails after `seconds`."""
     batches: list[object] = []
     async with asyncio.timeout(seconds):

@@ -75,12 +75,12 @@ async def fed(zone, items):
 
 async def finished(zone, running):
     await zone.close_mailbox()
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         await running
 
 
 async def caught_up(zone, items):
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         while zone.status().last_sample_time != items[-1].time or zone.status().state != "running":
             await asyncio.sleep(0.005)
 

@@ -68,12 +68,12 @@ class Client:
         return await self.answer()
 
     async def answer(self) -> Answer:
-        head = (await asyncio.wait_for(self.reader.readuntil(b"\r\n\r\n"), 10)).decode().split("\r\n")
+        head = (await asyncio.wait_for(self.reader.readuntil(b"\r\n\r\n"), 60)).decode().split("\r\n")
         headers = {name.lower(): value for name, _, value in (line.partition(": ") for line in head[1:-2])}
         body = await self.reader.readexactly(int(headers.get("content-length", 0)))
         return Answer(int(head[0].split()[1]), headers, body)
 
-    async def ended(self, seconds: float = 10) -> bytes:
+    async def ended(self, seconds: float = 60) -> bytes:
         """What still comes until the server closes; fails if it does not."""
         try:
             return await asyncio.wait_for(self.reader.read(), seconds)

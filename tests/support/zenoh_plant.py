@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+import socket
 import subprocess
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -16,6 +17,7 @@ import pytest
 import zenoh
 import zenoh.ext
 from support.harness import free_port
+from support.waiting import until
 
 from adapters.reading import Batch, Reading
 from adapters.zenoh.source import ZenohSource
@@ -50,6 +52,17 @@ def session(
     finally:
         with suppress(zenoh.ZError):
             opened.close()
+
+
+async def opened(place: str) -> None:
+    """Wait until a session listens at `place`, which is another's to open."""
+    host, port = place.split("/", 1)[1].rsplit(":", 1)
+
+    def listens() -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex((host, int(port))) == 0
+
+    await until(listens)
 
 
 def caching_publisher(session: zenoh.Session, key: str) -> Any:
@@ -91,7 +104,7 @@ class Listener:
 
     async def until(self, done: Callable[[], object], act: Callable[[], object] = lambda: None) -> None:
         """Wait until `done`, doing `act` again and again."""
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 60
         while not done():
             assert time.monotonic() < deadline, (self.readings[-5:], self.failures)
             act()

@@ -77,7 +77,7 @@ def cases(folder: Path) -> list[Case]:
 
 
 def _darkgreybox(path: Path) -> list[Case]:
-    heat, indoor, outdoor = _columns(path, "Ph", "Ti", "Ta")
+    heat, indoor, outdoor = read_columns(path, "Ph", "Ti", "Ta")
     network = presets.network("titethria")
     for parameter in network.parameters:
         # A heating power of up to 158 kW: more building than the preset's box allows for.
@@ -90,7 +90,7 @@ def _darkgreybox(path: Path) -> list[Case]:
             "the first 672 h, tested on the last 120 h, the split of its authors",
             network,
             HOUR,
-            _series(indoor, [outdoor, 1000.0 * heat], HOUR),
+            unbroken_series(indoor, [outdoor, 1000.0 * heat], HOUR),
             672,
             0.1,
             Published("darkgreybox, TiTeThRia", train_rmse=0.3719, test_rmse=0.3383),
@@ -99,8 +99,8 @@ def _darkgreybox(path: Path) -> list[Case]:
 
 
 def _armadillo(path: Path) -> list[Case]:
-    outdoor, heat, indoor = (values[:-1] for values in _columns(path, "T_ext", "P_hea", "T_int"))
-    network, series = presets.network("tite"), _series(indoor, [outdoor, heat], 1800)
+    outdoor, heat, indoor = (values[:-1] for values in read_columns(path, "T_ext", "P_hea", "T_int"))
+    network, series = presets.network("tite"), unbroken_series(indoor, [outdoor, heat], 1800)
     published = Published(
         "pySIP, 2R2C by maximum likelihood",
         train_rmse=0.7434,
@@ -133,7 +133,7 @@ def _armadillo(path: Path) -> list[Case]:
 
 
 def _flexhouse(path: Path) -> list[Case]:
-    outdoor, sun, heat, indoor = _columns(path, "Ta", "Ps", "Ph", "yTi")
+    outdoor, sun, heat, indoor = read_columns(path, "Ta", "Ps", "Ph", "yTi")
     day = 86_400 // 300
     return [
         Case(
@@ -142,7 +142,7 @@ def _flexhouse(path: Path) -> list[Case]:
             "first four days, tested on the rest, a split of our own",
             flexhouse_network(),
             300,
-            _series(indoor, [outdoor, 1000.0 * heat, 1000.0 * sun], 300),
+            unbroken_series(indoor, [outdoor, 1000.0 * heat, 1000.0 * sun], 300),
             4 * day,
             0.03,
             Published("Bacher and Madsen 2011, TiTeThTs: no open-loop figure"),
@@ -187,13 +187,15 @@ def flexhouse_network() -> Network:
     ).validate()
 
 
-def _series(output: Array, inputs: list[Array], period: int) -> Series:
+def unbroken_series(output: Array, inputs: list[Array], period: int) -> Series:
+    """One segment every `period` s from the channels (K,) of one output and of the inputs, in the network's order."""
     starts = np.zeros(len(output), dtype=np.bool_)
     starts[0] = True
     return Series(period * np.arange(len(output)), output[:, None], np.column_stack(inputs), starts)
 
 
-def _columns(path: Path, *names: str) -> list[Array]:
+def read_columns(path: Path, *names: str) -> list[Array]:
+    """The named columns (K,) of a published CSV file; ReplayError where it is not what it should be."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file))

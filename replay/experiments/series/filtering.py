@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,15 +27,20 @@ FLOOR = "floor"
 
 
 class Series(NamedTuple):
-    """Samples without a missing value: UTC s (K,), outputs (K, n_y) and inputs (K, n_u) in the network's order.
+    """Samples one period apart: UTC s (K,), outputs (K, n_y) and inputs (K, n_u) in the network's order.
 
-    `starts` (K,) marks the samples that begin a segment: the first, and each one after a gap.
+    Inputs are complete. `starts` (K,) marks the samples that begin a segment, the first and each one after a gap; every
+    segment begins with a measured output. Later ones may be NaN, where nothing was measured.
     """
 
     times: Seconds
     outputs: Array
     inputs: Array
     starts: Mask
+
+    def rows(self, which: slice | Mask) -> Series:
+        """The series of those rows, the first of which begins a segment."""
+        return Series(self.times[which], self.outputs[which], self.inputs[which], self.starts[which])
 
 
 class FilterRun(NamedTuple):
@@ -56,7 +61,7 @@ class Trace(NamedTuple):
     """What an estimator said of its first output along K samples, degC and K; NaN where it said nothing.
 
     `mean`, `lower`, `upper` and `pit` are `one_step`: formed before y_k was seen. The `filtered_...` ones are of the
-    measured state after y_k, without measurement noise.
+    measured state after y_k, without measurement noise; see `trace`.
     """
 
     mean: Array
@@ -85,6 +90,23 @@ def filter_job(label: str, run: FilterRun) -> Job:
     return Job(label, run.seed, run_filter, run, len(run.series.times))
 
 
+class Step(NamedTuple):
+    """One sample of a series, taken by an estimator."""
+
+    row: int
+    standing: Mixture | None
+    """The forecast of y_k that was formed before y_k was seen; None where a segment begins."""
+    posterior: Posterior
+    assimilated: bool
+    """Whether y_k was given to the filter; otherwise its states began anew at y_k."""
+    state: Any
+    """Predicted to the next sample."""
+
+
+Verify = Callable[[int, Any], Any]
+"""The state after y_k from its row and the state, for an estimator that learns from verified forecasts."""
+
+
 def run_filter(run: FilterRun, tick: Tick) -> Arrays:
     """The arrays of a `Trace`."""
     if run.estimator == FLOOR:
@@ -94,41 +116,69 @@ def run_filter(run: FilterRun, tick: Tick) -> Arrays:
         resolved = registry.resolve(run.estimator, run.network, run.period, run.options)
         options = registry.as_mapping(resolved)
         estimator = registry.construct(run.estimator, run.network, run.period, resolved)
-    noise = float(options["measurement_sd"])  # type: ignore[arg-type]
-    return trace(estimator, run.series, run.seed, noise, tick)._asdict()
+    return trace(estimator, run.series, run.seed, options.get("measurement_sd"), tick)._asdict()
 
 
-def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: float, tick: Tick) -> Trace:
+def steps(estimator: Estimator, series: Series, seed: int, verify: Verify = lambda row, state: state) -> Iterator[Step]:
     """Predict, score, assimilate: every sample of `series` as the zone worker takes it.
 
     The first sample of a segment starts the states at y and is not assimilated.
     """
-    samples, tails = len(series.times), np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
-    kept = _blank(samples, len(estimator.network.parameters))
     unmeasured = np.full(series.outputs.shape[1], np.nan)
     state, vanished = None, 0
-    for k in range(samples):
-        began = time.perf_counter()
-        y, inputs = series.outputs[k], series.inputs[k]
+    for k, (y, inputs) in enumerate(zip(series.outputs, series.inputs, strict=True)):
+        standing, assimilated = None, False
         if state is not None and not series.starts[k]:
             standing = estimator.predictive(state)
-            kept.mean[k] = standing.mean()[0]
-            kept.lower[k], kept.upper[k] = estimator.quantiles(standing, tails, 0)
-            kept.pit[k] = standing.weights @ ndtr((y[0] - standing.means[0]) / standing.sds[0])
             posterior = estimator.update(state, y)
             vanished = vanished + 1 if lost(posterior.outcome, standing.sd()) else 0
-        if state is None or series.starts[k] or vanished >= VANISHED_LIMIT:
+            assimilated = vanished < VANISHED_LIMIT
+        if not assimilated:
             state = estimator.start(seed, y, inputs) if state is None else estimator.restart(state, y, inputs)
             posterior, vanished = estimator.update(state, unmeasured), 0
-        else:
-            after = _without_noise(estimator.predictive(posterior.state), measurement_sd)
+        state = estimator.predict(verify(k, posterior.state), inputs)
+        yield Step(k, standing, posterior, assimilated, state)
+
+
+def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: object, tick: Tick) -> Trace:
+    """What the `steps` of `estimator` over `series` leave; `measurement_sd` is its option of that name, if any.
+
+    The `filtered` convention leaves out this noise where it is a number [K], and the posterior's median of it where it
+    is learned. An estimator without such an option (an ARX model, a bank, whose members differ) has no `filtered` rows.
+    """
+    tails = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+    kept = _blank(len(series.times), len(estimator.network.parameters))
+    began = time.perf_counter()
+    for step in steps(estimator, series, seed):
+        k, standing = step.row, step.standing
+        if standing is not None:
+            kept.mean[k] = standing.mean()[0]
+            kept.lower[k], kept.upper[k] = estimator.quantiles(standing, tails, 0)
+            kept.pit[k] = probability_below(standing, series.outputs[k, 0])
+        noise = _left_out(measurement_sd, step.posterior)
+        if step.assimilated and np.isfinite(noise):
+            after = _without_noise(estimator.predictive(step.posterior.state), noise)
             kept.filtered_mean[k] = after.mean()[0]
             kept.filtered_lower[k], kept.filtered_upper[k] = estimator.quantiles(after, tails, 0)
-        _keep(kept, k, posterior)
-        state = estimator.predict(posterior.state, inputs)
-        kept.seconds[k] = time.perf_counter() - began
+        _keep(kept, k, step.posterior)
+        ended = time.perf_counter()
+        kept.seconds[k], began = ended - began, ended
         tick(1)
     return kept
+
+
+def probability_below(mixture: Mixture, value: float) -> float:
+    """F(value) of the first output."""
+    return float(mixture.weights @ ndtr((value - mixture.means[0]) / mixture.sds[0]))
+
+
+def _left_out(measurement_sd: object, posterior: Posterior) -> float:
+    """sigma_y [K] of the first output; NaN where it is not known."""
+    if isinstance(measurement_sd, int | float):
+        return float(measurement_sd)
+    if measurement_sd is None or posterior.disturbance is None:
+        return float("nan")
+    return float(posterior.disturbance.measurement_sd[0, 1])
 
 
 def _blank(samples: int, parameters: int) -> Trace:
@@ -141,10 +191,12 @@ def _blank(samples: int, parameters: int) -> Trace:
 def _keep(kept: Trace, k: int, posterior: Posterior) -> None:
     if len(posterior.alpha_quantiles):
         kept.alpha[k] = posterior.alpha_quantiles[np.argmax(posterior.alpha_quantiles[:, 1])]
-    if posterior.regime in REGIMES:
+    if posterior.regime is not None:
         kept.regime[k] = REGIMES.index(posterior.regime)
-    kept.gate[k] = posterior.gate
-    kept.effective_sample_size[k] = posterior.effective_sample_size
+    if posterior.gate is not None:
+        kept.gate[k] = posterior.gate
+    if posterior.effective_sample_size is not None:
+        kept.effective_sample_size[k] = posterior.effective_sample_size
     kept.log_likelihood[k] = posterior.log_likelihood
     kept.theta[k] = posterior.parameters
 

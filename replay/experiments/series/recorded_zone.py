@@ -11,6 +11,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.network.network import Network
 from replay.errors import ReplayError
+from replay.experiments.series.filtering import Series
 from replay.experiments.series.recorded import samples_of
 from replay.localtime import Seconds
 from replay.scores.windows import Window
@@ -53,6 +54,25 @@ def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
     inputs = _held(times, np.array([sample.inputs for sample in samples]), network, table)
     values = np.column_stack([outputs, inputs])
     return ZoneRecord(times, int(table.period), dict(zip(network.channels, values.T, strict=True)))
+
+
+def bridged(record: ZoneRecord, network: Network, max_gap: int) -> Series:
+    """`record` as the daemon would take it: up to `max_gap` intervals without a measurement are bridged.
+
+    A longer gap, or an input that nobody holds any longer, ends a segment; the next measurement begins another.
+    """
+    outputs, inputs = record.matrix(network.measured), record.matrix(network.inputs)
+    measured = np.asarray(np.isfinite(outputs).any(axis=1))
+    usable = np.asarray(np.isfinite(inputs).all(axis=1))
+    kept, starts, missing, last = [], [], 0, None
+    for row, when in enumerate(record.times.tolist()):
+        continues = last is not None and when == last + record.period
+        missing = 0 if measured[row] else missing + 1
+        if usable[row] and (measured[row] or (continues and missing <= max_gap)):
+            kept.append(row)
+            starts.append(not continues)
+            last = when
+    return Series(record.times[kept], outputs[kept], inputs[kept], np.array(starts, dtype=np.bool_))
 
 
 def pieces(record: ZoneRecord, output: str, inputs: Sequence[str], shortest: float) -> list[Window]:

@@ -37,8 +37,8 @@ def _inspect(arguments: argparse.Namespace) -> int:
 def description(checkpoint: Checkpoint, path: Path) -> list[str]:
     """What `inspect` prints of `checkpoint`, read from `path`."""
     from service.cli.tables import aligned
+    from service.fields.times import written_time
     from service.store.checkpoint import FORMAT_VERSION
-    from service.store.store import shown_time
     from service.zone import snapshot
 
     about: dict[str, Any] = {"network": "?", "estimator": "?", "period": "?", "parameters": [], "thermogate": "?"}
@@ -48,7 +48,7 @@ def description(checkpoint: Checkpoint, path: Path) -> list[str]:
     lines = aligned(
         [
             ("zone", path.parent.name),
-            ("after the sample at", shown_time(checkpoint.step)),
+            ("after the sample at", written_time(checkpoint.step)),
             ("network", str(about["network"])),
             ("estimator", str(about["estimator"])),
             ("period", f"{about['period']} s"),

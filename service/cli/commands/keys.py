@@ -90,21 +90,22 @@ def _expiry(text: str) -> datetime:
     """The UTC time that a duration from now or an RFC 3339 time means; ConfigError if it is neither, or past."""
     from service.errors import ConfigError
     from service.fields.durations import parse_duration
+    from service.fields.times import ZoneMissing, parse_time
 
     now = datetime.now(UTC).replace(microsecond=0)
     try:
         expires = now + timedelta(seconds=parse_duration(text))
     except ValueError:
         try:
-            expires = datetime.fromisoformat(text)
+            expires = parse_time(text)
+        except ZoneMissing:
+            raise ConfigError([f'--expires: "{text}" has no time zone; end it with Z for UTC']) from None
         except ValueError:
             sentence = f'--expires: "{text}" is neither a duration such as 90d nor a time such as 2030-01-31T00:00:00Z'
             raise ConfigError([sentence]) from None
-        if expires.tzinfo is None:
-            raise ConfigError([f'--expires: "{text}" has no time zone; end it with Z for UTC']) from None
     if expires <= now:
         raise ConfigError([f'--expires: "{text}" is not in the future'])
-    return expires.astimezone(UTC)
+    return expires
 
 
 def _list(config: Config, arguments: argparse.Namespace) -> None:
@@ -124,13 +125,11 @@ def _list(config: Config, arguments: argparse.Namespace) -> None:
 
 
 def _row(key: Key, now: datetime) -> tuple[str, ...]:
+    from service.fields.times import written_time
+
     zones = "all" if key.zones is None else ", ".join(key.zones)
-    expires = "never" if key.expires is None else _written(key.expires)
-    return key.name, key.scope, zones, _written(key.created), expires, key.state(now)
-
-
-def _written(time: datetime) -> str:
-    return time.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    expires = "never" if key.expires is None else written_time(key.expires)
+    return key.name, key.scope, zones, written_time(key.created), expires, key.state(now)
 
 
 def _revoke(config: Config, arguments: argparse.Namespace) -> None:

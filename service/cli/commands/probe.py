@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 from service.cli.arguments import AddCommand, load_config, take_config
+from service.fields.numbers import read_number
 
 if TYPE_CHECKING:
     from adapters.reading import Probe
@@ -33,11 +34,8 @@ def add_to(add: AddCommand) -> None:
 
 
 def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0 < seconds <= 3600:
+    seconds = read_number(text)
+    if seconds is None or not 0 < seconds <= 3600:
         raise argparse.ArgumentTypeError(f'must be a number of seconds above 0 and up to 3600, not "{text}"')
     return seconds
 

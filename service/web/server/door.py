@@ -8,7 +8,7 @@ import logging
 import socket
 import ssl
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from http import HTTPStatus
 from typing import Literal
 
@@ -64,6 +64,11 @@ class Door:
     def connections(self) -> int:
         """How many connections there are, those in their handshake too."""
         return self._peers.total()
+
+    @property
+    def open_connections(self) -> tuple[Protocol, ...]:
+        """The connections past their handshake."""
+        return tuple(one for one in self._state.connections if isinstance(one, Protocol))
 
     async def run(self) -> None:
         """Accept connections until cancelled."""
@@ -134,12 +139,12 @@ class Door:
         while True:
             await asyncio.sleep(min(SWEEP_SECONDS, shortest / 4))
             now = asyncio.get_running_loop().time()
-            connections = [one for one in self._state.connections if isinstance(one, Protocol)]
+            connections = self.open_connections
             for connection in connections:
                 self.cut_off.update(filter(None, [connection.check(now)]))
             self._relieve(connections)
 
-    def _relieve(self, connections: list[Protocol]) -> None:
+    def _relieve(self, connections: Sequence[Protocol]) -> None:
         """Let go of the slowest readers while more waits to be sent than there is room for."""
         waiting = sum(connection.unsent for connection in connections)
         for connection in sorted(connections, key=lambda one: one.stalled_since):

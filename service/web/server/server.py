@@ -17,7 +17,7 @@ from service.config.http import HttpConfig
 from service.errors import ServiceError
 from service.web.server.door import Door
 from service.web.server.listener import listener
-from service.web.server.protocol import UNIX
+from service.web.server.protocol import UNIX, Protocol
 from service.web.server.tls import ServerCertificate, server_certificate
 
 SHUTDOWN_SECONDS = 1
@@ -83,6 +83,11 @@ class HttpServer:
     def connections(self) -> int:
         """How many connections there are, those in their handshake too."""
         return self._door.connections
+
+    @property
+    def open_connections(self) -> tuple[Protocol, ...]:
+        """The connections past their handshake."""
+        return self._door.open_connections
 
     @property
     def cut_off(self) -> Counter[str]:

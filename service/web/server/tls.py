@@ -18,6 +18,8 @@ from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat,
 
 from service.config.http import HttpConfig
 from service.errors import CertificateError
+from service.fields.times import written_day
+from service.web.server.followed import FollowedFiles
 
 WARN_SECONDS = 14 * 86400.0
 """How long before its end a certificate is spoken of in the log."""
@@ -44,12 +46,12 @@ class ServerCertificate:
         self._private_key = private_key
         self._client_ca = client_ca
         self._reminded = -math.inf
-        self._seen: list[object] = []
+        self._files = FollowedFiles(*(path for path in (certificate, private_key, client_ca) if path is not None))
         self.reload()
 
     def reload(self) -> None:
         """Use what is in the files now, for new connections. CertificateError leaves everything as it was."""
-        self._seen = self._signature()
+        self._files.look()
         expires = _checked(self._certificate, self._private_key)
         # A context of its own: one that held an RSA certificate would go on serving it beside its ECDSA successor.
         self.context = _context(self._certificate, self._private_key, self._client_ca)
@@ -58,13 +60,13 @@ class ServerCertificate:
 
     def follow(self) -> None:
         """Reload if a file has changed, and remind in the log of a certificate that comes to its end."""
-        if self._signature() != self._seen:
+        if self._files.changed():
             try:
                 self.reload()
             except CertificateError as error:
                 _log.error("%s; until then the certificate as it was before is served", error)
             else:
-                _log.info("%s was read again; it is good until %s", self._certificate, f"{self.expires:%Y-%m-%d}")
+                _log.info("%s was read again; it is good until %s", self._certificate, written_day(self.expires))
         left = self.expires.timestamp() - time.time()
         if left < WARN_SECONDS and time.monotonic() - self._reminded > REMIND_SECONDS:
             self._reminded = time.monotonic()
@@ -73,13 +75,8 @@ class ServerCertificate:
                 "the certificate %s %s on %s; renew it, a new one is read without a restart",
                 self._certificate,
                 verb,
-                f"{self.expires:%Y-%m-%d}",
+                written_day(self.expires),
             )
-
-    def _signature(self) -> list[object]:
-        """What changes when a file does."""
-        files = [path for path in (self._certificate, self._private_key, self._client_ca) if path is not None]
-        return [_status(path) for path in files]
 
 
 def server_certificate(config: HttpConfig) -> ServerCertificate | None:
@@ -138,11 +135,3 @@ def _read(setting: str, path: Path, parse: Callable[[bytes], Content]) -> Conten
     except (ValueError, UnsupportedAlgorithm):
         sentence = "is not what is needed here; give PEM, which begins with a line -----BEGIN ...-----"
     raise CertificateError(f"http.{setting}: {path} {sentence}")
-
-
-def _status(path: Path) -> tuple[int, ...] | None:
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_ino, status.st_mtime_ns, status.st_size, status.st_mode

@@ -22,7 +22,7 @@ OTHER_VERBS = {name for name in vars(ModbusClientMixin) if not name.startswith("
 # The simulated building is a device, and devices are written to.
 MODULES = [
     path
-    for package in ("adapters", "service", "replay")
+    for package in ("adapters", "service", "replay", "thermogate")
     for path in sorted((ROOT / package).rglob("*.py"))
     if ROOT / "replay" / "bms" not in path.parents
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import threading
 import time
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from support.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, session
+from support.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, opened, session
 
 import adapters.zenoh.source
 from adapters.edge import Edge
@@ -22,6 +23,7 @@ from adapters.payload.payload import PayloadFormat
 from adapters.reading import Quality
 from adapters.zenoh.access import ANYBODY, collecting
 from adapters.zenoh.connection import Connection, Tls
+from adapters.zenoh.inbox import Inbox, Incoming
 from adapters.zenoh.points import Dating, ZenohChannel
 from adapters.zenoh.source import Intake, ZenohSource
 
@@ -123,7 +125,7 @@ def test_client_peer_and_embedded_router(ours: str) -> None:
         if ours.startswith("listening"):
             connection = Connection(ours.split()[1], listen=(place,))
             async with listening(source(connection)) as heard:
-                await asyncio.sleep(0.3)
+                await opened(place)
                 with session("client", connect=place) as bms:
                     await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
         else:
@@ -138,7 +140,7 @@ def test_an_embedded_router_relays_between_its_clients() -> None:
     async def run() -> None:
         place = endpoint()
         async with listening(source(Connection("router", listen=(place,)))) as heard:
-            await asyncio.sleep(0.3)
+            await opened(place)
             with session("client", connect=place) as bms, session("client", connect=place) as other:
                 subscriber = other.declare_subscriber("bms/**")
                 await heard.until(lambda: subscriber.try_recv(), lambda: bms.put("bms/room/T", "1"))
@@ -248,7 +250,18 @@ def test_a_session_that_is_opened_anew_passes_over_what_was_had(monkeypatch: pyt
     asyncio.run(run())
 
 
-def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put, last = Inbox.put, threading.Event()
+
+    def noted(inbox: Inbox, key: str, incoming: Incoming) -> None:
+        put(inbox, key, incoming)
+        if incoming.key == "bms/room/calm":
+            last.set()
+
+    monkeypatch.setattr(Inbox, "put", noted)
+
     async def run() -> None:
         place = endpoint()
         busy, calm = T, ZenohChannel("room/calm", "bms/room/calm")
@@ -261,7 +274,7 @@ def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(caplog: p
                     bms.put("bms/room/T", str(number))
                 bms.put("bms/room/calm", "7")
                 # The event loop is held up, as by a long computation; Zenoh is not.
-                time.sleep(0.5)
+                assert last.wait(60)
                 await heard.until(lambda: len(heard.batches) > so_far)
                 values = [(one.channel, one.value) for one in heard.batches[so_far].readings if one.fault is None]
                 assert values == [*(("room/T", float(number)) for number in range(490, 500)), ("room/calm", 7.0)]
@@ -382,7 +395,7 @@ def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
         place = endpoint()
         ours = source(Connection("router", listen=(place,), users_file=tmp_path / "users"))
         async with listening(ours) as heard:
-            await asyncio.sleep(0.3)
+            await opened(place)
             with (
                 pytest.raises(zenoh.ZError),
                 session(
@@ -546,7 +559,7 @@ def test_probe_says_what_was_heard_instead() -> None:
 def test_cancelling_while_the_session_opens_leaves_nothing_behind() -> None:
     async def run() -> float:
         async def first() -> None:
-            await anext(aiter(source(Connection(connect=(endpoint(),), timeout=20.0)).batches(None)))
+            await anext(aiter(source(Connection(connect=(endpoint(),), timeout=3600.0)).batches(None)))
 
         task = asyncio.create_task(first())
         await asyncio.sleep(0.2)
@@ -555,4 +568,4 @@ def test_cancelling_while_the_session_opens_leaves_nothing_behind() -> None:
         return time.monotonic()
 
     cancelled = asyncio.run(run())
-    assert time.monotonic() - cancelled < 5
+    assert time.monotonic() - cancelled < 60

@@ -113,7 +113,7 @@ def test_a_measurement_beyond_belief_is_refused_and_the_prior_kept(name):
         posterior = estimator.update(state, np.array([y]))
         assert posterior.outcome is Outcome.VANISHED
         assert np.isnan(posterior.log_likelihood)
-        assert posterior.gate == 0
+        assert (posterior.gate, posterior.regime, posterior.effective_sample_size) == (None, None, None)
         assert posterior.state is state
 
 

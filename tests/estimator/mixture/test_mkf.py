@@ -5,9 +5,10 @@ import pytest
 from scipy.special import ndtr
 from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman
 
+from estimator.kernels.algebra import packed
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
 from estimator.network.presets import network
-from estimator.particle.kalman import packed_index, unpack
+from estimator.particle.kalman import unpack
 from estimator.registry import build
 from replay.simulated.simulate import simulate
 
@@ -105,7 +106,7 @@ def test_derivatives_are_exact(name):
     start = estimator.start(3, np.full(len(net.measured), 20.0), inputs)
     states, size = len(net.nodes), start.mean.shape[0]
     mean = start.mean + np.r_[rng.uniform(0, 5, states), 1.0, np.zeros(size - states - 1)][:, None]
-    diagonal = [packed_index(i, i) for i in range(size)]
+    diagonal = [packed(i, i) for i in range(size)]
     covariance = np.zeros_like(start.covariance)
     covariance[diagonal] = 1.0
     base = start._replace(mean=mean, covariance=covariance)
@@ -147,7 +148,7 @@ def test_the_start_has_the_moments_of_the_prior():
     estimator = build("mkf", building(), PERIOD, {"particles": 20_000})
     state = estimator.start(1, np.array([20.0]), np.array([5.0, 0.0]))
     phi = state.mean[3:]
-    own = state.covariance[[packed_index(i, i) for i in range(3, 7)]].mean(axis=1)
+    own = state.covariance[[packed(i, i) for i in range(3, 7)]].mean(axis=1)
     prior = np.array([np.log(30.0) ** 2 / 12] * 4)
     # The relative error of a variance from N draws is sqrt(2 / N) at most for bounded densities: 1 %.
     np.testing.assert_allclose(phi.var(axis=1) + own, prior, rtol=0.04)

@@ -53,7 +53,7 @@ def received(plant: Simulation, wanted: int) -> dict[str, zenoh.Sample]:
     with published(plant) as (publisher, endpoint), subscriber_session(endpoint) as session:
         subscriber = session.declare_subscriber("bms/**")
         samples: dict[str, zenoh.Sample] = {}
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while len(samples) < wanted:
             assert time.monotonic() < deadline, sorted(samples)
             publisher.publish(NOW)
@@ -103,7 +103,7 @@ def test_faults_of_values_and_clocks_show_here_too() -> None:
             session, "bms/**", history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
         ) as subscriber:
             samples: dict[str, str] = {}
-            deadline = time.monotonic() + 10
+            deadline = time.monotonic() + 60
             while "bms/senml/room2" not in samples or "bms/json/room1/T_air" not in samples:
                 assert time.monotonic() < deadline, sorted(samples)
                 sample = subscriber.try_recv()

@@ -82,6 +82,21 @@ def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None
     assert (scores.open_loop > 0).all()
 
 
+@pytest.mark.parametrize(
+    ("estimator", "options"),
+    [("mkf", {"particles": 16}), ("mkf", {"particles": 16, "measurement_sd": 0.15}), ("arx", {})],
+)
+def test_the_filtered_convention_leaves_out_a_noise_that_is_known(estimator: str, options: dict[str, object]) -> None:
+    series = simulated_case(building_67(), Request(days=1), 1).series
+    run = FilterRun(estimator, options, building_67(), PERIOD, series, 1)
+    trace = Trace(**run_filter(run, lambda steps: None))
+    assert np.isfinite(trace.mean[1:]).all()
+    if estimator == "arx":
+        assert np.isnan(trace.filtered_mean).all()
+    else:
+        assert (trace.filtered_upper - trace.filtered_lower < trace.upper - trace.lower)[20:].mean() > 0.9
+
+
 def test_steps_since_the_label_changed() -> None:
     dominated = np.array([False, False, True, True, True, False])
     assert since_change(dominated)[2:].tolist() == [0, 1, 2, 0]

@@ -10,7 +10,7 @@ import pytest
 import service.daemon.feeding
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Batch, Reading
-from service.daemon.feeding import end, feed
+from service.daemon.feeding import feed
 from service.sources.routing import Router
 
 
@@ -121,34 +121,6 @@ def test_an_unexpected_error_is_retried_without_a_traceback(pauses, caplog):
     assert told[-1] == ("end", "bms")
     assert pauses == [1.0]
     assert "Traceback" not in caplog.text
-
-
-def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
-    monkeypatch.setattr(service.daemon.feeding, "_AGAIN_SECONDS", 0.01)
-
-    async def polls():
-        while True:
-            begun.set()
-            # What wait_for of Python 3.11 does with a cancellation in the moment in which its answer arrives.
-            try:
-                await asyncio.Event().wait()
-            except asyncio.CancelledError:
-                if missed:
-                    raise
-                missed.append(True)
-
-    async def fails():
-        raise ValueError("no longer of interest")
-
-    async def main():
-        tasks = [asyncio.create_task(work) for work in (polls(), fails())]
-        await begun.wait()
-        await end(tasks)
-        assert tasks[0].cancelled()
-
-    missed, begun = [], asyncio.Event()
-    asyncio.run(main())
-    assert missed
 
 
 def test_a_zone_that_fails_does_not_keep_the_others_from_their_readings(pauses, caplog):

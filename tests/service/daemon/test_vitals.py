@@ -31,7 +31,7 @@ def looked(clock, vitals, zone, *moments):
     """Look at `moments`: (time, waiting, finished)."""
     for now, waiting, finished in moments:
         clock.now, zone.busy = now, Busy(waiting, finished)
-        vitals._look(now)
+        vitals.look(now)
     return vitals.problems()
 
 
@@ -67,10 +67,10 @@ def test_time_without_anything_to_do_does_not_count(clock):
 def test_a_zone_that_was_taken_away_is_forgotten(clock):
     zones = {"z": Zone(waiting=1)}
     vitals = Vitals(zones, (), patience=60)
-    vitals._look(0.0)
+    vitals.look(0.0)
     zones.clear()
     clock.now = 100.0
-    vitals._look(100.0)
+    vitals.look(100.0)
     assert vitals.problems() == []
 
 
@@ -84,10 +84,10 @@ async def organ_body(clock):
             raise error
 
     vitals = Vitals({}, (Organ("the journal", answer, 30.0),))
-    vitals._look(0.0)
+    vitals.look(0.0)
     await asyncio.sleep(0)
     clock.now = 30.0
-    vitals._look(30.0)
+    vitals.look(30.0)
     assert vitals.problems() == []
     clock.now = 31.0
     assert vitals.problems() == ["the journal has not answered for 31 s"]
@@ -95,11 +95,11 @@ async def organ_body(clock):
     for _ in range(4):
         await asyncio.sleep(0)
     # The next question is answered with an error, which is an answer.
-    vitals._look(31.0)
+    vitals.look(31.0)
     for _ in range(4):
         await asyncio.sleep(0)
     clock.now = 100.0
-    vitals._look(100.0)
+    vitals.look(100.0)
     assert vitals.problems() == []
 
 

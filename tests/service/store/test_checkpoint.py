@@ -47,7 +47,7 @@ def store(tmp_path: Path) -> CheckpointStore:
 
 
 def files(store: CheckpointStore, zone: str = "living") -> list[str]:
-    return sorted(path.name for path in (store._directory / zone).iterdir())
+    return sorted(path.name for path in (store.path / zone).iterdir())
 
 
 def test_round_trip_is_bit_exact(store: CheckpointStore) -> None:
@@ -94,7 +94,7 @@ def test_the_same_step_is_replaced(store: CheckpointStore) -> None:
 
 def check_damage(store: CheckpointStore, content: bytes, original: bytes, caplog: pytest.LogCaptureFixture) -> None:
     """A newest checkpoint with `content` is either whole or set aside for the one before."""
-    path = store._directory / "living" / "000000000002.npz"
+    path = store.path / "living" / "000000000002.npz"
     path.write_bytes(content)
     loaded = store.load("living", "f1")
     assert loaded is not None
@@ -179,7 +179,7 @@ def test_a_newer_format_with_another_digest_is_not_taken_for_damage(store: Check
 
 def test_leftovers_of_a_crash_are_removed(store: CheckpointStore) -> None:
     store.save("living", make(1))
-    leftover = store._directory / "living" / "000000000009.npz.tmp"
+    leftover = store.path / "living" / "000000000009.npz.tmp"
     leftover.write_bytes(b"half a checkpoint")
     loaded = store.load("living", "f1")
     assert loaded is not None

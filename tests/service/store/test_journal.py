@@ -250,14 +250,14 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 def test_a_full_disk_loses_nothing_that_was_recorded(path: Path, journal: Journal) -> None:
     journal.append("living", make_sample(0))
-    pages = journal._connection.execute("PRAGMA page_count").fetchone()[0]
-    journal._connection.execute(f"PRAGMA max_page_count = {pages}")
+    ((pages,),) = journal.read("PRAGMA page_count")
+    journal.read(f"PRAGMA max_page_count = {pages}")
     for step in range(100):
         journal.record("living", make_update(step))
     with pytest.raises(JournalError, match="free space on its disk"):
         journal.append("living", make_sample(1))
     assert journal.last_sample_time("living") == START
-    journal._connection.execute("PRAGMA max_page_count = 100000")
+    journal.read("PRAGMA max_page_count = 100000")
     assert journal.append("living", make_sample(1))
     assert len(journal.history("living", None, None, 1000)) == 100
 
@@ -276,8 +276,8 @@ def test_another_writer_is_named_as_the_cause(path: Path, monkeypatch: pytest.Mo
 
 
 def test_it_writes_ahead_and_syncs_fully(journal: Journal) -> None:
-    assert journal._connection.execute("PRAGMA journal_mode").fetchone() == ("wal",)
-    assert journal._connection.execute("PRAGMA synchronous").fetchone() == (2,)
+    assert journal.read("PRAGMA journal_mode") == [("wal",)]
+    assert journal.read("PRAGMA synchronous") == [(2,)]
 
 
 def test_close_twice(journal: Journal) -> None:

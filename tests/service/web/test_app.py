@@ -127,6 +127,8 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/admin/reload",
         "/zones/{zone}/parameters",
         "/zones/{zone}/history",
+        "/zones/{zone}/skill",
+        "/zones/{zone}/gain",
         "/zones/{zone}/stream",
         "/healthz",
         "/readyz",

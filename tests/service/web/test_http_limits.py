@@ -11,13 +11,14 @@ import pytest
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import StreamingResponse
 from support.served import Client, ask, config, serving
+from support.waiting import until
 
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.server import door as http_door
 from service.web.server.peers import peer_of
 
-QUICK = {"receive_timeout": 0.3, "send_timeout": 0.3, "idle_timeout": 0.3}
+QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
 
 
 def run(scenario: Coroutine[Any, Any, None]) -> None:
@@ -71,7 +72,7 @@ def test_a_request_that_does_not_come_to_its_end_is_given_up(begun: bytes) -> No
             await client.send(begun)
             answer = await client.answer()
             assert answer.status == 408
-            assert "not complete within 0.3 s" in answer.problem()
+            assert "not complete within 0.6 s" in answer.problem()
             assert await client.ended() == b""
             await client.close()
 
@@ -138,12 +139,10 @@ def test_who_never_reads_is_cut_off(path: str) -> None:
             deaf = await Client.to(server, limit=1024)
             deaf.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             await deaf.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
-            for _ in range(200):
-                await asyncio.sleep(0.05)
-                if not server._server.server_state.connections:
-                    break
-            assert not server._server.server_state.connections, "nothing is held for it any more"
-            assert app.state.ended == (path == "/endless"), "the stream has ended too"
+            await until(lambda: server.cut_off["slow to read"])
+            # Nothing is held for it any more, and the stream has ended too.
+            await until(lambda: not server.open_connections)
+            await until(lambda: app.state.ended == (path == "/endless"))
             assert (await ask(server)).status == 200
             await deaf.close()
 
@@ -153,7 +152,7 @@ def test_who_never_reads_is_cut_off(path: str) -> None:
 @pytest.mark.parametrize("path", ["/large?megabytes=16", "/endless"])
 def test_who_reads_slowly_gets_it_all(path: str) -> None:
     async def scenario() -> None:
-        limits = QUICK | {"send_timeout": 0.4}
+        limits = QUICK | {"send_timeout": 1.0}
         async with serving(small_app(), config(limits=limits)) as server:
             client = await Client.to(server, limit=2**14)
             client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**16)
@@ -161,7 +160,7 @@ def test_who_reads_slowly_gets_it_all(path: str) -> None:
             # For several times as long as it may take to make progress, and more than the system's buffers hold.
             for _ in range(16 * 8):
                 await client.reader.readexactly(2**17)
-                await asyncio.sleep(0.02)
+                await asyncio.sleep(0.03)
             await client.close()
 
     run(scenario())
@@ -174,11 +173,8 @@ def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
             deaf = [await Client.to(server, limit=1024) for _ in range(6)]
             for client in deaf:
                 await client.send(b"GET /large?megabytes=8 HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            for _ in range(100):
-                await asyncio.sleep(0.05)
-                if len(server._server.server_state.connections) <= 2:
-                    break
-            connections = server._server.server_state.connections
+            await until(lambda: server.cut_off["slow to read"] and len(server.open_connections) <= 2)
+            connections = server.open_connections
             assert 1 <= len(connections) <= 3, "the slowest were let go, no more than needed"
             assert sum(one.transport.get_write_buffer_size() for one in connections) <= 16 * 2**20
             for client in deaf:
@@ -206,10 +202,9 @@ def test_too_many_connections_are_told_so_and_then_shut_out(monkeypatch: pytest.
             assert await shut_out.ended() == b""
             for client in (*served, *spare, shut_out):
                 await client.close()
-            await asyncio.sleep(0.05)
+            await until(lambda: server.connections == 0)
             assert (await ask(server)).status == 200, "places are given back"
-            await asyncio.sleep(0.05)
-            assert not server._door._peers
+            await until(lambda: server.connections == 0)
 
     run(scenario())
 
@@ -322,10 +317,9 @@ def test_a_client_that_goes_in_the_middle_of_its_body_leaves_nothing(caplog: pyt
             client = await Client.to(server)
             await client.send(b"POST /zones HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n1234")
             await client.close()
-            await asyncio.sleep(0.1)
+            await until(lambda: server.connections == 0)
             assert (await ask(server, "/healthz")).status == 200
-            await asyncio.sleep(0.05)
-            assert not server._door._peers
+            await until(lambda: server.connections == 0)
 
     run(scenario())
     assert not caplog.records

@@ -26,7 +26,7 @@ def test_answers_do_not_wait_for_more_to_send():
         reader, writer = await asyncio.open_connection("127.0.0.1", int(server.url.rpartition(":")[2]))
         writer.write(b"GET /nothing HTTP/1.1\r\nHost: thermogate\r\n\r\n")
         assert b"404" in await reader.readline()
-        (connection,) = server._server.server_state.connections
+        (connection,) = server.open_connections
         accepted = connection.transport.get_extra_info("socket")
         assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
         writer.close()

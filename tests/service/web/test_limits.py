@@ -10,6 +10,7 @@ import httpx
 import pytest
 from fastapi import Depends, FastAPI
 from fastapi.responses import StreamingResponse
+from support.waiting import until
 
 from service.publish.metrics import Metrics
 from service.web.app import create_app
@@ -70,11 +71,10 @@ def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path: Path
 
     async def scenario() -> None:
         running = asyncio.create_task(ask(app, "/stream", **first))
-        await asyncio.sleep(0.05)
-        assert app.state.stream_limits.open == 1
+        await until(lambda: app.state.stream_limits.open == 1)
         assert await ask(app, "/stream", **first) == 429, "clients are told apart by their keys, not their address"
         other = asyncio.create_task(ask(app, "/stream", **second))
-        await asyncio.sleep(0.05)
+        await until(lambda: app.state.stream_limits.open == 2)
         assert await ask(app, "/stream", **third) == 503
         app.state.go.set()
         assert (await running, await other) == (200, 200)
@@ -97,10 +97,11 @@ def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> 
 
     async def scenario() -> None:
         running = asyncio.create_task(ask(app, "/ticks", authorization=f"Bearer {secret}"))
+        await until(lambda: app.state.stream_limits.open == 1)
         await asyncio.sleep(0.1)
         assert not running.done()
         revoke_key(tmp_path / "keys.json", "one")
-        assert await asyncio.wait_for(running, 10) == 200
+        assert await asyncio.wait_for(running, 60) == 200
         assert app.state.stream_limits.open == 0
 
     asyncio.run(scenario())
@@ -111,11 +112,9 @@ def test_a_place_is_given_back_if_the_stream_breaks_or_its_client_goes(app: Fast
         await ask(app, "/broken")
         assert app.state.stream_limits.open == 0
         running = asyncio.create_task(ask(app, "/stream"))
-        await asyncio.sleep(0.05)
-        assert app.state.stream_limits.open == 1
+        await until(lambda: app.state.stream_limits.open == 1)
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
-        await asyncio.sleep(0.05)
-        assert app.state.stream_limits.open == 0
+        await until(lambda: app.state.stream_limits.open == 0)
 
     asyncio.run(scenario())

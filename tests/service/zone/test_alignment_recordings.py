@@ -2,7 +2,6 @@
 
 import asyncio
 import csv
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -99,9 +98,7 @@ def ecolar(path, **settings):
 def test_the_raw_ecolar_layout_over_the_clock_change(ecolar_day):
     path, begin = ecolar_day
     recording, channels, alignment = ecolar(path)
-    clock = time.perf_counter()
     got = samples(recording, channels, alignment)
-    assert time.perf_counter() - clock < 5.0
     assert not alignment.faults
     assert [sample.time for sample in got] == [begin + 300 * k for k in range(25 * 12)]
     for k, sample in enumerate(got):

@@ -39,18 +39,13 @@ class Wall:
 class Life:
     """A live zone on a machine whose clock is `wall`."""
 
-    def __init__(self, zone, wall, running):
-        self.zone, self.wall, self.running = zone, wall, running
+    def __init__(self, zone, wall, running, store):
+        self.zone, self.wall, self.running, self.store = zone, wall, running, store
 
     async def settled(self):
         """Until everything that was accepted is assimilated."""
-        async with asyncio.timeout(20):
-            mailbox = self.zone._intake.mailbox
-            # The worker waits for news again once everything is done; while a zone goes back it holds the lock.
-            while mailbox.waiting_since is not None or mailbox._set_back or not mailbox._news._waiters:
-                await asyncio.sleep(0.002)
-            while self.zone._intake.accepting.locked():
-                await asyncio.sleep(0.002)
+        async with asyncio.timeout(60):
+            await self.zone.settled()
 
     async def live(self, seconds, *, readings=True, step=60.0):
         """Let `seconds` pass: a reading of every channel each minute, and the zone is told the time."""
@@ -91,10 +86,10 @@ async def living(folder, wall, announcer=None, max_gap=3):
         zone.align(align, live=True)
         running = asyncio.create_task(zone.run())
         try:
-            yield Life(zone, wall, running)
+            yield Life(zone, wall, running, shared.store)
         finally:
             await zone.close_mailbox()
-            await asyncio.wait_for(running, 30)
+            await asyncio.wait_for(running, 60)
 
 
 def rows(folder, where="zone = 'z'"):
@@ -145,11 +140,11 @@ def test_a_clock_set_back_by_an_hour_sets_that_hour_aside_and_goes_on(tmp_path, 
     async def scenario():
         async with living(tmp_path, Wall(), announcer) as life:
             await life.live(2 * HOUR)
-            learned = life.zone._worker.standing.state
+            learned = life.zone.worker.standing.state
             kept = [time for time in rows(tmp_path) if time < NOON + HOUR - PERIOD]
             ahead = [time for time in rows(tmp_path) if time >= NOON + HOUR]
             await life.set(-HOUR)
-            assert life.zone._worker.standing.state is learned, "what was learned is kept"
+            assert life.zone.worker.standing.state is learned, "what was learned is kept"
             assert rows(tmp_path)[: len(kept)] == kept
             assert rows(tmp_path)[-1] < NOON + HOUR
             assert rows(tmp_path, "zone LIKE 'z@%'")[-len(ahead) :] == ahead, "nothing is deleted"
@@ -256,7 +251,7 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
     async def scenario(folder, trouble):
         async with living(folder, Wall()) as life:
             await life.live(2 * HOUR)
-            store = life.zone._plumbing.store
+            store = life.store
             real = store._journal.set_aside
             failures = [JournalError("the journal failed (disk full); free space")] * trouble
 
@@ -270,7 +265,7 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
                 # Once more from the same moment, so that all come to the same end.
                 life.wall.now = NOON + HOUR - PERIOD / 2 if attempt else life.wall.now - HOUR - PERIOD / 2
                 await life.live(SETTLING + 2.0, readings=False, step=1.0)
-                async with asyncio.timeout(20):
+                async with asyncio.timeout(60):
                     while life.zone.status().state == "failed":
                         await asyncio.sleep(0.005)
                 await life.settled()

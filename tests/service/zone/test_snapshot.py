@@ -1,5 +1,6 @@
 """A worker's checkpoint brings it back bit for bit."""
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -34,6 +35,15 @@ def test_what_comes_back_continues_with_the_same_bits(stop, tmp_path):
     assert back.progress == zone.progress
     for item in samples[stop:]:
         assert comparable(back.step(item)) == comparable(zone.step(item))
+
+
+def test_the_meta_data_are_what_json_gives_back():
+    zone = worker()
+    for k in range(5):
+        zone.step(sample(k, y=NAN if k == 4 else None))
+    meta = snapshot.take(zone, "mark", "rbpf").meta
+    assert repr(json.loads(json.dumps(meta))) == repr(meta), "lists, numbers and texts, in full"
+    assert "nan" in repr(meta)
 
 
 def test_before_the_first_update_there_is_nothing_to_keep():

@@ -51,10 +51,13 @@ def test_what_it_does_not_have_is_null_and_the_rest_is_there(stepped):
 
 def test_the_gate_is_shut_where_nothing_was_learned(stepped):
     zone, updates = stepped
-    assert (updates[0].outcome, updates[0].gate.value) == ("started", 0.0)
+    assert (updates[0].outcome, updates[0].shown_gate) == ("started", (0.0, "constant"))
+    assert (updates[1].outcome, updates[1].shown_gate) == ("assimilated", (1.0, "constant"))
     missing = zone.step(sample(12, y=NAN))
-    assert (missing.outcome, missing.gate) == ("missing", (0.0, "constant"))
-    assert zone.step(sample(13, y=70.0)).outcome == "vanished"
+    assert (missing.outcome, missing.shown_gate) == ("missing", (0.0, "constant"))
+    vanished = zone.step(sample(13, y=70.0))
+    assert (vanished.outcome, vanished.shown_gate) == ("vanished", (0.0, "constant"))
+    assert {(update.gate, update.effective_sample_size) for update in (*updates, missing, vanished)} == {(None, None)}
 
 
 def test_the_history_row_has_no_alpha(stepped, tmp_path):
@@ -82,8 +85,12 @@ def test_a_checkpoint_continues_bit_for_bit(stepped, tmp_path):
     zone, _ = stepped
     store = CheckpointStore(tmp_path)
     store.save("z", snapshot.take(zone, "mark", "ekf"))
-    again = ZoneWorker(zone.estimator, zone.settings)
-    snapshot.restore(again, store.load("z", "mark"))
+    again, stored = ZoneWorker(zone.estimator, zone.settings), store.load("z", "mark")
+    snapshot.restore(again, stored)
+    assert comparable(again.latest) == comparable(zone.latest)
+    gate, sample_size = stored.meta["latest"][6:8]
+    assert gate == [1.0, "constant"], "as every version before has written it"
+    assert math.isnan(sample_size)
     for k in range(12, 20):
         assert comparable(zone.step(sample(k))) == comparable(again.step(sample(k)))
     left, right = (list(w.fan((0.9,), [{"u_heat": 1000.0}] * 3).steps) for w in (zone, again))

@@ -112,7 +112,7 @@ def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, 
             items = [sample(k) for k in range(60)]
             sick, well = make(shared, {items[0].time: 1}, "sick"), make(shared, None, "well")
             tasks = [await fed(sick, items[:1]), await fed(well, items[:1])]
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while sick.status().state != "failed":
                     await asyncio.sleep(0.005)
                 # More than its mailbox holds, and no one waits for it.
@@ -155,7 +155,7 @@ def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path
 
             monkeypatch.setattr(shared.store, "append", failing)
             accepting = asyncio.create_task(fed(zone, [sample(0), sample(1)]))
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while zone.status().state != "failed":
                     await asyncio.sleep(0)
             assert "disk full" in zone.status().reason
@@ -172,11 +172,12 @@ def test_checkpoints_are_written_while_running(tmp_path):
         async with plumbing(tmp_path, checkpoint_every=1e-6) as shared:
             zone = make(shared)
             running = await fed(zone, [sample(k) for k in range(10)])
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while zone.status().samples < 10:
                     await asyncio.sleep(0.01)
-            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) == 3
+            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) >= 3
             await finished(zone, running)
+            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) == 3
 
     asyncio.run(scenario())
 
@@ -201,7 +202,7 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
             assert (zone.status().state, zone.latest(), await zone.fan(3, (0.9,), None)) == ("waiting", None, None)
             assert await zone.parameters((0.5,)) is None
             running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while zone.latest() is None:
                     await asyncio.sleep(0.01)
             fan = await zone.fan(2, (0.9,), {"u_heat": [0.0, 500.0]})
@@ -210,7 +211,7 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
             zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
             assert zone.status().state == "running"
             await zone.end("only")
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while zone.status().state != "stalled":
                     await asyncio.sleep(0.005)
             assert "come to an end" in zone.status().reason

@@ -1,0 +1,79 @@
+"""How forecasts have turned out: sums by the hour, kept for thirty days, and the scores of any window in them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.arrays import Array, Indices
+
+HOURS = 720
+"""Hours that are kept: thirty days."""
+
+FIELDS = ("forecasts", "square", "crps", "covered", "width", "persistence", "arx")
+"""Sums over the verified forecasts of an hour: their number, squared errors [K^2], CRPS [K], how many the interval
+covered, widths [K], squared errors of persistence and of the ARX model [K^2]."""
+
+Sums = npt.NDArray[np.float32]
+
+
+class SkillBook(NamedTuple):
+    """Verified forecasts of H horizons, hour by hour."""
+
+    hours: Indices
+    """(HOURS,): which hour since 1970 each row is about; -1 where it is about none."""
+    sums: Sums
+    """(HOURS, H, len(FIELDS))."""
+
+
+class Scores(NamedTuple):
+    """What a window says of H horizons. Arrays have shape (H,), NaN where nothing was verified."""
+
+    forecasts: Array
+    coverage: Array
+    crps: Array
+    """K."""
+    rmse: Array
+    """K."""
+    width: Array
+    """K."""
+    persistence_rmse: Array
+    """K."""
+    arx_rmse: Array
+    """K."""
+
+
+def empty_book(horizons: int) -> SkillBook:
+    """Nothing has been verified."""
+    return SkillBook(np.full(HOURS, -1, dtype=np.int64), np.zeros((HOURS, horizons, len(FIELDS)), dtype=np.float32))
+
+
+def noted(book: SkillBook, hour: int, horizon: int, values: tuple[float, ...]) -> SkillBook:
+    """`book` with one more verified forecast of `horizon`, whose `values` follow FIELDS without their number."""
+    row = hour % HOURS
+    hours, sums = book.hours, book.sums.copy()
+    if hours[row] != hour:
+        hours = hours.copy()
+        hours[row], sums[row] = hour, 0.0
+    sums[row, horizon] += np.array([1.0, *values], dtype=np.float32)
+    return SkillBook(hours, sums)
+
+
+def scores(book: SkillBook, until: int, window: int) -> Scores:
+    """The scores of the last `window` hours up to and with the hour `until`."""
+    within = (book.hours > until - window) & (book.hours <= until)
+    total = book.sums[within].sum(axis=0, dtype=np.float64)
+    count = total[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / np.where(count > 0.0, count, np.nan)[:, None]
+    return Scores(
+        forecasts=count,
+        coverage=mean[:, 3],
+        crps=mean[:, 2],
+        rmse=np.sqrt(mean[:, 1]),
+        width=mean[:, 4],
+        persistence_rmse=np.sqrt(mean[:, 5]),
+        arx_rmse=np.sqrt(mean[:, 6]),
+    )

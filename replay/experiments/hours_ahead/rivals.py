@@ -1,0 +1,48 @@
+"""Who makes forecasts: every estimator with the options that a user gets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from replay.experiments.request import Request
+from replay.experiments.series.networks import zone_of
+
+LEAST_SQUARES = "least squares"
+RBPF, BANK = "RBPF default", "bank"
+
+
+class Rival(NamedTuple):
+    """An online estimator and its options; one that draws random numbers runs once for each seed."""
+
+    label: str
+    estimator: str
+    options: Mapping[str, object]
+    seeded: bool
+
+
+_RIVALS = (
+    Rival("ARX", "arx", {}, False),
+    Rival("EKF", "ekf", {}, False),
+    Rival("UKF", "ukf", {}, False),
+    Rival("RBPF paper", "rbpf", {"preset": "paper"}, True),
+    Rival(RBPF, "rbpf", {}, True),
+    Rival("MKF", "mkf", {}, True),
+    Rival(BANK, "bank", {}, True),
+)
+
+
+def rivals(request: Request) -> list[Rival]:
+    """Every online estimator, that of the zone of --config among them, with --particles if given."""
+    found = list(_RIVALS)
+    if request.config is not None:
+        zone = zone_of(request)
+        found.append(Rival(f"as configured ({zone.estimator})", zone.estimator, zone.estimator_options, True))
+    if request.particles is None:
+        return found
+    return [
+        rival._replace(options={**rival.options, "particles": request.particles})
+        if rival.estimator == "rbpf"
+        else rival
+        for rival in found
+    ]

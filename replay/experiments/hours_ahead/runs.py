@@ -1,0 +1,119 @@
+"""An estimator over a recording, as a run: its forecasts of the next step and of the hours ahead."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator import registry
+from estimator.arrays import Array
+from estimator.bank.bank import Bank
+from estimator.types import Estimator, Mixture
+from estimator.verification.scores import crps
+from replay.experiments.hours_ahead.forecasts import no_forecasts
+from replay.experiments.hours_ahead.horizons import issued
+from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.series.filtering import FilterRun, Series, Step, probability_below, steps
+from replay.experiments.series.following import frozen
+from replay.experiments.series.least_squares import STEPS_A_START, LeastSquaresRun, fit, segments_of
+from replay.scores import LEVEL
+
+SAMPLES = 200
+"""What a filter's particles are reduced to before a fan is unfolded (`Estimator.issue`)."""
+STARTS = 4
+"""Of the least-squares fit."""
+_TAILS = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+_LEVELS = np.array([0.025, 0.5, 0.975])
+
+
+class HoursRun(NamedTuple):
+    """A filter over a series, and the steps ahead at which its forecasts are kept.
+
+    `fitted` rows at the beginning are for a least-squares fit, whose parameters the filter then keeps; 0: no fit.
+    """
+
+    filter: FilterRun
+    leads: tuple[int, ...]
+    fitted: int = 0
+
+
+def hours_job(label: str, run: HoursRun) -> Job:
+    """The job of `run`. Its arrays are those of `Forecasts` (K, H), and `parameters` (n_theta, 3), the .025, .5 and
+    .975 quantiles at the end; `seconds` (); of a bank also `members` (E,), and `weights` (n, E, H) at `weight_rows`
+    (n,) and `weight_leads` (H,)."""
+    fitting = STARTS * STEPS_A_START if run.fitted else 0
+    return Job(label, run.filter.seed, run_hours, run, fitting + len(run.filter.series.times))
+
+
+def run_hours(run: HoursRun, tick: Tick) -> Arrays:
+    """The arrays of `hours_job`."""
+    began = time.perf_counter()
+    name, options, network, period, series, seed = run.filter
+    if run.fitted:
+        first_part = segments_of(series.rows(slice(run.fitted)))
+        network = frozen(network, fit(LeastSquaresRun(network, period, first_part, STARTS, seed), tick)["theta"])
+    estimator = registry.build(name, network, period, options)
+    keeper = _Keeper(estimator, series, run.leads)
+    for step in steps(estimator, series, seed, keeper.verify):
+        keeper.take(step)
+        tick(1)
+    parameters = estimator.parameters(step.state, _LEVELS).parameters
+    return keeper.arrays() | {"parameters": parameters, "seconds": np.array(time.perf_counter() - began)}
+
+
+class _Keeper:
+    """The forecasts that `estimator` makes along `series`."""
+
+    def __init__(self, estimator: Estimator, series: Series, leads: Sequence[int]) -> None:
+        self._estimator, self._series, self._leads = estimator, series, tuple(leads)
+        self._kept = no_forecasts(len(series.times), len(leads))
+        self._issued = {lead: set(issued(series, estimator.period, lead).tolist()) for lead in leads if lead > 1}
+        self._due: dict[int, list[tuple[int, Array]]] = {}
+        """By row: steps ahead and means (n_y,) of what was forecast for it."""
+        self._weights: dict[int, Array] = {}
+
+    def verify(self, row: int, state: Any) -> Any:
+        """`state` after the forecasts for `row` have come true."""
+        for lead, mean in self._due.pop(row, ()):
+            state = self._estimator.verified(state, lead, self._series.outputs[row] - mean)
+        return state
+
+    def take(self, step: Step) -> None:
+        """Keep what stood before the sample of `step`, and what is forecast after it."""
+        if step.standing is not None:
+            self._keep(step.row, 0, step.standing)
+        places = {lead: place for place, lead in enumerate(self._leads) if step.row in self._issued.get(lead, ())}
+        if not places:
+            return
+        # What a controller would plan with, had it known the inputs: those that really followed.
+        plan = self._series.inputs[step.row + 1 : step.row + max(places)]
+        fan = self._estimator.unfold(self._estimator.issue(step.state, SAMPLES), plan)
+        for lead, mixture in enumerate(fan, start=1):
+            if lead in places:
+                target = step.row + lead
+                self._keep(target, places[lead], mixture)
+                self._due.setdefault(target, []).append((lead, mixture.mean()))
+        if isinstance(self._estimator, Bank):
+            self._weights[step.row] = np.array(list(self._estimator.member_weights(step.state).values()))
+
+    def arrays(self) -> Arrays:
+        """The forecasts, and the weights of a bank."""
+        arrays: Arrays = self._kept._asdict()
+        if isinstance(self._estimator, Bank):
+            shape = (0, len(self._estimator.names), len(self._estimator.leads))
+            arrays["members"] = np.array(self._estimator.names, dtype=np.str_)
+            arrays["weights"] = np.array(list(self._weights.values())) if self._weights else np.zeros(shape)
+            arrays["weight_rows"] = np.array(list(self._weights), dtype=np.int64)
+            arrays["weight_leads"] = np.array(self._estimator.leads, dtype=np.int64)
+        return arrays
+
+    def _keep(self, row: int, place: int, mixture: Mixture) -> None:
+        kept, y = self._kept, float(self._series.outputs[row, 0])
+        kept.mean[row, place] = mixture.mean()[0]
+        kept.lower[row, place], kept.upper[row, place] = self._estimator.quantiles(mixture, _TAILS, 0)
+        if np.isfinite(y):
+            kept.crps[row, place] = crps(mixture, 0, y)
+            kept.pit[row, place] = probability_below(mixture, y)

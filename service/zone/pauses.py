@@ -1,0 +1,19 @@
+"""Pauses between attempts at what keeps failing."""
+
+from __future__ import annotations
+
+
+class GrowingPause:
+    """`seconds` to wait before the next attempt: `first`, then twice as long each time, `longest` at most."""
+
+    def __init__(self, first: float, longest: float) -> None:
+        self.seconds = first
+        self._first, self._longest = first, longest
+
+    def grow(self) -> None:
+        """An attempt has failed."""
+        self.seconds = min(2 * self.seconds, self._longest)
+
+    def reset(self) -> None:
+        """An attempt has succeeded."""
+        self.seconds = self._first

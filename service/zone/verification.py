@@ -1,0 +1,174 @@
+"""A zone's forecasts held to what came: one step, 1 h, 6 h and 24 h ahead, beside persistence and an ARX model.
+
+One step is what was published, at every sample. Hours ahead it is a forecast that is issued every hour and unfolded,
+when its time has come, under the inputs that really followed (`estimator.verification.hindsight`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator import registry
+from estimator.arrays import Array
+from estimator.types import Estimator, Mixture, Posterior
+from estimator.verification.hindsight import Hindsight, Pending
+from estimator.verification.scores import crps, gaussian_crps
+from estimator.verification.skill import SkillBook, empty_book, noted, scores
+from service.records.skill import HorizonSkill, Skill
+from service.records.update import Forecast
+
+LEVEL = 0.95
+"""Of the interval whose coverage is counted."""
+
+WINDOWS = (1, 7, 30)
+"""Days that a skill looks back."""
+
+_TAILS = np.array([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
+_BOOK, _PENDING, _ARX = "book.", "pending.", "arx."
+
+
+class Verified(NamedTuple):
+    """What a zone knows of its own forecasts between two samples."""
+
+    pending: Pending
+    arx: Any
+    outputs: Array
+    """(m, n_y): the first output of the last m samples [degC], newest last."""
+    book: SkillBook
+
+
+class Verification:
+    """Verifies the forecasts of `estimator`. Every method is pure."""
+
+    def __init__(self, estimator: Estimator) -> None:
+        self._estimator = estimator
+        self._arx = registry.build("arx", estimator.network, estimator.period, {})
+        # A bank verifies the forecasts of its members, and hands on what they amount to.
+        members = [self._arx] if estimator.verifies_itself else [estimator, self._arx]
+        self._hindsight = Hindsight(members, estimator.period)
+        self.leads = (1, *self._hindsight.leads)
+        """Steps ahead of the horizons."""
+
+    def start(self, seed: int, outputs: Array, inputs: Array) -> Verified:
+        """Before the first forecast: outputs (n_y,) and inputs (n_u,) of the first sample."""
+        return Verified(
+            pending=self._hindsight.start(len(inputs)),
+            arx=self._settled(self._arx.start(seed, outputs, inputs)),
+            outputs=outputs[None],
+            book=empty_book(len(self.leads)),
+        )
+
+    def restart(self, verified: Verified, outputs: Array, inputs: Array) -> Verified:
+        """The first sample after a gap: what was pending has lost its time, what was verified is kept."""
+        return verified._replace(
+            pending=self._hindsight.start(len(inputs)),
+            arx=self._settled(self._arx.restart(verified.arx, outputs, inputs)),
+            outputs=outputs[None],
+        )
+
+    def update(
+        self, verified: Verified, published: Forecast, posterior: Posterior, outputs: Array, time: int
+    ) -> Verified:
+        """After the sample at `time` [UTC s] with `outputs` (n_y,), for which `published` was the forecast."""
+        hour, y = time // 3600, float(outputs[0])
+        book, arx = verified.book, verified.arx
+        if np.isfinite(y):
+            book = noted(book, hour, 0, self._one_step(published, arx, verified.outputs, y))
+            due = tuple(self._hindsight.due(verified.pending))
+            own = {one.lead: one.mixture for one in posterior.verified}
+            if not self._estimator.verifies_itself:
+                own = {one.lead: one.mixtures[0] for one in due}
+            for one in due:
+                last = verified.outputs[len(verified.outputs) - one.lead] if one.lead <= len(verified.outputs) else None
+                reference = one.mixtures[-1]
+                if one.lead in own and last is not None and np.isfinite(last[0]):
+                    values = self._values(own[one.lead], y, float(last[0]), float(reference.mean()[0]))
+                    book = noted(book, hour, one.horizon + 1, values)
+                arx = self._arx.verified(arx, one.lead, outputs - reference.mean())
+        arx = self._arx.update(arx, outputs).state
+        kept = np.concatenate([verified.outputs, outputs[None]])[-max(self.leads) :]
+        return verified._replace(arx=arx, outputs=kept, book=book)
+
+    def predict(self, verified: Verified, state: Any, inputs: Array, seed: int) -> Verified:
+        """One period on under `inputs` (n_u,), to which the estimator has predicted its `state`."""
+        arx = self._arx.predict(verified.arx, inputs)
+        states = [arx] if self._estimator.verifies_itself else [state, arx]
+        pending = self._hindsight.advance(verified.pending, inputs, states, seed % 3600)
+        return verified._replace(arx=arx, pending=pending)
+
+    def skill(self, verified: Verified, state: Any, time: int) -> Skill:
+        """What the forecasts up to the sample at `time` [UTC s] were worth."""
+        leads = [round(lead * self._estimator.period) for lead in self.leads]
+        windows = {days: scores(verified.book, time // 3600, 24 * days) for days in WINDOWS}
+        return Skill(
+            time,
+            LEVEL,
+            {
+                days: tuple(
+                    HorizonSkill(lead, int(forecasts), *map(float, rest))
+                    for lead, (forecasts, *rest) in zip(leads, zip(*window, strict=True), strict=True)
+                )
+                for days, window in windows.items()
+            },
+            {name: tuple(map(float, weights)) for name, weights in self._estimator.member_weights(state).items()},
+        )
+
+    def pack(self, verified: Verified) -> dict[str, Array]:
+        """Everything as arrays, by name."""
+        parts: Sequence[tuple[str, Mapping[str, Any]]] = (
+            (_PENDING, self._hindsight.pack(verified.pending)),
+            (_ARX, self._arx.pack(verified.arx)),
+            (_BOOK, verified.book._asdict()),
+        )
+        packed = {f"{prefix}{name}": np.asarray(value) for prefix, part in parts for name, value in part.items()}
+        return packed | {"outputs": verified.outputs}
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Verified:
+        """What was packed, with the same bits."""
+        parts = {
+            prefix: {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+            for prefix in (_PENDING, _ARX, _BOOK)
+        }
+        return Verified(
+            pending=self._hindsight.unpack(parts[_PENDING]),
+            arx=self._arx.unpack(parts[_ARX]),
+            outputs=arrays["outputs"],
+            book=SkillBook(**parts[_BOOK]),  # type: ignore[arg-type]
+        )
+
+    def _settled(self, arx: Any) -> Any:
+        """The ARX model at its first sample, which has nothing more to teach."""
+        return self._arx.update(arx, np.full(len(self._estimator.network.measured), np.nan)).state
+
+    def _one_step(self, published: Forecast, arx: Any, outputs: Array, y: float) -> tuple[float, ...]:
+        """What the published forecast of `y` was worth, by FIELDS."""
+        forecast = published.outputs[0]
+        lower, upper = next(
+            ((one.lower, one.upper) for one in forecast.intervals if one.level == LEVEL),
+            (forecast.mean - 1.96 * forecast.sd, forecast.mean + 1.96 * forecast.sd),
+        )
+        reference, last = float(self._arx.predictive(arx).mean()[0]), float(outputs[-1, 0])
+        score = float(gaussian_crps(np.array([forecast.mean]), np.array([forecast.sd]), y)[0])
+        return (
+            (y - forecast.mean) ** 2,
+            score,
+            float(lower <= y <= upper),
+            upper - lower,
+            (y - last) ** 2 if np.isfinite(last) else (y - reference) ** 2,
+            (y - reference) ** 2,
+        )
+
+    def _values(self, mixture: Mixture, y: float, last: float, reference: float) -> tuple[float, ...]:
+        """What `mixture` was worth as a forecast of `y`, by FIELDS."""
+        lower, upper = self._estimator.quantiles(mixture, _TAILS, 0).tolist()
+        return (
+            (y - float(mixture.mean()[0])) ** 2,
+            crps(mixture, 0, y),
+            float(lower <= y <= upper),
+            upper - lower,
+            (y - last) ** 2,
+            (y - reference) ** 2,
+        )

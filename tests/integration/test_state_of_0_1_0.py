@@ -1,0 +1,148 @@
+"""State that Thermogate 0.1.0 wrote goes on in the daemon of today: same forecasts, nothing lost, no new segment.
+
+`state-0.1.0.tar.xz` holds a configuration, its recording, and the state folder of a daemon 0.1.0 that was killed with
+SIGKILL in mid-recording. Of its checkpoints the newest of each zone is kept; its journal is still in the write-ahead
+log.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import re
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.harness import Daemon, thermogate
+
+from service.config.fitting import make_alignment, make_worker
+from service.config.load import load
+from service.config.recording import recorded
+from service.publish.payloads import to_json
+from service.publish.rendering import forecast_payload
+
+ARCHIVE = Path(__file__).with_name("state-0.1.0.tar.xz")
+SAMPLES, RECORDED = 103, 192
+"""Samples of each zone in the journal, and in the whole recording."""
+BEYOND = {"room-1": 5, "room-2": 13}
+"""Samples of each zone in the journal that are later than its checkpoint."""
+TOLERANCE = 1e-9
+"""Relative. Between processors of another kind the last digits may differ."""
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """The configuration, beside its recording and the state folder."""
+    with tarfile.open(ARCHIVE) as archive:
+        archive.extractall(tmp_path / "site", filter="data")
+    return tmp_path / "site" / "config.toml"
+
+
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict[str, Any]]]:
+    """The rows of every zone when `thermogate replay` runs the whole recording with the code of today."""
+    folder = tmp_path_factory.mktemp("straight")
+    with tarfile.open(ARCHIVE) as archive:
+        archive.extractall(folder, filter="data")
+    done = thermogate("replay", folder / "config.toml", "--out", folder / "out")
+    assert done.returncode == 0, done.stderr
+    rows = {}
+    for zone in BEYOND:
+        with (folder / "out" / zone / "updates.csv").open(encoding="utf-8") as file:
+            rows[zone] = [{name: number(cell) for name, cell in row.items()} for row in csv.DictReader(file)]
+    return rows
+
+
+def number(cell: str) -> object:
+    """A cell of a replay as REST shows it."""
+    if not cell:
+        return None
+    return cell if "T" in cell else float(cell)
+
+
+def final_forecasts(path: Path) -> dict[str, Any]:
+    """The forecast of every zone after the whole recording, by the code of today."""
+    config = load(path)
+    alignments = {table.id: make_alignment(table) for table in config.zones}
+    workers = {table.id: make_worker(table) for table in config.zones}
+
+    async def run() -> None:
+        async for part in recorded(config, alignments, None, None):
+            alignment = alignments[part.zone]
+            ended = part.now is None
+            for sample in alignment.end(part.source) if ended else alignment.add(part.source, part.readings, part.now):
+                workers[part.zone].step(sample)
+
+    asyncio.run(run())
+    return {
+        zone: json.loads(to_json(forecast_payload(config.site.id, zone, worker.latest)))
+        for zone, worker in workers.items()
+        if worker.latest is not None
+    }
+
+
+def assert_same(found: Any, expected: Any, place: str) -> None:
+    """Equal, numbers within TOLERANCE."""
+    if isinstance(expected, dict):
+        assert found.keys() == expected.keys(), place
+        for name in expected:
+            assert_same(found[name], expected[name], f"{place}.{name}")
+    elif isinstance(expected, list):
+        assert len(found) == len(expected), place
+        for index, item in enumerate(expected):
+            assert_same(found[index], item, f"{place}[{index}]")
+    elif isinstance(expected, float):
+        assert found == pytest.approx(expected, rel=TOLERANCE, abs=1e-12), place
+    else:
+        assert found == expected, place
+
+
+@pytest.mark.parametrize("restored", [False, True], ids=["as it was left", "restored from a backup"])
+def test_the_daemon_of_today_goes_on(
+    site: Path, straight: dict[str, list[dict[str, Any]]], restored: bool, tmp_path: Path
+) -> None:
+    settings = {}
+    if restored:
+        kept = tmp_path / "kept.tar"
+        done = thermogate("backup", site, kept)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "zones with a checkpoint: 2" in done.stdout
+        settings = {"site.state_dir": str(tmp_path / "restored")}
+        done = thermogate("restore", site, kept, "--set", f'site.state_dir="{tmp_path / "restored"}"')
+        assert (done.returncode, done.stderr) == (0, "")
+    forecasts = final_forecasts(site)
+    with Daemon(site, tmp_path / "log", settings) as daemon:
+        daemon.wait_until_ended()
+        log = daemon.log()
+        for zone, beyond in BEYOND.items():
+            # A checkpoint that could not be used would cost no sample: the journal has them all. It would show here.
+            assert f"zone '{zone}' goes on after {SAMPLES} samples, {beyond} intervals replayed from the journal" in log
+            history = daemon.history(zone)
+            assert [row["time"] for row in history] == [row["time"] for row in straight[zone]]
+            assert len(history) == RECORDED
+            assert_same(history, straight[zone], f"history of {zone}")
+            status = daemon.get(f"/zones/{zone}")[1]["status"]
+            assert (status["samples"], status["segment"]) == (RECORDED, 1)
+            forecast = daemon.get(f"/zones/{zone}/forecast")[1]
+            # At the end of its recording a zone no longer vouches for its forecast.
+            assert forecast["quality"] == "bad"
+            assert_same(forecast | {"quality": "good"}, forecasts[zone] | {"quality": "good"}, f"forecast of {zone}")
+        assert not re.search("damaged|corrupt|Traceback| ERROR ", log), log
+
+
+@pytest.mark.parametrize(("zone", "estimator"), [("room-1", "rbpf"), ("room-2", "ekf")])
+def test_its_checkpoints_are_shown(site: Path, zone: str, estimator: str) -> None:
+    (checkpoint,) = (site.parent / "state" / "checkpoints" / zone).glob("*.npz")
+    shown = thermogate("inspect", checkpoint)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    for line in (
+        rf"zone +{zone}",
+        rf"estimator +{estimator}",
+        "period +900 s",
+        r"written by +Thermogate 0\.1\.0, format 1",
+        "digest +right",
+    ):
+        assert re.search(rf"^{line}$", shown.stdout, re.MULTILINE), (line, shown.stdout)

@@ -1,0 +1,94 @@
+"""A zone's forecasts held to what came: counted right, kept over restarts and gaps, never in the way."""
+
+import numpy as np
+import pytest
+from support.zone_samples import PERIOD, comparable, sample, worker
+
+from service.zone import snapshot
+from service.zone.verification import WINDOWS
+from service.zone.worker import ZoneWorker
+
+DAY = 86400 // PERIOD
+
+
+def lived(steps, zone=None, first=0):
+    zone = zone or worker(particles=50)
+    updates = [zone.step(sample(k)) for k in range(first, first + steps)]
+    return zone, updates
+
+
+def by_lead(zone, days=1):
+    return {one.lead: one for one in zone.skill().windows[days]}
+
+
+@pytest.fixture(scope="module")
+def day_and_a_half() -> tuple[ZoneWorker, list]:
+    return lived(3 * DAY // 2)
+
+
+def test_one_step_is_scored_as_it_was_published(day_and_a_half):
+    zone, updates = day_and_a_half
+    scored = [update.score for update in updates[-DAY:] if update.score is not None]
+    # A window of a day ends with the hour of the newest sample.
+    one = by_lead(zone)[PERIOD]
+    errors = np.array([score.residual[0] for score in scored])
+    assert one.rmse == pytest.approx(np.sqrt(np.mean(errors**2)), rel=0.1)
+    assert one.coverage == pytest.approx(np.mean([s.lower[0] <= s.y[0] <= s.upper[0] for s in scored]), abs=0.05)
+
+
+def test_every_horizon_is_verified_once_an_hour(day_and_a_half):
+    zone, _ = day_and_a_half
+    found = by_lead(zone, 7)
+    assert set(found) == {PERIOD, 3600, 21600, 86400}
+    assert {lead: one.forecasts for lead, one in found.items() if lead > PERIOD} == {3600: 35, 21600: 30, 86400: 12}
+    for one in found.values():
+        assert 0.0 <= one.coverage <= 1.0
+        assert one.crps < one.persistence_rmse + one.rmse
+
+
+def test_what_is_known_survives_a_restart_with_the_same_bits(day_and_a_half):
+    zone, _ = day_and_a_half
+    again = zone.anew()
+    snapshot.restore(again, snapshot.take(zone, "mark", "rbpf"))
+    assert again.skill() == zone.skill()
+    more = range(3 * DAY // 2, 3 * DAY // 2 + 24)
+    other = worker(particles=50)
+    snapshot.restore(other, snapshot.take(zone, "mark", "rbpf"))
+    left, right = ([comparable(one.step(sample(k))) for k in more] for one in (again, other))
+    assert left == right
+    assert again.skill() == other.skill()
+
+
+def test_a_checkpoint_without_it_begins_anew(day_and_a_half):
+    zone, _ = day_and_a_half
+    taken = snapshot.take(zone, "mark", "rbpf")
+    kept = {name: value for name, value in taken.arrays.items() if not name.startswith("verified.")}
+    assert len(kept) < len(taken.arrays)
+    taken = taken._replace(arrays=kept)
+    again = zone.anew()
+    snapshot.restore(again, taken)
+    assert all(one.forecasts == 0 for one in again.skill().windows[30])
+    for k in range(3 * DAY // 2, 3 * DAY // 2 + 30):
+        again.step(sample(k))
+    assert by_lead(again)[3600].forecasts > 0
+
+
+def test_a_gap_ends_what_was_pending_and_keeps_what_was_verified():
+    zone, _ = lived(DAY // 2)
+    before = by_lead(zone)[3600].forecasts
+    zone, _ = lived(6, zone, first=DAY)
+    assert by_lead(zone, 7)[3600].forecasts == before, "nothing from before the gap comes true behind it"
+    zone, _ = lived(30, zone, first=DAY + 6)
+    assert by_lead(zone, 7)[3600].forecasts > before
+
+
+def test_a_missing_measurement_is_no_error():
+    zone, _ = lived(40)
+    count = by_lead(zone)[PERIOD].forecasts
+    zone.step(sample(40, y=np.nan))
+    assert by_lead(zone)[PERIOD].forecasts == count
+
+
+def test_before_the_first_sample_there_is_none():
+    assert worker().skill() is None
+    assert WINDOWS == (1, 7, 30)

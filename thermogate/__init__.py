@@ -1,0 +1,40 @@
+"""Thermogate in Python: pandas in and out, for notebooks and scripts. `docs/python.md` has examples.
+
+    import thermogate as tg
+
+    model = tg.fit(df, network="titeth")
+    model.forecast({"u_heat": 1500.0}, horizon="24h")
+
+`fit` runs the estimator of the daemon over a table of measurements and returns a `Model`; `load` reads a model that
+`Model.save` wrote. Importing this package is quick: the estimator is imported when one of the names is first used.
+Nobody but notebooks and scripts comes in here; inside, `frames` is where pandas is.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from service.daemon.process import prepare_process
+from service.errors import ConfigError, DataError, ServiceError
+
+if TYPE_CHECKING:
+    from thermogate.model import Model, fit, load
+
+__all__ = ["ConfigError", "DataError", "Model", "ServiceError", "fit", "load"]
+
+_LATER = ("Model", "fit", "load")
+
+
+def __getattr__(name: str) -> Any:
+    """What needs the estimator, imported when it is asked for: the kernel cache is chosen before Numba is imported."""
+    if name not in _LATER:
+        raise AttributeError(f"module 'thermogate' has no attribute '{name}'")
+    prepare_process()
+    model = import_module("thermogate.model")
+    globals().update({later: getattr(model, later) for later in _LATER})
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})

@@ -1,0 +1,83 @@
+"""A model as one file: NumPy's npz with a digest, never pickle."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from adapters.reading import Fault
+from estimator.network.network import Network
+from service.errors import CheckpointError, DataError
+from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
+from service.store.durable_files import write_file
+from thermogate.session import Session
+from thermogate.settings import Settings, settings_of
+
+_KIND = "thermogate model"
+_NETWORK = TypeAdapter(Network)
+
+
+def write_model(path: Path, session: Session, faults: Mapping[Fault, int], resume_after: int) -> None:
+    """Write what `read_model` reads; DataError if the file cannot be written."""
+    arrays, metas = session.pack()
+    settings = session.settings
+    meta = {
+        "kind": _KIND,
+        "network": asdict(settings.network),
+        "settings": _plain(settings.given),
+        "tz": settings.tz,
+        "other_columns": settings.other_columns,
+        "faults": {str(fault): count for fault, count in faults.items()},
+        "workers": metas,
+    }
+    content = encode(Checkpoint(session.mark, resume_after, arrays, meta, {"kind": _KIND}))
+    temporary = path.with_name(f"{path.name}.tmp")
+    try:
+        write_file(temporary, content)
+        temporary.replace(path)
+    except OSError as error:
+        raise DataError(f"the model cannot be written to {path} ({error.strerror}); choose another file") from None
+
+
+def read_model(path: Path) -> tuple[Session, Counter[Fault], int]:
+    """The session of a saved model, its refused readings and the time of its last interval; DataError if the file is
+    no such model or damaged."""
+    try:
+        found = decode(path.read_bytes(), path)
+        if found.meta["kind"] != _KIND:
+            raise ValueError("it is a checkpoint of the daemon")
+    except FileNotFoundError:
+        raise DataError(f"there is no file {path}; give the path that save was given") from None
+    except CheckpointError as error:
+        raise DataError(str(error)) from None
+    except DAMAGE as error:
+        raise DataError(f"{path} is no saved model, or it is damaged ({error}); fit the model again") from None
+    meta: Mapping[str, Any] = found.meta
+    session = Session(_settings(meta))
+    if session.mark != found.fingerprint:
+        raise DataError(f"{path} was saved by a Thermogate with other defaults; fit the model again")
+    session.unpack(found.arrays, meta["workers"])
+    return session, Counter({Fault(name): count for name, count in meta["faults"].items()}), found.step
+
+
+def _settings(meta: Mapping[str, Any]) -> Settings:
+    network = _NETWORK.validate_json(json.dumps(meta["network"]))
+    given = dict(meta["settings"])
+    settings = settings_of(network, given.pop("columns"), meta["tz"], given)
+    return settings._replace(other_columns=tuple(meta["other_columns"]))
+
+
+def _plain(value: Any) -> Any:
+    """`value` in the types JSON has."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.generic):
+        return value.item()
+    return [_plain(item) for item in value] if isinstance(value, list | tuple | np.ndarray) else value

@@ -1,0 +1,233 @@
+"""pandas: tables of measurements in, tables of results out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import tzinfo
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from adapters.edge import Converter
+from adapters.errors import SourceError
+from adapters.reading import Fault, Reading
+from adapters.timestamps import local_to_utc, time_zone
+from estimator.arrays import Array
+from service.errors import DataError
+from service.fields.durations import DAY, format_duration
+from service.fields.words import shown, suggestion
+from service.sources.channel import ChannelConfig, edge_of
+
+Frame = Any
+"""A pandas DataFrame; pandas has no types of its own."""
+
+_ROWS_AT_ONCE = 512
+_MOST_NAMES = 30
+
+
+class Clock(NamedTuple):
+    """When the rows of a table are: UTC seconds (K,), NaN where spring skips a local time, and the table's zone."""
+
+    seconds: Array
+    zone: str
+
+
+class Part(NamedTuple):
+    """Readings of some rows in a row, and the time of the last of these, UTC seconds."""
+
+    readings: list[Reading]
+    now: float
+
+
+def pandas() -> Any:
+    """The module; ImportError with one sentence where it is not installed."""
+    try:
+        import pandas
+    except ImportError:
+        raise ImportError('pandas is not installed; install it with: pip install "thermogate[pandas]"') from None
+    return pandas
+
+
+def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
+    """When the rows of `frame`, called `what` in messages, are; `zone` is that of times without one.
+
+    DataError where `frame` is no DataFrame, or its index no times.
+    """
+    pd = pandas()
+    if not isinstance(frame, pd.DataFrame):
+        raise DataError(f"{what} must be a pandas DataFrame, not {_kind(frame)}")
+    if not isinstance(frame.index, pd.DatetimeIndex):
+        raise DataError(
+            f"the index of {what} holds {frame.index.dtype}, not times; make it one with "
+            "df.index = pd.to_datetime(df.index)"
+        )
+    if not len(frame):
+        raise DataError(f"{what} has no rows")
+    if frame.index.isna().any():
+        row = int(frame.index.isna().argmax())
+        raise DataError(f"row {row} of {what} has no time (NaT); leave such rows out with df[df.index.notna()]")
+    given = None if zone is None else str(zone)
+    try:
+        local = None if given is None else time_zone(given)
+    except SourceError as error:
+        raise DataError(f"tz: {error}") from None
+    seconds = frame.index.as_unit("us").asi8 / 1e6
+    if frame.index.tz is not None:
+        return Clock(seconds, given or _zone_name(frame.index.tz))
+    if local is None or given is None:
+        raise DataError(
+            f'the times of {what} have no time zone; give tz, such as tz="Europe/Berlin" for local time or tz="UTC"'
+        )
+    return Clock(local_to_utc(seconds, local), given)
+
+
+def _zone_name(zone: tzinfo) -> str:
+    """The name by which pandas finds `zone` again; UTC for a zone that has none."""
+    try:
+        pandas().Timestamp(0, tz=str(zone))
+    except Exception:
+        # pandas, pytz and zoneinfo each have an error of their own for an unknown name.
+        return "UTC"
+    return str(zone)
+
+
+def spacing(seconds: Array) -> float:
+    """The time between two rows of a table, s; DataError where most rows have another distance."""
+    steps = np.diff(np.unique(seconds[np.isfinite(seconds)]))
+    if not len(steps):
+        raise DataError('the table has one row, from which no period follows; give period, such as period="15min"')
+    found, counts = np.unique(np.round(steps, 3), return_counts=True)
+    usual = float(found[counts.argmax()])
+    if counts.max() * 2 < len(steps) or usual != int(usual) or DAY % usual:
+        raise DataError(
+            f"the rows are {format_duration(float(steps.min()))} to {format_duration(float(steps.max()))} apart, from "
+            'which no period follows; give period, such as period="15min"'
+        )
+    return usual
+
+
+def check_columns(frame: Frame, channels: Mapping[str, Sequence[str]], units: Mapping[str, str], what: str) -> None:
+    """DataError with one sentence for every column that `channels` need and `frame` does not have exactly once."""
+    present, problems = [str(name) for name in frame.columns], []
+    for channel, names in channels.items():
+        for name in names:
+            if present.count(name) > 1:
+                problems.append(f"{what} has the column {shown(name)} more than once; rename all but one")
+            elif name not in present:
+                known = suggestion(name, present[:_MOST_NAMES], "its columns are")
+                problems.append(
+                    f"{what} has no column {shown(name)} for {channel} [{units[channel]}]; {known}; say which one it "
+                    f'is with columns={{"{channel}": "..."}}'
+                )
+    if problems:
+        raise DataError("\n".join(problems))
+
+
+def numbers(frame: Frame, name: str, what: str) -> Array:
+    """The column `name` (K,), NaN where a cell is empty; DataError for a cell that is no number."""
+    pd = pandas()
+    (place,) = (i for i, column in enumerate(frame.columns) if str(column) == name)
+    series = frame.iloc[:, place]
+    found = pd.to_numeric(series, errors="coerce")
+    wrong = (found.isna() & series.notna()).to_numpy()
+    if wrong.any() or not pd.api.types.is_numeric_dtype(found.dtype) or np.iscomplexobj(found.to_numpy()):
+        row = int(wrong.argmax())
+        raise DataError(
+            f"{what}: column {shown(name)} holds {shown(str(series.iloc[row]))} at {series.index[row]}, which is no "
+            f'number; convert the column with pd.to_numeric(df["{name}"], errors="coerce")'
+        )
+    return np.asarray(found.to_numpy(dtype=np.float64, na_value=np.nan))
+
+
+class Reader:
+    """The readings of a table of measurements, in the order of time."""
+
+    def __init__(
+        self, frame: Frame, times: Clock, channels: Mapping[str, Any], units: Mapping[str, str], zone: str
+    ) -> None:
+        """`channels` are the tables of the configuration by channel, with `source_columns`; `units` the network's. The
+        readings are addressed "zone/channel"."""
+        self.faults: Counter[Fault] = Counter()
+        """Readings whose local time spring skips; an alignment counts the others."""
+        self._first: dict[tuple[str, Fault], str] = {}
+        self._refused: Counter[tuple[str, Fault]] = Counter()
+        self._order = np.argsort(times.seconds, kind="stable")[: int(np.isfinite(times.seconds).sum())]
+        lost = len(times.seconds) - len(self._order)
+        if lost:
+            self.faults[Fault.BAD_TIMESTAMP] = lost * len(channels)
+        self._frame, self._seconds = frame, times.seconds
+        self._values = {name: _summed(frame, channel) for name, channel in channels.items()}
+        self._converters = {
+            name: Converter(f"{zone}/{name}", edge_of(channel, units[name])) for name, channel in channels.items()
+        }
+        self._channels = channels
+
+    def parts(self) -> Iterator[Part]:
+        """The readings, some hundred rows at once. An empty cell is no reading."""
+        for begin in range(0, len(self._order), _ROWS_AT_ONCE):
+            rows = self._order[begin : begin + _ROWS_AT_ONCE]
+            times, readings = self._seconds[rows].tolist(), []
+            for name, values in self._values.items():
+                for row, time, value in zip(rows.tolist(), times, values[rows].tolist(), strict=True):
+                    reading = None if np.isnan(value) else self._converters[name].reading(time, value)
+                    if reading is not None:
+                        readings.append(reading)
+                        if reading.fault is not None:
+                            self._note(name, reading.fault, row, value)
+            yield Part(readings, times[-1])
+
+    def span(self) -> tuple[float, float]:
+        """The first and the last time, UTC seconds."""
+        found = self._seconds[self._order]
+        return float(found[0]), float(found[-1])
+
+    def refused(self, faults: Counter[Fault]) -> list[str]:
+        """One sentence for every column with values that were not used, and for the other `faults`."""
+        others = Counter(faults)
+        for (_, fault), count in self._refused.items():
+            others[fault] -= count
+        sentences = [f"the table: {count} readings not used ({_words(fault)})" for fault, count in (+others).items()]
+        return sentences + [
+            f"column {shown(' + '.join(self._channels[name].source_columns))}: {count} "
+            f"{'value' if count == 1 else 'values'} not used ({_words(fault)}), the first "
+            f"{self._first[name, fault]}; is {shown(self._channels[name].unit)} the right unit for {name}?"
+            for (name, fault), count in self._refused.items()
+        ]
+
+    def _note(self, name: str, fault: Fault, row: int, value: float) -> None:
+        self._refused[name, fault] += 1
+        self._first.setdefault((name, fault), f"{value:g} at {self._frame.index[row]}")
+
+
+def _summed(frame: Frame, channel: ChannelConfig) -> Array:
+    first, *others = (numbers(frame, name, "the table") for name in channel.source_columns)  # type: ignore[attr-defined]
+    total: Array = first
+    for values in others:
+        total = total + values
+    return total
+
+
+def moments(seconds: Sequence[float] | Array, zone: str) -> Any:
+    """UTC seconds as a DatetimeIndex in `zone`, called "time"."""
+    pd = pandas()
+    whole = np.asarray(seconds, dtype=np.float64).astype(np.int64)
+    return pd.DatetimeIndex(pd.to_datetime(whole, unit="s", utc=True)).tz_convert(zone).rename("time")
+
+
+def table(columns: Mapping[Any, Any], index: Any) -> Frame:
+    """A DataFrame of `columns` (K,); keys that are pairs become two rows of headings."""
+    pd = pandas()
+    frame = pd.DataFrame(dict(columns), index=index)
+    if columns and all(isinstance(key, tuple) for key in columns):
+        frame.columns = pd.MultiIndex.from_tuples(list(columns))
+    return frame
+
+
+def _words(fault: Fault) -> str:
+    return str(fault).replace("_", " ")
+
+
+def _kind(value: object) -> str:
+    name = type(value).__name__
+    return f"{'an' if name[0].lower() in 'aeiou' else 'a'} {name}"

@@ -1,0 +1,112 @@
+"""The arguments of `fit` as a checked zone: the same rules and defaults as in the configuration of the daemon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from estimator.network.network import Network
+from service.config.checks import ZoneDraft, check_zone
+from service.config.load import completed
+from service.config.network_tables import PresetConfig
+from service.config.networks import read_network
+from service.config.site import ZoneConfig, ZoneTable
+from service.errors import ConfigError
+from service.fields.problems import Problems
+from service.fields.words import shown, suggestion
+from service.sources.channel import ChannelConfig
+from service.sources.csv import CsvChannelConfig
+
+ZONE = "notebook"
+"""The id of the zone, and the name of its source."""
+
+
+class Settings(NamedTuple):
+    """A zone, the zone of its times, and what it was made of."""
+
+    zone: ZoneConfig
+    tz: str
+    given: Mapping[str, Any]
+    """`period`, `estimator` and the other keys of a zone as they were given, and `columns` as tables."""
+    other_columns: tuple[str, ...] = ()
+    """Columns of the first table that the model does not use."""
+
+    @property
+    def network(self) -> Network:
+        """The zone's network."""
+        return self.zone.network
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of every channel of the network."""
+        return {name: self.network.channel_unit(name) for name in self.network.channels}
+
+    @property
+    def source_columns(self) -> dict[str, tuple[str, ...]]:
+        """The columns of a table that every channel is read from."""
+        return {name: channel.source_columns for name, channel in self.zone.channels.items()}  # type: ignore[attr-defined]
+
+
+def network_of(network: object) -> Network:
+    """A preset's name, a table as in the configuration or a network, as a network; ConfigError with the mistakes."""
+    if isinstance(network, Network):
+        return network.validate()
+    raw = {"network": dict(network) if isinstance(network, Mapping) else network}
+    problems = Problems(raw)
+    found = read_network(raw["network"], ("network",), problems, {})[1]
+    if problems.sentences or found is None:
+        raise ConfigError(problems.sentences)
+    return found
+
+
+def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Mapping[str, Any]) -> Settings:
+    """The checked settings; ConfigError with one sentence for every mistake. Keys of `given` are those of a zone."""
+    tables = _column_tables(network, columns)
+    problems = Problems({**given, "channels": tables})
+    channels: dict[str, ChannelConfig] = {}
+    for name, written in tables.items():
+        place = ("channels", name)
+        channel = problems.read(CsvChannelConfig, {**written, "source": ZONE}, place, {})
+        if channel is not None:
+            channels[name] = channel
+    # The network is checked; a preset stands for it where the table asks for one.
+    described = {**given, "id": ZONE, "network": PresetConfig(preset="tite"), "channels": channels}
+    zone = problems.read(ZoneTable, described, (), {"site": ZONE})
+    options = check_zone(ZoneDraft((), zone, network, tuple(tables), channels), {}, problems)
+    if problems.sentences or zone is None:
+        raise ConfigError([_as_columns(sentence) for sentence in problems.sentences])
+    return Settings(completed(zone, network, options), tz, {**given, "columns": tables})
+
+
+def _column_tables(network: Network, columns: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """One table per channel, as in [zones.channels]; a channel that is not named is the column with its name."""
+    if not isinstance(columns, Mapping):
+        raise ConfigError([f'columns must be a dict such as {{"T_i": "Room"}}, not {shown(columns)}'])
+    problems = []
+    for name in columns:
+        if name not in network.channels:
+            known = suggestion(name, network.channels, "its channels are")
+            problems.append(f"columns.{name}: network {shown(network.name)} has no such channel; {known}")
+    tables = {}
+    for name in network.channels:
+        unit, written = network.channel_unit(name), columns.get(name, name)
+        if isinstance(written, str):
+            tables[name] = {"column": written, "unit": unit}
+        elif isinstance(written, tuple) and len(written) == 2 and all(isinstance(part, str) for part in written):
+            tables[name] = {"column": written[0], "unit": written[1]}
+        elif isinstance(written, Mapping):
+            own = {} if "columns" in written else {"column": name}
+            tables[name] = {**own, "unit": unit, **written}
+        else:
+            problems.append(
+                f"columns.{name}: must be the name of a column, a pair of name and unit such as "
+                f'("{name}", "{unit}"), or a table as in [zones.channels], not {shown(written)}'
+            )
+    if problems:
+        raise ConfigError(problems)
+    return tables
+
+
+def _as_columns(sentence: str) -> str:
+    """A sentence about a channel of the configuration, with the place where a caller wrote it."""
+    return f"columns.{sentence.removeprefix('channels.')}" if sentence.startswith("channels.") else sentence
