@@ -10,6 +10,7 @@ from estimator.bank.bank import Bank
 from estimator.bank.options import BankOptions, resolver
 from estimator.blackbox import options as arx_options
 from estimator.blackbox.arx import ARX
+from estimator.blackbox.daily import Daily
 from estimator.errors import OptionsError
 from estimator.gaussian import options as gaussian_options
 from estimator.gaussian.ekf import ekf
@@ -56,6 +57,7 @@ ESTIMATORS: dict[str, EstimatorKind] = {
     ),
     "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank, ("members",)),
     "arx": EstimatorKind(arx_options.resolve, ARX, ("past_outputs", "past_inputs")),
+    "daily": EstimatorKind(arx_options.resolve_daily, Daily, ("past_outputs", "past_inputs")),
 }
 
 

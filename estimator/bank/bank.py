@@ -2,8 +2,7 @@
 
 A model of a building is never true: what tracks best over one step drifts over a day, and what simulates a day best is
 poor over one step. So each member keeps its own settings, and the bank, itself an estimator, learns which of them to
-trust at which horizon (`estimator.bank.weights`). The spread that it publishes is scaled, horizon by horizon, so that
-its interval covers as often as it claims (adaptive conformal inference, Gibbs and Candes 2021).
+trust at which horizon (`estimator.bank.weights`) and how wide to make what it publishes (`estimator.bank.coverage`).
 """
 
 from __future__ import annotations
@@ -15,22 +14,26 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimator.arrays import Array
-from estimator.bank.options import BankOptions
-from estimator.bank.weights import Losses, between, no_losses, weights, with_loss
+from estimator.bank.coverage import Widths, no_widths, with_place
+from estimator.bank.mixing import mixed, mixed_futures
+from estimator.bank.options import BankOptions, prior_at
+from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior, Verified
 from estimator.verification.hindsight import Due, Hindsight, Pending
-from estimator.verification.scores import crps, gaussian_crps, reduced
+from estimator.verification.scores import distribution, reduced
 
-COMPONENTS = 96
-"""Components that a member brings into a mixture at most."""
+_COMPONENTS = 48
+"""Components that a member brings into the distribution of the next sample at most."""
+
+_NEGLIGIBLE = 0.01
+"""Weight below which, if it has no more at any lead of a forecast, a member is left out of it."""
 
 _LOST = 6
 """Samples in a row that a member could not explain, after which it starts its temperatures anew."""
 
-_WIDEST = 5.0
-"""Bound of the log of the published spread over that of the mixture."""
+_HOUR = 3600.0
 
 
 class BankState(NamedTuple):
@@ -38,9 +41,8 @@ class BankState(NamedTuple):
 
     members: tuple[Any, ...]
     pending: Pending
-    losses: Losses
-    log_scale: Array
-    """(H,): log of the published spread over that of the mixture."""
+    costs: Costs
+    widths: Widths
     lost: Array
     """(E,): samples in a row that each member could not explain."""
     phase: Array
@@ -62,10 +64,12 @@ class Bank:
         self._voice = self.names.index(options.voice)
         self.blocks = self.members[self._voice].blocks
         self._hindsight = Hindsight(self.members, period)
-        self.leads = (1, *self._hindsight.leads)
-        """Steps ahead of the horizons at which weights and scales are learned."""
-        self._hours = period / 3600.0
-        self._reach = float(ndtri(0.5 + options.coverage / 2.0))
+        self.leads = (1, *(lead for lead in self._hindsight.leads if lead > 1))
+        """Steps ahead of the horizons at which weights and widths are learned."""
+        hours = np.array(self.leads) * period / _HOUR
+        self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
+        self._rates = options.learning_rate / np.sqrt(np.maximum(hours, 1.0))
+        self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
 
     @property
     def issue_type(self) -> type[BankState]:
@@ -75,12 +79,11 @@ class Bank:
     def start(self, seed: int, outputs: Array, inputs: Array) -> BankState:
         """Every member at the first sample: its outputs (n_y,) and inputs (n_u,)."""
         members = tuple(member.start(seed, outputs, inputs) for member in self.members)
-        horizons = len(self.leads)
         return BankState(
             members=members,
             pending=self._hindsight.start(len(inputs)),
-            losses=no_losses(len(members), horizons),
-            log_scale=np.zeros(horizons),
+            costs=no_costs(len(members), len(self.leads)),
+            widths=no_widths(len(self.leads)),
             lost=np.zeros(len(members)),
             phase=np.array(seed % 3600, dtype=np.int64),
         )
@@ -100,8 +103,7 @@ class Bank:
 
     def predictive(self, state: BankState) -> Mixture:
         """The members' distributions of the outputs (n_y,), weighted and scaled for one step."""
-        parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
-        return self._mixed(state, parts, 1)
+        return self._mixed(state, self._parts(state), 0)
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
@@ -114,16 +116,19 @@ class Bank:
         """Let every member learn from `outputs` (n_y,), and the bank from what they had forecast for it."""
         posteriors = [member.update(own, outputs) for member, own in zip(self.members, state.members, strict=True)]
         vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
-        known = np.isfinite(outputs).any() and not vanished.all()
+        known = bool(np.isfinite(outputs).any()) and not vanished.all()
         due = tuple(self._hindsight.due(state.pending)) if known else ()
-        verified = tuple(Verified(one.lead, self._mixed(state, one.mixtures, one.lead)) for one in due)
-        state = self._learned(state, posteriors, vanished, outputs, due, verified)
-        now = weights(state.losses, self.options)
-        best = self._physical(now)
+        verified = tuple(
+            Verified(one.lead, self._mixed(state, one.mixtures, self.leads.index(one.lead))) for one in due
+        )
+        before = self._weights(state)[:, 0]
+        after = self._learned(state, outputs, due, verified) if known else state
+        after = self._members_after(after, posteriors, vanished, outputs, due)
+        best = self._physical(self._weights(after))
         return posteriors[self._voice]._replace(
-            state=state,
+            state=after,
             outcome=next((p.outcome for p in posteriors if p.outcome is not Outcome.VANISHED), Outcome.VANISHED),
-            log_likelihood=_mixed_likelihood(now[:, 0], posteriors),
+            log_likelihood=_mixed_likelihood(before, posteriors),
             parameters=self._own_parameters(best, posteriors[best].parameters),
             disturbance=next((p.disturbance for p in posteriors if p.disturbance is not None), None),
             verified=verified,
@@ -131,13 +136,23 @@ class Bank:
 
     def forecast(self, state: BankState, plan: Array) -> Iterator[Mixture]:
         """The outputs at the state's time and then after each row of `plan` (h, n_u): h + 1 mixtures."""
-        futures = [member.forecast(own, plan) for member, own in zip(self.members, state.members, strict=True)]
-        for lead, parts in enumerate(zip(*futures, strict=True), start=1):
-            yield self._mixed(state, parts, lead)
+        yield self.predictive(state)
+        if not len(plan):
+            return
+        leads = np.arange(2, len(plan) + 2, dtype=np.float64)
+        shares = between(self._weights(state), self.leads, leads)
+        chosen = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE)
+        shares = shares[chosen] / shares[chosen].sum(axis=0)
+        futures = []
+        for place in chosen.tolist():
+            member = self.members[place]
+            issue = member.issue(state.members[place], self.options.scenarios)
+            futures.append(list(member.unfold(issue, plan))[1:])
+        yield from mixed_futures(futures, shares, np.exp(between(state.widths.log_scale, self.leads, leads)))
 
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
         """Those of the physical member that is trusted most a few hours ahead."""
-        best = self._physical(weights(state.losses, self.options))
+        best = self._physical(self._weights(state))
         summary = self.members[best].parameters(state.members[best], levels)
         nodes = len(self.network.nodes)
         own = [
@@ -148,7 +163,7 @@ class Bank:
 
     def member_weights(self, state: BankState) -> Mapping[str, Array]:
         """What each member weighs at each of `leads`, (H,) by name."""
-        return dict(zip(self.names, weights(state.losses, self.options), strict=True))
+        return dict(zip(self.names, self._weights(state), strict=True))
 
     def issue(self, state: BankState, count: int) -> BankState:
         """The state itself."""
@@ -164,8 +179,9 @@ class Bank:
 
     def pack(self, state: BankState) -> dict[str, Array]:
         """The arrays of a state, by name."""
-        arrays = {"loss": state.losses.loss, "hours": state.losses.hours}
-        arrays |= {"log_scale": state.log_scale, "lost": state.lost, "phase": state.phase}
+        arrays: dict[str, Array] = {"lost": state.lost, "phase": state.phase}
+        arrays |= {f"costs.{name}": value for name, value in state.costs._asdict().items()}
+        arrays |= {f"widths.{name}": value for name, value in state.widths._asdict().items()}
         arrays |= {f"pending.{name}": value for name, value in self._hindsight.pack(state.pending).items()}
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
             arrays |= {f"member.{place}.{name}": np.asarray(value) for name, value in member.pack(own).items()}
@@ -178,72 +194,67 @@ class Bank:
                 member.unpack(_under(f"member.{place}.", arrays)) for place, member in enumerate(self.members)
             ),
             pending=self._hindsight.unpack(_under("pending.", arrays)),
-            losses=Losses(arrays["loss"], arrays["hours"]),
-            log_scale=arrays["log_scale"],
+            costs=Costs(**_under("costs.", arrays)),
+            widths=Widths(**_under("widths.", arrays)),
             lost=arrays["lost"],
             phase=arrays["phase"],
         )
 
-    def _learned(
-        self,
-        state: BankState,
-        posteriors: Sequence[Posterior],
-        vanished: Array,
-        outputs: Array,
-        due: Sequence[Due],
-        verified: Sequence[Verified],
+    def _parts(self, state: BankState) -> list[Mixture]:
+        """The members' distributions of the sample at the state's time."""
+        parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
+        return [reduced(part, _COMPONENTS) for part in parts]
+
+    def _weights(self, state: BankState) -> Array:
+        """(E, H): what every member weighs at each of `leads`; nothing while it cannot explain the samples."""
+        prior = self._prior
+        if state.lost.any() and not state.lost.all():
+            prior = np.where(state.lost[:, None] > 0.0, np.finfo(float).tiny, prior)
+        return weights(state.costs, prior, self._rates)
+
+    def _mixed(self, state: BankState, parts: Sequence[Mixture], horizon: int) -> Mixture:
+        """The weighted mixture of the members' `parts`, scaled about its mean."""
+        return mixed(parts, self._weights(state)[:, horizon], float(np.exp(state.widths.log_scale[horizon])))
+
+    def _learned(self, state: BankState, outputs: Array, due: Sequence[Due], verified: Sequence[Verified]) -> BankState:
+        """Costs and widths after a sample: `due` are the members' forecasts of it, `verified` the bank's."""
+        parts = self._parts(state)
+        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, self._mixed(state, parts, 0))]
+        told += [
+            (self.leads.index(one.lead), one.mixtures, own.mixture) for one, own in zip(due, verified, strict=True)
+        ]
+        costs, widths, now = state.costs, state.widths, self._weights(state)
+        for horizon, forecasts, whole in told:
+            for i in np.flatnonzero(np.isfinite(outputs)).tolist():
+                cost, total = costs_of(forecasts, now[:, horizon], i, outputs[i])
+                if np.isfinite(cost).all():
+                    hours = float(self._hours[horizon]) / len(outputs)
+                    costs = with_cost(costs, horizon, cost, total, hours, self.options.discount)
+                place = distribution(whole, i, outputs[i])
+                widths = with_place(
+                    widths, horizon, place, self.options.coverage, self.options.feedback, self.options.first_feedback
+                )
+        return state._replace(costs=costs, widths=widths)
+
+    def _members_after(
+        self, state: BankState, posteriors: Sequence[Posterior], vanished: Array, outputs: Array, due: Sequence[Due]
     ) -> BankState:
-        """The state after a sample: `due` are the members' forecasts of it, `verified` what the bank made of those."""
+        """The members after a sample, told of the errors of what was `due`; who is lost starts anew."""
         members = [posterior.state for posterior in posteriors]
         lost = np.where(vanished, state.lost + 1.0, 0.0)
-        losses, log_scale = state.losses, state.log_scale.copy()
-        measured = [] if vanished.all() else np.flatnonzero(np.isfinite(outputs)).tolist()
-        if measured:
-            parts = [member.predictive(own) for member, own in zip(self.members, state.members, strict=True)]
-            means, sds = np.array([part.mean() for part in parts]), np.array([part.sd() for part in parts])
-            scores = np.mean([gaussian_crps(means[:, i], sds[:, i], outputs[i]) for i in measured], axis=0)
-            log_scale[0] = self._kept(log_scale[0], self._mixed(state, parts, 1), outputs)
-            losses = with_loss(losses, 0, scores, self._hours, self.options)
-            for one, mixed in zip(due, verified, strict=True):
-                place = one.horizon + 1
-                log_scale[place] = self._kept(log_scale[place], mixed.mixture, outputs)
-                scores = np.array([np.mean([crps(part, i, outputs[i]) for i in measured]) for part in one.mixtures])
-                losses = with_loss(losses, place, scores, 1.0, self.options)
-                for index, (member, part) in enumerate(zip(self.members, one.mixtures, strict=True)):
-                    members[index] = member.verified(members[index], one.lead, outputs - part.mean())
-            for index in np.flatnonzero(lost >= _LOST).tolist():
-                members[index] = self.members[index].restart(members[index], outputs, state.pending.inputs[-1])
-                lost[index] = 0.0
-        return state._replace(members=tuple(members), lost=lost, losses=losses, log_scale=log_scale)
-
-    def _kept(self, log_scale: float, mixture: Mixture, outputs: Array) -> float:
-        """The log scale after a verified forecast: up where the published interval missed, down where it did not."""
-        tail = 0.5 - self.options.coverage / 2.0
-        for i in np.flatnonzero(np.isfinite(outputs)).tolist():
-            lower, upper = self.quantiles(mixture, np.array([tail, 1.0 - tail]), i)
-            missed = float(not lower <= outputs[i] <= upper)
-            log_scale += self.options.feedback * (missed - (1.0 - self.options.coverage))
-        return min(max(log_scale, -_WIDEST), _WIDEST)
-
-    def _mixed(self, state: BankState, parts: Sequence[Mixture], lead: int) -> Mixture:
-        """The weighted mixture of the members' `parts` for `lead` steps ahead, scaled about its mean."""
-        shares = between(weights(state.losses, self.options), self.leads, lead)
-        scale = float(np.exp(between(state.log_scale, self.leads, lead)))
-        small = [reduced(part, COMPONENTS) for part in parts]
-        mixture = Mixture(
-            np.concatenate(
-                [share * part.weights / part.weights.sum() for share, part in zip(shares, small, strict=True)]
-            ),
-            np.concatenate([part.means for part in small], axis=1),
-            np.concatenate([np.broadcast_to(part.sds, part.means.shape) for part in small], axis=1),
-        )
-        centre = mixture.mean()[:, None]
-        return mixture._replace(means=centre + scale * (mixture.means - centre), sds=scale * mixture.sds)
+        for one in due:
+            for place, (member, part) in enumerate(zip(self.members, one.mixtures, strict=True)):
+                members[place] = member.verified(members[place], one.lead, outputs - part.mean())
+        if not vanished.all():
+            for place in np.flatnonzero(lost >= _LOST).tolist():
+                members[place] = self.members[place].restart(members[place], outputs, state.pending.inputs[-1])
+                lost[place] = 0.0
+        return state._replace(members=tuple(members), lost=lost)
 
     def _physical(self, now: Array) -> int:
         """The member with parameters of a building that is trusted most a few hours ahead."""
         horizon = min(2, now.shape[1] - 1)
-        physical = [place for place, member in enumerate(self.members) if getattr(member, "physical", True)]
+        physical = [place for place, member in enumerate(self.members) if member.physical]
         return max(physical or range(len(self.members)), key=lambda place: now[place, horizon])
 
     def _own_parameters(self, member: int, theta: Array) -> Array:

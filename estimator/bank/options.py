@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from estimator.arrays import Array
 from estimator.errors import OptionsError
 from estimator.network.family import family
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.option_checks import check_known, checked_number
+
+PRIOR_HOURS = (0.0, 1.0, 6.0, 24.0)
+"""Leads [h] at which a member's weight a priori is given; the first is one step."""
 
 
 class Member(NamedTuple):
@@ -19,6 +25,15 @@ class Member(NamedTuple):
     estimator: str
     network: Network
     options: Any
+    prior: tuple[float, ...] = (1.0,) * len(PRIOR_HOURS)
+    """What it weighs, relative to the others, before it has proved anything, at PRIOR_HOURS."""
+
+
+def prior_at(prior: Sequence[float], hours: Array) -> Array:
+    """`prior` at leads of `hours` (H,), of which the first is one step."""
+    found = np.interp(np.sqrt(hours), np.sqrt(PRIOR_HOURS), prior)
+    found[0] = prior[0]
+    return found
 
 
 DEFAULT_MEMBERS: dict[str, Mapping[str, object]] = {
@@ -30,6 +45,7 @@ DEFAULT_MEMBERS: dict[str, Mapping[str, object]] = {
     "output-error-0.6": {"estimator": "mkf", "preset": "output-error-0.6"},
     "rbpf": {"estimator": "rbpf", "particles": 2000},
     "arx": {"estimator": "arx"},
+    "daily": {"estimator": "daily"},
 }
 """Members that trust different things; the first one with a volatility publishes it, see `BankOptions.voice`."""
 
@@ -56,24 +72,28 @@ class BankOptions:
     voice: str = ""
     """The member whose volatility and gate are published."""
     discount: float = 0.998
-    """What an hour leaves of an old loss."""
-    learning_rate: float = 0.05
-    """How much an hour's loss, in units of the best member's, moves the log of a weight."""
-    most_trust: float = 25.0
-    """Bound of the number of hours times `learning_rate`."""
+    """What an hour leaves of an old cost."""
+    learning_rate: float = 0.2
+    """How much an hour's cost, in units of the mixture's, moves the log of a weight, up to an hour ahead."""
     coverage: float = 0.95
     """Level of the interval whose coverage is kept."""
     feedback: float = 0.02
-    """Step of the log scale of the published spread at every verified forecast."""
+    """Step of the log of the published spread at every verified forecast."""
+    first_feedback: float = 1.0
+    """The same times the number of verified forecasts, where that is more."""
+    scenarios: int = 96
+    """Sampled futures that a member brings into a forecast."""
 
 
 _RANGES = {
     "discount": (0.5, 1.0),
     "learning_rate": (0.0, 10.0),
-    "most_trust": (0.0, 1000.0),
     "coverage": (0.5, 0.999),
     "feedback": (0.0, 1.0),
+    "first_feedback": (0.0, 10.0),
+    "scenarios": (8, 100_000),
 }
+_WHOLE = ("scenarios",)
 
 Resolve = Any
 """`resolve(estimator, network, period, given)` of the registry."""
@@ -93,7 +113,11 @@ def resolver(resolve_member: Resolve) -> Any:
         members = {
             str(name): _member(str(name), table, network, period, resolve_member) for name, table in tables.items()
         }
-        numbers = {name: checked_number(name, given[name], *_RANGES[name]) for name in _RANGES if name in given}
+        numbers: Any = {
+            name: checked_number(name, given[name], *limits, whole=name in _WHOLE)
+            for name, limits in _RANGES.items()
+            if name in given
+        }
         return BankOptions(members=members, voice=_voice(given, members), **numbers)
 
     return resolve
@@ -111,11 +135,24 @@ def _member(name: str, table: object, network: Network, period: float, resolve_m
     variant = table.get("network", next(iter(variants)))
     if variant not in variants:
         raise OptionsError(f"members.{name}.network = {variant!r} must be one of {', '.join(variants)}", "members")
-    own = {key: value for key, value in table.items() if key not in ("estimator", "network")}
+    own = {key: value for key, value in table.items() if key not in ("estimator", "network", "prior")}
+    prior = _prior(name, table.get("prior", 1.0))
     try:
-        return Member(estimator, variants[variant], resolve_member(estimator, variants[variant], period, own))
+        return Member(estimator, variants[variant], resolve_member(estimator, variants[variant], period, own), prior)
     except OptionsError as error:
         raise OptionsError(f"members.{name}: {error}", "members") from error
+
+
+def _prior(name: str, given: object) -> tuple[float, ...]:
+    values = list(given) if isinstance(given, list | tuple) else [given] * len(PRIOR_HOURS)
+    numbers = [value for value in values if isinstance(value, int | float) and 0.0 < value <= 1e6]
+    if len(numbers) != len(PRIOR_HOURS) or any(isinstance(value, bool) for value in values):
+        raise OptionsError(
+            f"members.{name}.prior must be a number above 0, or a list of {len(PRIOR_HOURS)}: its weight one step, "
+            f"{', '.join(f'{hours:g}' for hours in PRIOR_HOURS[1:])} hours ahead",
+            "members",
+        )
+    return tuple(float(value) for value in numbers)
 
 
 def _voice(given: Mapping[str, object], members: Mapping[str, Member]) -> str:

@@ -1,64 +1,117 @@
 """Weights of the members, horizon by horizon, from what their forecasts have cost so far.
 
-The weight of member e at a horizon is proportional to exp(-r n (L_e - L_b) / L_b): L_e its mean loss, discounted over
-time, L_b that of the best member, n the number of hours that the losses stand for and r the learning rate. This is
-exponentially weighted aggregation of probabilistic forecasts by their CRPS (Berrisch and Ziel 2021). With the best
-member's loss as the unit it is quick where members differ by much, and slow where they hardly differ.
+The weight of member e at a horizon is proportional to p_e exp(-r R_e): p_e its weight a priori, r the learning rate and
+R_e the sum, discounted over time, of what a little more trust in the member would have cost. For a mixture with weights
+w of forecasts X_e that is, by the gradient of the CRPS,
+
+    l_e = E|X_e - y| - sum_f w_f E|X_e - X_f|,
+
+so that a member earns trust by being good and by being unlike the others: the weights approach the best mixture, not
+the best member (exponentiated gradient, CRPS learning: Berrisch and Ziel 2021). Its unit is what the mixture itself
+costs, so that the rate suits every building; it is bounded, so that one surprise does not decide; and forecasts of
+longer leads overlap and tell less, so that r falls with the square root of the lead.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from estimator.arrays import Array
-from estimator.bank.options import BankOptions
+from estimator.types import Mixture
+from estimator.verification.scores import expected_distance, reduced
+
+COMPONENTS = 12
+"""Gaussians that stand for a member when its share in the mixture's score is computed."""
+
+_LARGEST = 5.0
+"""Bound of the cost of one forecast, in units of the mixture's."""
 
 
-class Losses(NamedTuple):
+class Costs(NamedTuple):
     """Discounted sums over E members and H horizons, the first of which is one step."""
 
-    loss: Array
-    """(E, H): of the CRPS [K]."""
+    excess: Array
+    """(E, H): R, in hours of the mixture's own cost."""
+    whole: Array
+    """(H,): of the mixture's CRPS [K], times hours."""
     hours: Array
-    """(E, H): of the hours that they stand for."""
+    """(H,): hours that they stand for."""
 
 
-def no_losses(members: int, horizons: int) -> Losses:
+def no_costs(members: int, horizons: int) -> Costs:
     """Nothing has been verified."""
-    return Losses(np.zeros((members, horizons)), np.zeros((members, horizons)))
+    return Costs(np.zeros((members, horizons)), np.zeros(horizons), np.zeros(horizons))
 
 
-def with_loss(losses: Losses, horizon: int, scores: Array, hours: float, options: BankOptions) -> Losses:
-    """`losses` after a forecast `horizon` ahead that cost each member `scores` (E,) [K]; NaN: no forecast of it."""
-    kept = options.discount**hours
-    known = np.isfinite(scores)
-    loss, total = losses.loss.copy(), losses.hours.copy()
-    loss[known, horizon] = kept * loss[known, horizon] + hours * scores[known]
-    total[known, horizon] = kept * total[known, horizon] + hours
-    return Losses(loss, total)
+def with_cost(costs: Costs, horizon: int, cost: Array, whole: float, hours: float, discount: float) -> Costs:
+    """`costs` after a forecast `horizon` ahead: `cost` (E,) by member and `whole` of the mixture [K].
+
+    It stands for `hours`, and an hour leaves `discount` of older ones.
+    """
+    kept = discount**hours
+    excess, sums, total = costs.excess.copy(), costs.whole.copy(), costs.hours.copy()
+    total[horizon] = kept * total[horizon] + hours
+    sums[horizon] = kept * sums[horizon] + hours * whole
+    unit = max(sums[horizon] / total[horizon], 1e-9)
+    excess[:, horizon] = kept * excess[:, horizon] + hours * np.clip((cost - cost.min()) / unit, 0.0, _LARGEST)
+    return Costs(excess, sums, total)
 
 
-def weights(losses: Losses, options: BankOptions) -> Array:
-    """Weights (E, H) of the members; equal at a horizon of which nothing has been verified."""
-    hours = losses.hours
-    mean = losses.loss / np.maximum(hours, 1e-12)
-    known = hours > 0.0
-    mean = np.where(known, mean, np.where(known, mean, -np.inf).max(axis=0, keepdims=True))
-    best = np.where(known, mean, np.inf).min(axis=0, keepdims=True)
-    unit = np.where(np.isfinite(best), np.maximum(best, 1e-9), 1.0)
-    excess = np.where(np.isfinite(mean), (mean - best) / unit, 0.0)
-    trust = np.minimum(options.learning_rate * hours.max(axis=0, keepdims=True), options.most_trust)
-    raw = np.exp(-trust * np.maximum(excess, 0.0))
-    normalised: Array = raw / raw.sum(axis=0, keepdims=True)
+def weights(costs: Costs, prior: Array, rates: Array) -> Array:
+    """Weights (E, H) of the members from the `prior` (E, H) and the learning `rates` (H,) [per hour]."""
+    raw = np.log(prior) - rates * costs.excess
+    raw = np.exp(raw - raw.max(axis=0))
+    normalised: Array = raw / raw.sum(axis=0)
     return normalised
 
 
-def between(values: Array, leads: tuple[int, ...], lead: int) -> Array:
-    """`values` (..., H), given at `leads`, at another `lead`: linear in its logarithm, constant beyond the ends."""
-    place = np.interp(np.log(max(lead, 1)), np.log(np.array(leads, dtype=np.float64)), np.arange(len(leads)))
-    low = int(place)
+def costs_of(parts: Sequence[Mixture], now: Array, output: int, value: float) -> tuple[Array, float]:
+    """Cost (E,) [K] of a little more weight on each of `parts`, and of their mixture with weights `now` (E,)."""
+    rows = slice(output, output + 1)
+    small = [reduced(Mixture(p.weights, p.means[rows], p.sds[rows]), COMPONENTS) for p in parts]
+    ends = np.cumsum([len(part.weights) for part in small])
+    near, apart = _distances(
+        ends,
+        np.concatenate([part.weights for part in small]),
+        np.concatenate([part.means[0] for part in small]),
+        np.concatenate([part.sds[0] for part in small]),
+        value,
+    )
+    others = (apart * now).sum(axis=1)
+    return near - others, float((now * (near - 0.5 * others)).sum())
+
+
+@njit(cache=True, nogil=True)
+def _distances(ends, weights, means, sds, value):  # type: ignore[no-untyped-def]
+    """E|X_e - y| (E,) and E|X_e - X_f| (E, E) of mixtures whose components end before `ends` (E,)."""
+    members = len(ends)
+    owner = np.empty(len(weights), np.int64)
+    begin = 0
+    for e in range(members):
+        owner[begin : ends[e]] = e
+        begin = ends[e]
+    near, apart = np.zeros(members), np.zeros((members, members))
+    for i in range(len(weights)):
+        near[owner[i]] += weights[i] * expected_distance(value - means[i], sds[i])
+        for j in range(i + 1):
+            sd = math.sqrt(sds[i] * sds[i] + sds[j] * sds[j])
+            share = weights[i] * weights[j] * expected_distance(means[i] - means[j], sd)
+            apart[owner[i], owner[j]] += share
+            if j < i:
+                apart[owner[j], owner[i]] += share
+    return near, apart
+
+
+def between(values: Array, leads: Sequence[int], wanted: Array) -> Array:
+    """`values` (..., H), given at `leads`, at the `wanted` ones (L,): linear in their logarithm, constant beyond."""
+    place = np.interp(np.log(wanted), np.log(leads), np.arange(len(leads)))
+    low = np.minimum(place.astype(np.int64), len(leads) - 1)
+    high = np.minimum(low + 1, len(leads) - 1)
     share = place - low
-    mixed: Array = values[..., low] * (1.0 - share) + (values[..., min(low + 1, len(leads) - 1)] * share)
+    mixed: Array = values[..., low] * (1.0 - share) + values[..., high] * share
     return mixed

@@ -29,10 +29,15 @@ _PRIOR_SD = 0.3
 """Standard deviation of every scaled coefficient a priori."""
 _FIRST_SD = 0.1
 """Standard deviation [K] of a residual before there is any."""
-_LEVEL = 20.0
+LEVEL = 20.0
 """degC that temperatures count from."""
 _FARTHEST = 15.0
-"""K beyond the last outputs that no forecast goes: a regression on little data may be unstable."""
+"""K from its forecast beyond which a sample, if 10 standard deviations away too, is not explained."""
+_BEYOND, _BEYOND_SHARE = 2.0, 0.5
+"""K, and share of the range measured so far, that a forecast may leave that range by: a regression on little data may
+be unstable."""
+_WIDEST_SPREAD = (_FARTHEST / _FIRST_SD) ** 2
+"""Squares of a residual that a spread comes to at most."""
 _SURE = 5.0
 """Verified errors whose weight equals that of the theory."""
 _DAY = 86400.0
@@ -59,6 +64,8 @@ class ARXState(NamedTuple):
     """(n_y, past_outputs): what a residual at the last measurement leaves of itself, newest first; 0 once measured."""
     spread: Array
     """(n_y,): sum of the squares of all such shares since then."""
+    seen: Array
+    """(n_y, 2): lowest and highest output measured so far [degC]."""
 
 
 _LEADS = 8
@@ -74,7 +81,8 @@ class ARX:
         self.blocks: tuple[str, ...] = ()
         units = [network.channel_unit(channel) for channel in network.inputs]
         self._scale = np.array([_SCALE.get(unit, 1.0) for unit in units])
-        self._level = np.array([_LEVEL if unit == "degC" else 0.0 for unit in units])
+        self.level = np.array([LEVEL if unit == "degC" else 0.0 for unit in units])
+        """(n_u,): what every input counts from."""
         self._width = 1 + options.past_outputs + options.past_inputs * len(units)
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
         self._forgetting = exp(-period / (options.memory_days * _DAY))
@@ -93,22 +101,24 @@ class ARX:
         count = len(self.network.measured)
         coefficients = np.zeros((count, self._width))
         coefficients[:, 1] = 1.0
+        filled = self.filled(outputs)
         return ARXState(
             coefficients=coefficients,
             covariance=np.tile(self._prior * np.eye(self._width), (count, 1, 1)),
-            outputs=self._filled(outputs),
+            outputs=filled,
             inputs=np.tile(inputs, (self.options.past_inputs, 1)),
             residual=np.tile([_FIRST_SD**2, 1.0], (count, 1)),
             errors=np.zeros((_LEADS, count, 2)),
             leads=np.zeros(_LEADS),
             echo=np.zeros((count, self.options.past_outputs)),
             spread=np.zeros(count),
+            seen=np.ascontiguousarray(filled[:, :2] if filled.shape[1] > 1 else np.repeat(filled, 2, axis=1)),
         )
 
     def restart(self, state: ARXState, outputs: Array, inputs: Array) -> ARXState:
         """The first sample after a gap: another past, the same regression."""
         return state._replace(
-            outputs=self._filled(outputs),
+            outputs=self.filled(outputs),
             inputs=np.tile(inputs, (self.options.past_inputs, 1)),
             echo=np.zeros_like(state.echo),
             spread=np.zeros_like(state.spread),
@@ -117,9 +127,8 @@ class ARX:
     def predict(self, state: ARXState, inputs: Array) -> ARXState:
         """One period on under `inputs` (n_u,) held over the step."""
         past = _shifted(state.inputs.T, inputs).T
-        outputs, echo, spread = _moved(
-            state.coefficients, state.outputs, self._scaled(past), state.echo, state.spread, _LEVEL, _FARTHEST
-        )
+        outputs, echo, spread = state.outputs.copy(), state.echo.copy(), state.spread.copy()
+        _move(state.coefficients, outputs, self._scaled(past), echo, spread, self._bounds(state), LEVEL)
         return state._replace(outputs=outputs, inputs=past, echo=echo, spread=spread)
 
     def predictive(self, state: ARXState) -> Mixture:
@@ -145,19 +154,27 @@ class ARX:
             log_likelihood -= 0.5 * (error / sds[i]) ** 2 + float(np.log(sds[i] * np.sqrt(2.0 * np.pi)))
             # What the regression explains is the step from the last measurement; a forecast of a forecast is none.
             if state.spread[i] == 1.0:
-                row = _row(state.outputs[i, 1:], regressors, _LEVEL)
+                row = _row(state.outputs[i, 1:], regressors, LEVEL)
                 _learn(learned.coefficients[i], learned.covariance[i], row, error, self._forgetting, self._prior)
                 learned.residual[i] = state.residual[i] * self._forgetting + np.array([error**2, 1.0])
             learned.outputs[i, 0], learned.echo[i], learned.spread[i] = outputs[i], 0.0, 0.0
+            learned.seen[i] = min(learned.seen[i, 0], outputs[i]), max(learned.seen[i, 1], outputs[i])
         return self._posterior(learned, Outcome.ASSIMILATED, log_likelihood)
 
     def forecast(self, state: ARXState, plan: Array) -> Iterator[Mixture]:
         """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        yield self.predictive(state)
-        for ahead, inputs in enumerate(plan, start=2):
-            state = self.predict(state, inputs)
-            sds = self._spread(state, ahead)
-            yield Mixture(np.ones(1), state.outputs[:, :1], sds[:, None])
+        means, sds = self.futures(state, plan)
+        for mean, sd in zip(means, sds, strict=True):
+            yield Mixture(np.ones(1), mean[:, None], sd[:, None])
+
+    def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
+        """Means and standard deviations (h + 1, n_y) at the state's time and after each row of `plan` (h, n_u)."""
+        scaled = ((np.concatenate([state.inputs[::-1], plan]) - self.level) / self._scale)[::-1]
+        means, spreads = _moved(
+            state.coefficients, state.outputs, np.ascontiguousarray(scaled), self.options.past_inputs, state.echo,
+            state.spread, self._bounds(state), LEVEL,
+        )  # fmt: skip
+        return means, self._spreads(state, spreads)
 
     def issue(self, state: ARXState, count: int) -> ARXState:
         """The state itself: one forecast."""
@@ -201,32 +218,45 @@ class ARX:
         """The state of packed arrays."""
         return ARXState(**arrays)
 
-    def _spread(self, state: ARXState, lead: int) -> Array:
-        """Standard deviation (n_y,) [K] `lead` steps ahead: the regression's own where nothing was verified."""
-        theory = self._theory(state)
+    def _spreads(self, state: ARXState, spreads: Array) -> Array:
+        """Standard deviations (h + 1, n_y) [K] one step ahead and farther.
+
+        Those of the regression (`spreads`, in squares of its residual) give way to what forecasts of such a lead have
+        missed by, as far as any were verified.
+        """
+        unit = np.sqrt(state.residual[:, 0] / state.residual[:, 1])
+        theory = unit * np.sqrt(np.clip(spreads, 1e-6, _WIDEST_SPREAD))
         at = np.flatnonzero(state.leads > 0.0)
-        if not len(at):
+        if not len(at) or len(theory) < 2:
             return theory
         order = at[np.argsort(state.leads[at])]
-        squares, weights = state.errors[order, :, 0], state.errors[order, :, 1]
-        own = np.array([np.interp(np.log(lead), np.log(state.leads[order]), w) for w in weights.T])
-        roots = np.sqrt(squares / np.maximum(weights, 1e-9))
-        seen = np.array([np.interp(np.log(lead), np.log(state.leads[order]), r) for r in roots.T])
-        return np.sqrt((_SURE * theory**2 + own * seen**2) / (_SURE + own))
+        known, ahead = np.log([1.0, *state.leads[order]]), np.log(np.arange(2, len(theory) + 1))
+        for i in range(theory.shape[1]):
+            squares, weights = state.errors[order, i].T
+            # A power of the lead between two that were verified, and from one step to the first of them.
+            roots = np.log([unit[i], *np.maximum(np.sqrt(squares / np.maximum(weights, 1e-9)), 1e-6)])
+            own, missed = np.interp(ahead, known, [0.0, *weights]), np.exp(np.interp(ahead, known, roots))
+            theory[1:, i] = np.sqrt((_SURE * theory[1:, i] ** 2 + own * missed**2) / (_SURE + own))
+        return theory
+
+    def _bounds(self, state: ARXState) -> Array:
+        """(n_y, 2): what no forecast goes beyond [degC]."""
+        beyond = _BEYOND + _BEYOND_SHARE * (state.seen[:, 1] - state.seen[:, 0])
+        return np.column_stack([state.seen[:, 0] - beyond, state.seen[:, 1] + beyond])
 
     def _theory(self, state: ARXState) -> Array:
         """Standard deviation (n_y,) [K] at the state's time, if residuals were independent."""
-        variance = state.residual[:, 0] / state.residual[:, 1]
-        return np.sqrt(variance * np.clip(state.spread, 1e-6, (_FARTHEST / _FIRST_SD) ** 2))
+        unit = np.sqrt(state.residual[:, 0] / state.residual[:, 1])
+        return unit * np.sqrt(np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
 
-    def _filled(self, outputs: Array) -> Array:
+    def filled(self, outputs: Array) -> Array:
         """A past (n_y, past_outputs) in which nothing has changed."""
-        first = float(np.nanmean(outputs)) if np.isfinite(outputs).any() else _LEVEL
+        first = float(np.nanmean(outputs)) if np.isfinite(outputs).any() else LEVEL
         return np.tile(np.where(np.isnan(outputs), first, outputs)[:, None], self.options.past_outputs + 1)
 
     def _scaled(self, past: Array) -> Array:
         """The inputs (past_inputs, n_u) as regressors, in a row."""
-        return ((past - self._level) / self._scale).ravel()
+        return ((past - self.level) / self._scale).ravel()
 
     def _posterior(self, state: ARXState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
         return Posterior(
@@ -242,7 +272,7 @@ def _shifted(past: Array, newest: Array) -> Array:
     return np.concatenate([newest[:, None], past[:, :-1]], axis=1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _row(past, inputs, level):  # type: ignore[no-untyped-def]
     """Regressors (p,): 1, past outputs from `level` [degC], scaled inputs."""
     row = np.empty(1 + past.shape[0] + inputs.shape[0])
@@ -252,26 +282,39 @@ def _row(past, inputs, level):  # type: ignore[no-untyped-def]
     return row
 
 
-@njit(cache=True)
-def _moved(coefficients, outputs, inputs, echo, spread, level, farthest):  # type: ignore[no-untyped-def]
-    """Outputs, echo and spread one step on."""
-    later, later_echo, later_spread = np.empty_like(outputs), np.empty_like(echo), np.empty_like(spread)
+@njit(cache=True, nogil=True)
+def _move(coefficients, outputs, inputs, echo, spread, bounds, level):  # type: ignore[no-untyped-def]
+    """Outputs, echo and spread one step on, in place."""
     past = echo.shape[1]
     for i in range(outputs.shape[0]):
         row = _row(outputs[i, :past], inputs, level)
         value = level + np.sum(row * coefficients[i])
-        low, high = outputs[i].min() - farthest, outputs[i].max() + farthest
-        later[i, 0] = min(max(value, low), high)
-        later[i, 1:] = outputs[i, :-1]
         share = 1.0 if spread[i] == 0.0 else np.sum(coefficients[i, 1 : 1 + past] * echo[i])
+        for k in range(past, 0, -1):
+            outputs[i, k] = outputs[i, k - 1]
+        for k in range(past - 1, 0, -1):
+            echo[i, k] = echo[i, k - 1]
+        outputs[i, 0] = min(max(value, bounds[i, 0]), bounds[i, 1])
         # An unstable regression, of which few samples may think well, must not grow beyond all numbers.
-        later_echo[i, 0] = min(max(share, -1e3), 1e3)
-        later_echo[i, 1:] = echo[i, :-1]
-        later_spread[i] = spread[i] + later_echo[i, 0] ** 2
-    return later, later_echo, later_spread
+        echo[i, 0] = min(max(share, -1e3), 1e3)
+        spread[i] += echo[i, 0] ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def _moved(coefficients, outputs, inputs, past_inputs, echo, spread, bounds, level):  # type: ignore[no-untyped-def]
+    """Outputs and spreads (h + 1, n_y): as they are, and step by step under scaled `inputs` (newest first, n_u)."""
+    outputs, echo, spread = outputs.copy(), echo.copy(), spread.copy()
+    steps = inputs.shape[0] - past_inputs
+    means, spreads = np.empty((steps + 1, outputs.shape[0])), np.empty((steps + 1, outputs.shape[0]))
+    means[0], spreads[0] = outputs[:, 0], spread
+    for ahead in range(1, steps + 1):
+        first = steps - ahead
+        _move(coefficients, outputs, inputs[first : first + past_inputs].ravel(), echo, spread, bounds, level)
+        means[ahead], spreads[ahead] = outputs[:, 0], spread
+    return means, spreads
+
+
+@njit(cache=True, nogil=True)
 def _learn(coefficients, covariance, row, error, forgetting, most):  # type: ignore[no-untyped-def]
     """One step of recursive least squares, in place; no variance grows beyond `most`, the prior's."""
     column = np.zeros(len(row))

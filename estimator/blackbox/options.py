@@ -1,4 +1,4 @@
-"""Options of the online ARX model."""
+"""Options of the online ARX model, and of the one that works on changes since the day before."""
 
 from __future__ import annotations
 
@@ -36,6 +36,18 @@ _WHOLE = ("past_outputs", "past_inputs")
 
 def resolve(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
     """The options in force; OptionsError with one sentence naming the option that is wrong."""
-    check_known(given, {field.name for field in fields(ARXOptions)}, "arx")
-    checked = {name: checked_number(name, value, *_RANGES[name], whole=name in _WHOLE) for name, value in given.items()}
+    return _resolve("arx", {}, given)
+
+
+def resolve_daily(network: Network, period: float, given: Mapping[str, object]) -> ARXOptions:
+    """The same for changes since the day before, which hold little that more of the past could tell."""
+    return _resolve("daily", {"past_outputs": 1, "past_inputs": 1}, given)
+
+
+def _resolve(estimator: str, preset: Mapping[str, object], given: Mapping[str, object]) -> ARXOptions:
+    check_known(given, {field.name for field in fields(ARXOptions)}, estimator)
+    effective = dict(preset) | dict(given)
+    checked = {
+        name: checked_number(name, value, *_RANGES[name], whole=name in _WHOLE) for name, value in effective.items()
+    }
     return ARXOptions(**checked)  # type: ignore[arg-type]

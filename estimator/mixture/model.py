@@ -102,7 +102,9 @@ class MixtureModel:
     @property
     def samples_nothing(self) -> bool:
         """Whether particles differ in nothing but their Gaussians, and so never part once they are equal."""
-        return not (self.blocks or self.gains or self.learns_noise)
+        options = self.options
+        switches = options.gain == "switching" or (options.gain == "always" and options.gain_decays)
+        return not (self.blocks or switches or self.learns_noise)
 
     @property
     def proposed_on_probability(self) -> float:

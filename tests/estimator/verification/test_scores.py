@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from estimator.types import Mixture
-from estimator.verification.scores import crps, gaussian_crps, reduced
+from estimator.verification.scores import crps, distribution, gaussian_crps, reduced
 
 
 def by_definition(mixture, value):
@@ -42,11 +42,26 @@ def test_a_reduced_mixture_keeps_mean_spread_and_score():
     weights = rng.gamma(0.3, size=count)
     large = Mixture(weights / weights.sum(), 20 + rng.standard_normal((1, count)), np.full((1, count), 0.1))
     small = reduced(large)
-    assert len(small.weights) == 64
-    # An even sample of 64 from a spread of 1 K: its mean is off by much less than 1 / sqrt(64).
-    assert small.mean()[0] == pytest.approx(large.mean()[0], abs=0.125)
-    assert small.sd()[0] == pytest.approx(large.sd()[0], rel=0.1)
+    assert len(small.weights) <= 32
+    assert small.mean()[0] == pytest.approx(large.mean()[0], rel=1e-9)
+    assert small.sd()[0] == pytest.approx(large.sd()[0], rel=1e-9)
+    assert crps(small, 0, 20.8) == pytest.approx(by_definition(large, 20.8), rel=0.01)
     assert reduced(small) is small
+
+
+def test_a_reduced_mixture_keeps_the_moments_of_every_output():
+    rng = np.random.default_rng(5)
+    means = np.array([20.0 + rng.standard_normal(300), 5.0 + 2.0 * rng.standard_normal(300)])
+    large = Mixture(rng.dirichlet(np.ones(300)), means, rng.uniform(0.1, 0.3, (2, 300)))
+    small = reduced(large, 10)
+    np.testing.assert_allclose(small.mean(), large.mean(), rtol=1e-9)
+    np.testing.assert_allclose(small.sd(), large.sd(), rtol=1e-9)
+
+
+def test_the_distribution_of_a_mixture_is_that_of_its_parts():
+    mixture = Mixture(np.array([0.4, 1.2]), np.array([[20.0, 21.0]]), np.array([[0.5]]))
+    expected = 0.25 * norm.cdf(20.4, 20.0, 0.5) + 0.75 * norm.cdf(20.4, 21.0, 0.5)
+    assert distribution(mixture, 0, 20.4) == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_score_is_finite_far_away():

@@ -1,0 +1,145 @@
+"""Yesterday, corrected: the online ARX on what has changed since the same time of the day before.
+
+A building that is run by the clock does today what it did yesterday. The differences to the day before, of output and
+inputs, leave out what no input explains but every day repeats: set-backs, occupants, a sun that nothing measures.
+Before the first day is over, the first sample stands for the day before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.blackbox.arx import ARX, LEVEL, ARXState
+from estimator.blackbox.options import ARXOptions
+from estimator.network.network import Network
+from estimator.types import Mixture, ParameterSummary, Posterior
+
+_DAY = 86400.0
+
+
+class DailyState(NamedTuple):
+    """An `ARXState` of differences, and the day of D steps that they are taken from."""
+
+    coefficients: Array
+    covariance: Array
+    outputs: Array
+    inputs: Array
+    residual: Array
+    errors: Array
+    leads: Array
+    echo: Array
+    spread: Array
+    seen: Array
+    day_outputs: Array
+    """(n_y, D) [degC]: of the last day, the newest last; forecasts where nothing was measured."""
+    day_inputs: Array
+    """(D, n_u): the same."""
+
+    def differences(self) -> ARXState:
+        """The regression's own part."""
+        return ARXState(*self[: len(ARXState._fields)])
+
+    def with_differences(self, differences: ARXState) -> DailyState:
+        """With another one."""
+        return self._replace(**differences._asdict())
+
+
+class Daily:
+    """The model of one zone. See `estimator.types.Estimator` for the moves."""
+
+    physical = False
+    verifies_itself = False
+
+    def __init__(self, network: Network, period: float, options: ARXOptions) -> None:
+        self.network = network.validate()
+        self.period = period
+        self.options = options
+        self.blocks: tuple[str, ...] = ()
+        self._arx = ARX(network, period, options)
+        self._steps = max(1, round(_DAY / period))
+
+    @property
+    def issue_type(self) -> type[DailyState]:
+        """The model's state."""
+        return DailyState
+
+    def start(self, seed: int, outputs: Array, inputs: Array) -> DailyState:
+        """Nothing has changed since yesterday: outputs (n_y,) and inputs (n_u,) of the first sample."""
+        filled = self._arx.filled(outputs)[:, 0]
+        differences = self._arx.start(seed, np.full(len(filled), LEVEL), self._arx.level)
+        return DailyState(*differences, *self._day(filled, inputs))
+
+    def restart(self, state: DailyState, outputs: Array, inputs: Array) -> DailyState:
+        """The first sample after a gap: another day, the same regression."""
+        filled = self._arx.filled(outputs)[:, 0]
+        differences = self._arx.restart(state.differences(), np.full(len(filled), LEVEL), self._arx.level)
+        return DailyState(*differences, *self._day(filled, inputs))
+
+    def predict(self, state: DailyState, inputs: Array) -> DailyState:
+        """One period on under `inputs` (n_u,) held over the step."""
+        now = state.outputs[:, 0] - LEVEL + state.day_outputs[:, 0]
+        differences = self._arx.predict(state.differences(), inputs - state.day_inputs[0] + self._arx.level)
+        return DailyState(
+            *differences,
+            np.concatenate([state.day_outputs[:, 1:], now[:, None]], axis=1),
+            np.concatenate([state.day_inputs[1:], inputs[None]]),
+        )
+
+    def predictive(self, state: DailyState) -> Mixture:
+        """A Gaussian for every output at the state's time, as a mixture of one."""
+        change = self._arx.predictive(state.differences())
+        return change._replace(means=change.means - LEVEL + state.day_outputs[:, :1])
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Gaussian quantiles (L,) of one output."""
+        return self._arx.quantiles(mixture, levels, output)
+
+    def update(self, state: DailyState, outputs: Array) -> Posterior:
+        """Learn from `outputs` (n_y,), the newest of which `state` has forecast; NaN for a missing one."""
+        posterior = self._arx.update(state.differences(), outputs - state.day_outputs[:, 0] + LEVEL)
+        return posterior._replace(state=state.with_differences(posterior.state))
+
+    def forecast(self, state: DailyState, plan: Array) -> Iterator[Mixture]:
+        """The outputs at the state's time and after each row of `plan` (h, n_u)."""
+        yesterday = np.concatenate([state.day_inputs, plan])[: len(plan)]
+        changes, sds = self._arx.futures(state.differences(), plan - yesterday + self._arx.level)
+        means = changes - LEVEL
+        for ahead, sd in enumerate(sds):
+            means[ahead] += state.day_outputs[:, ahead] if ahead < self._steps else means[ahead - self._steps]
+            yield Mixture(np.ones(1), means[ahead][:, None], sd[:, None])
+
+    def issue(self, state: DailyState, count: int) -> DailyState:
+        """The state itself: one forecast."""
+        return state
+
+    def unfold(self, issue: DailyState, plan: Array) -> Iterator[Mixture]:
+        """What the issue forecasts under `plan` (h, n_u)."""
+        return self.forecast(issue, plan)
+
+    def verified(self, state: DailyState, lead: int, errors: Array) -> DailyState:
+        """Learn from the errors (n_y,) [K] of a forecast `lead` steps ahead whose time has come; NaN where unknown."""
+        return state.with_differences(self._arx.verified(state.differences(), lead, errors))
+
+    def parameters(self, state: DailyState, levels: Array) -> ParameterSummary:
+        """Not a number throughout: the model has no parameters of a building."""
+        return self._arx.parameters(state.differences(), levels)
+
+    def member_weights(self, state: DailyState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
+    def pack(self, state: DailyState) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        return state._asdict()
+
+    def unpack(self, arrays: Mapping[str, Array]) -> DailyState:
+        """The state of packed arrays."""
+        return DailyState(**arrays)
+
+    def _day(self, outputs: Array, inputs: Array) -> tuple[Array, Array]:
+        """A day in which nothing has changed."""
+        return np.tile(outputs[:, None], self._steps), np.tile(inputs, (self._steps, 1))
