@@ -49,6 +49,8 @@ function makeCard(id) {
     numbers: element("dl", { className: "numbers" }),
     key: element("p", { className: "key muted", hidden: true }),
     plot: element("div", { className: "plot", hidden: true }),
+    skill: element("table", { className: "skill", hidden: true }),
+    skillHour: "",
     findings: element("ul", { className: "findings", hidden: true }),
     faults: element("p", { className: "faults muted" }),
   };
@@ -60,6 +62,7 @@ function makeCard(id) {
     card.numbers,
     card.key,
     card.plot,
+    card.skill,
     card.findings,
     card.faults,
   );
@@ -115,6 +118,34 @@ function showStatus(card, summary, status) {
   ].join(" · ");
 }
 
+// What the forecasts of the last seven days were worth; it changes once an hour.
+async function refreshSkill(card, summary) {
+  const hour = summary.last_sample_time?.slice(0, 13) ?? "";
+  if (hour === card.skillHour) return;
+  const skill = await get(`zones/${summary.id}/skill`);
+  const horizons = skill?.windows.find(({ days }) => days === 7)?.horizons.filter(({ forecasts }) => forecasts > 0) ?? [];
+  card.skillHour = hour;
+  card.skill.hidden = !horizons.length;
+  const share = (value) => (value === null ? "–" : `${Math.round(100 * value)} %`);
+  card.skill.replaceChildren(
+    element("caption", { textContent: "Forecasts of the last 7 days" }),
+    tableRow("th", ["ahead", "in the 95 % interval", "typical error", "better than persistence", "better than a regression"]),
+    ...horizons.map((one) =>
+      tableRow("td", [
+        age(one.lead_s),
+        share(one.coverage),
+        number(one.rmse, 2, "K"),
+        share(one.skill_against_persistence),
+        share(one.skill_against_arx),
+      ]),
+    ),
+  );
+}
+
+function tableRow(tag, texts) {
+  return element("tr", {}, ...texts.map((textContent) => element(tag, { textContent })));
+}
+
 async function refreshRows(card, summary) {
   const known = card.rows.at(-1);
   const limit = Math.max(1, Math.min(MAX_ROWS, Math.ceil(WINDOW_S / summary.period_s)));
@@ -135,6 +166,7 @@ async function refreshZone(summary) {
     get(`zones/${summary.id}`),
     get(`zones/${summary.id}/forecast`),
     refreshRows(card, summary),
+    refreshSkill(card, summary),
   ]);
   showStatus(card, summary, zone.status);
   showNumbers(card, forecast);
