@@ -14,6 +14,7 @@ import numpy as np
 
 from adapters.reading import Fault
 from estimator.arrays import Array
+from estimator.diagnosis.finding import Finding
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from estimator.verification.scores import gaussian_crps
@@ -237,6 +238,13 @@ class Model:
         return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead")
 
     @property
+    def findings(self) -> Frame:
+        """What the model does not know or what is not plausible about it, now: the name of each finding, its subject,
+        and one sentence with the problem and the remedy."""
+        found = self._session.worker.diagnosis().findings
+        return pandas().DataFrame([one._asdict() for one in found], columns=list(Finding._fields))
+
+    @property
     def weights(self) -> Frame:
         """What each member of a bank weighs, horizon by horizon; no rows for another estimator."""
         found, period = self._skill(), self._settings.zone.period
@@ -269,6 +277,8 @@ class Model:
             medians = ", ".join(f"{value:.2g}" for value in worker.latest.volatility.median)
             gate = worker.latest.shown_gate
             lines.append(f"  volatility {medians or 'none'} ({gate.regime}), learning gate {gate.value:.2f}")
+        if found := self._session.worker.diagnosis().findings:
+            lines.append(f"  {_count(len(found), 'finding')}: see model.findings")
         if self._faults:
             lines.append("  not used: " + ", ".join(f"{count} {fault}" for fault, count in self.faults.items()))
         return "\n".join(lines)

@@ -313,6 +313,15 @@ def test_what_was_learned_has_units_bounds_and_quantiles(model: tg.Model) -> Non
     assert (model.parameter_history.iloc[-1] > 0).all()
 
 
+def test_what_the_model_does_not_know_is_listed_with_a_remedy() -> None:
+    table = room(samples=600)
+    model = tg.fit(table.assign(u_heat=0.0), "tite", **FEW)
+    found = model.findings
+    assert list(found.columns) == ["finding", "subject", "sentence"]
+    assert len(found) > 0
+    assert "see model.findings" in repr(model)
+
+
 def test_skill_has_one_row_for_every_horizon(model: tg.Model) -> None:
     found = model.skill()
     assert list(found.index) == ["1 step", "1h", "6h", "24h"]
