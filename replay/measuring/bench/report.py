@@ -189,7 +189,10 @@ def _plain(found: Mapping[str, Any]) -> list[str]:
     labels = {"host": "this machine", "avx2": "compiled for AVX2 (`x86-64-v3`)"}
     machine = found["machine"]
     load = machine["load_average_before"]
-    busy = "" if load <= _QUIET else " The machine was not quiet: trust the ratios, not the times."
+    noise = (
+        " The machine was not quiet, which adds to both times and pulls their ratio towards 1: compare processor time."
+    )
+    busy = noise if load > _QUIET else ""
     return [
         "",
         "## The kernels and plain Numba",

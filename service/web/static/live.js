@@ -132,7 +132,7 @@ async function refreshSkill(card, summary) {
     tableRow("th", ["ahead", "in the 95 % interval", "typical error", "better than persistence", "better than a regression"]),
     ...horizons.map((one) =>
       tableRow("td", [
-        age(one.lead_s),
+        lead(one.lead_s),
         share(one.coverage),
         number(one.rmse, 2, "K"),
         share(one.skill_against_persistence),
@@ -140,6 +140,10 @@ async function refreshSkill(card, summary) {
       ]),
     ),
   );
+}
+
+function lead(seconds) {
+  return seconds % 3600 === 0 ? `${seconds / 3600} h` : `${Math.round(seconds / 60)} min`;
 }
 
 function tableRow(tag, texts) {

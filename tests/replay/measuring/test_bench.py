@@ -8,7 +8,7 @@ import pytest
 
 from replay.measuring.bench import floor
 from replay.measuring.bench.catalogue import SECTIONS, _sections
-from replay.measuring.bench.report import page, table
+from replay.measuring.bench.report import _plain, page, table
 from replay.measuring.bench.targets import ROWS, judged
 from replay.measuring.bench.workload import slope
 
@@ -68,6 +68,23 @@ def test_the_page_has_a_row_for_every_target_that_was_measured(results, tmp_path
     assert "size `tiny`" in text.lower()
     pytest.importorskip("matplotlib")
     assert (tmp_path / "images" / "performance-growth.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(("load", "quiet"), [(0.4, True), (14.6, False)])
+def test_the_comparison_with_plain_numba_names_its_machine_and_its_load(load, quiet):
+    way = {
+        "particles": 9000,
+        "kernels": {"median_s": 0.002},
+        "plain": {"median_s": 0.003},
+        "ratio": 1.5,
+        "processor_ratio": 1.4,
+        "first_updates_processor_s": {"kernels": 8.0, "plain": 20.0},
+    }
+    machine = {"processor": "P", "cores": 2, "commit": "abc", "date": "2026-11-22", "load_average_before": load}
+    text = "\n".join(_plain({"machine": machine, "host": way, "avx2": way}))
+    assert f"Measured on P, commit abc, 2026-11-22; load average before: {load} on 2 cores." in text
+    assert ("not quiet" in text) != quiet
+    assert "| this machine | 2.00 ms | 3.00 ms | 1.50 | 1.40 | 8.0 s and 20.0 s |" in text
 
 
 def test_a_section_that_failed_or_was_skipped_has_no_verdict():
