@@ -36,7 +36,7 @@ replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's
 	    --set "sources.recording.files=[\"$(CURDIR)/var/ecolar/ecolar-$$period-SYNTHETIC.csv\"]" || exit 1; \
 	done
 
-experiments: $(VENV)/.ready  ## every experiment in full, with the built-in data, into var/experiments; the better part of an hour
+experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-in data, into var/experiments; the better part of an hour
 	for name in semi-synthetic ecolar topology sensitivity cost; do \
 	  $(BIN)/thermogate experiment $$name --out var/experiments/$$name || exit 1; \
 	done

@@ -43,15 +43,15 @@ def _lead(outcomes: Sequence[Outcome]) -> tuple[str, ...]:
         f"afterwards; at worst {worst:.2f} times ({where})."
         for label, mean, worst, where in tables.ranked(outcomes)[:3]
     ]
-    lows = [
-        f"{low:.2f} ({outcome.recording.name}, {horizon})"
-        for low, outcome, horizon in _coverages(outcomes)
-        if not COVERAGE[0] <= low <= COVERAGE[1]
+    others = [
+        f"{_percent(share)} ({outcome.recording.name}, {horizon})"
+        for share, outcome, horizon in _coverages(outcomes)
+        if not COVERAGE[0] <= share <= COVERAGE[1]
     ]
     cells = len(_coverages(outcomes))
     sentences.append(
-        f"The 95 % interval of the bank covers {COVERAGE[0]:.0%} to {COVERAGE[1]:.0%} in {cells - len(lows)} of "
-        f"{cells} cases{'; elsewhere ' + ', '.join(lows) if lows else ''}."
+        f"The 95 % interval of the bank covers {_percent(COVERAGE[0])} to {_percent(COVERAGE[1])} in "
+        f"{cells - len(others)} of {cells} cases{'; elsewhere ' + ', '.join(others) if others else ''}."
     )
     return tuple(sentences)
 
@@ -83,8 +83,8 @@ def _done(outcomes: Sequence[Outcome], request: Request, seeds: Sequence[int]) -
             f"{EVERY // HOUR} hours, under the inputs that really followed. So a model is judged by what it makes of "
             "the weather and of the heating, not by how well anybody foresaw them.",
             f"Seeds: {', '.join(map(str, seeds))}, of the estimators; the recordings are the same for all. Figures are "
-            f"means over seeds ± standard deviation. Estimators that draw nothing ran once.{particles} The runs took "
-            f"{minutes:.0f} minutes of computing time.",
+            f"means over seeds ± standard deviation. Estimators that draw nothing ran once.{particles} One "
+            f"after the other, the runs took {minutes:.0f} minutes.",
             "Persistence: nothing changes. Previous day: as 24 hours before. Least squares: the network fitted in open "
             "loop to what came before the first forecast that counts, then simulated from the state of an EKF with "
             "these parameters. The others are Thermogate's estimators with their defaults, and the RBPF also with the "
@@ -108,11 +108,24 @@ def _targets(outcomes: Sequence[Outcome], request: Request, seeds: Sequence[int]
         if reduced
         else "This is the setting of the targets."
     )
+    fewest, where = min(_counts(outcomes))
     return Section(
         "Targets",
-        (f"{met} are met, {missed} missed, {len(found) - met - missed} open. {note}",),
+        (
+            f"{met} are met, {missed} missed, {len(found) - met - missed} open. {note}",
+            f"Coverage takes many forecasts: an honest 95 % interval misses one in twenty, and the smallest number of "
+            f"forecasts here is {fewest} ({where}). Forecasts that overlap miss together.",
+        ),
         (verdict_table(found),),
     )
+
+
+def _counts(outcomes: Sequence[Outcome]) -> list[tuple[int, str]]:
+    """How many forecasts of the bank were scored, for every recording and horizon that was."""
+    return [
+        (int(values(outcome, BANK, horizon, "samples").min()), f"{outcome.recording.name}, {horizon}")
+        for _, outcome, horizon in _coverages(outcomes)
+    ]
 
 
 def _compared(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> Section:
@@ -126,7 +139,7 @@ def _compared(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> Section:
     return Section(
         "Which forecast is best?",
         (
-            "No single setting serves all horizons: what follows every sample closely drifts over a day. Compare the "
+            "No single setting serves all horizons: what folothers every sample closely drifts over a day. Compare the "
             "columns row by row, and then how far a column is behind the best of its row at worst.",
         ),
         tuple(compared),
@@ -179,7 +192,7 @@ def _settings(outcomes: Sequence[Outcome], request: Request) -> Section:
         f"```\n{table}\n```",
     ]
     narrow = [
-        f"{outcome.recording.name}, {horizon} ({coverage:.0%})"
+        f"{outcome.recording.name}, {horizon} ({_percent(coverage)})"
         for outcome in outcomes
         for horizon in outcome.leads
         if (coverage := float(values(outcome, best, horizon, "coverage").mean())) < 0.9
@@ -210,6 +223,10 @@ def _arx_is_ahead(outcome: Outcome) -> bool:
 def _days(outcome: Outcome) -> float:
     times = outcome.recording.series.times
     return float(times[-1] - times[0]) / DAY
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
 
 
 def _toml(value: object) -> str:
