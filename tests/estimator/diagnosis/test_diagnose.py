@@ -41,10 +41,10 @@ def test_a_well_known_building_brings_no_finding_and_nothing_is_changed(kind):
 
 def test_the_first_heating_under_wide_bounds_is_implausible():
     estimator = build("rbpf", network("titethria"), 3600.0, {"particles": 500})
-    data = record(30, seed=1)
+    data = record(30, seed=3)
     inputs = data.inputs.copy()
     inputs[:, 1] = 0.0
-    inputs[-1, 1] = 30_000.0
+    inputs[-1, 1] = 3000.0
     state, seen, held = run(estimator, data._replace(inputs=inputs), 30)
     (finding,) = diagnose(estimator, state, seen, held).findings
     assert finding[:2] == (IMPLAUSIBLE, "zone")
