@@ -90,6 +90,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
     "`solar`": network_models.SolarConfig,
+    "`box`": network_models.BoxConfig,
     "`initial`": network_models.InitialConfig,
     "An inline network": network_models.InlineConfig,
     "`capacitances`": network_models.CapacitanceConfig,

@@ -37,7 +37,8 @@ def fit(
 
     Args:
         df: a DataFrame with a DatetimeIndex; rows need no order and no even spacing.
-        network: a preset such as "titeth", a table as in [zones.network], or a `Network`.
+        network: a preset such as "titeth", "auto" for one that follows from the columns, a table as in
+            [zones.network], or a `Network`.
         columns: what a channel is read from, where the column does not have its name and unit: the name of a column, a
             pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels].
         tz: the time zone of an index without one, such as "Europe/Berlin"; otherwise that of the results.
@@ -49,7 +50,7 @@ def fit(
     Raises ConfigError for arguments and DataError for a table that cannot be used.
     """
     pandas()
-    resolved = network_of(network)
+    resolved = network_of(network, {*map(str, columns or ()), *map(str, getattr(df, "columns", ()))})
     times = clock(df, tz, "the table")
     given: dict[str, Any] = {
         "period": spacing(times.seconds) if period is None else _plain(period),

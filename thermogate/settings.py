@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 from estimator.network.network import Network
@@ -47,13 +47,16 @@ class Settings(NamedTuple):
         return {name: channel.source_columns for name, channel in self.zone.channels.items()}  # type: ignore[attr-defined]
 
 
-def network_of(network: object) -> Network:
-    """A preset's name, a table as in the configuration or a network, as a network; ConfigError with the mistakes."""
+def network_of(network: object, channels: Collection[str] = ()) -> Network:
+    """A preset's name, a table as in the configuration or a network, as a network; ConfigError with the mistakes.
+
+    `channels` are those that there are columns for: the network "auto" follows from them.
+    """
     if isinstance(network, Network):
         return network.validate()
     raw = {"network": dict(network) if isinstance(network, Mapping) else network}
     problems = Problems(raw)
-    found = read_network(raw["network"], ("network",), problems, {})[1]
+    found = read_network(raw["network"], ("network",), problems, {}, channels)[1]
     if problems.sentences or found is None:
         raise ConfigError(problems.sentences)
     return found

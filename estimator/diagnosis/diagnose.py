@@ -65,11 +65,9 @@ def _of_parameters(
     estimator: Estimator, state: Any, record: Record, days: float, proposes_bounds: bool
 ) -> list[Finding]:
     network, summary = estimator.network, estimator.parameters(state, np.array(LEVELS))
-    found = [
-        *against_balance(network, summary, record),
-        *at_bound(network, summary),
-        *not_identified(network, summary),
-    ]
-    if proposes_bounds and days >= PROPOSAL_DAYS:
-        found += narrower_bounds(network, summary, days)
-    return found
+    # Bounds are proposed from a model that fits: one that leans against a bound has put its errors into the others.
+    misfits = against_balance(network, summary, record) + at_bound(network, summary)
+    proposals = []
+    if proposes_bounds and days >= PROPOSAL_DAYS and not misfits:
+        proposals = narrower_bounds(network, summary, days)
+    return misfits + not_identified(network, summary) + proposals

@@ -72,17 +72,13 @@ def not_identified(network: Network, summary: ParameterSummary) -> list[Finding]
 
 
 def narrower_bounds(network: Network, summary: ParameterSummary, days: float) -> list[Finding]:
-    """The finding that `days` days of data support narrower bounds, if they do; `summary` is at LEVELS.
-
-    Parameters at a bound are left out: what is beyond it is not known.
-    """
-    leaning = {finding.subject for finding in at_bound(network, summary)}
+    """The finding that `days` days of data support narrower bounds, if they do; `summary` is at LEVELS."""
     lines = []
     for parameter, _, quantiles in _learned(network, summary):
         lower = max(quantiles[0] / _MARGIN, parameter.lower)
         upper = min(quantiles[-1] * _MARGIN, parameter.upper)
         width = np.log(upper / lower) / np.log(parameter.upper / parameter.lower)
-        if parameter.name not in leaning and width <= _WORTHWHILE:
+        if width <= _WORTHWHILE:
             lines.append(f"{parameter.name} = {{ lower = {lower:.1e}, upper = {upper:.1e} }}")
     if not lines:
         return []

@@ -76,6 +76,12 @@ def test_a_network_is_a_name_a_table_or_an_object(model: tg.Model) -> None:
     assert changed.parameters().loc["C_i", "q0.5"] == 2e6
 
 
+def test_the_network_auto_follows_from_the_columns() -> None:
+    table = room().assign(T_adj=18.0, unused=1.0).rename(columns={"T_i": "Room"})
+    network = tg.fit(table, "auto", columns={"T_i": "Room"}, **FEW).network
+    assert network.channels == ("T_i", "T_out", "T_adj", "u_heat")
+
+
 def test_columns_have_other_names_units_and_order(model: tg.Model) -> None:
     table = room()
     raw = pd.DataFrame(

@@ -5,7 +5,14 @@ import pytest
 from support.small_building import PERIOD, building, record
 
 from estimator.diagnosis.diagnose import EVERY, diagnose, due
-from estimator.diagnosis.finding import AT_BOUND, FINDINGS, IMPLAUSIBLE, MEMBERS_DISAGREE, MISSES_SOMETHING
+from estimator.diagnosis.finding import (
+    AT_BOUND,
+    FINDINGS,
+    IMPLAUSIBLE,
+    MEMBERS_DISAGREE,
+    MISSES_SOMETHING,
+    NARROWER_BOUNDS,
+)
 from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.record import no_record, with_sample
 from estimator.network.presets import network
@@ -41,10 +48,10 @@ def test_a_well_known_building_brings_no_finding_and_nothing_is_changed(kind):
 
 def test_the_first_heating_under_wide_bounds_is_implausible():
     estimator = build("rbpf", network("titethria"), 3600.0, {"particles": 500})
-    data = record(30, seed=1)
+    data = record(30, seed=3)
     inputs = data.inputs.copy()
     inputs[:, 1] = 0.0
-    inputs[-1, 1] = 30_000.0
+    inputs[-1, 1] = 3000.0
     state, seen, held = run(estimator, data._replace(inputs=inputs), 30)
     (finding,) = diagnose(estimator, state, seen, held).findings
     assert finding[:2] == (IMPLAUSIBLE, "zone")
@@ -56,6 +63,18 @@ def test_a_box_that_excludes_the_building_is_found_at_its_bound():
     estimator = build("ekf", narrow, PERIOD, {"preset": "default"})
     state, seen, inputs = run(estimator, record(6 * 144, seed=5), 6 * 144)
     assert (AT_BOUND, "g_e_out") in names(diagnose(estimator, state, seen, inputs))
+
+
+@pytest.mark.parametrize(("days", "narrow", "proposed"), [(6, False, False), (8, False, True), (8, True, False)])
+def test_bounds_are_proposed_after_a_week_and_only_from_a_model_that_fits(days, narrow, proposed):
+    net = building().with_parameter("C_i", lower=1e4, upper=1e9)
+    if narrow:
+        net = net.with_parameter("g_e_out", lower=20.0, upper=60.0, nominal=None)
+    estimator = build("ekf", net, PERIOD, {})
+    state, seen, inputs = run(estimator, record(days * 144, seed=5), days * 144)
+    found = diagnose(estimator, state, seen, inputs, proposes_bounds=True)
+    assert ((NARROWER_BOUNDS, "zone") in names(found)) is proposed
+    assert NARROWER_BOUNDS not in {each.finding for each in diagnose(estimator, state, seen, inputs).findings}
 
 
 def test_before_the_third_day_nothing_is_said_about_parameters():

@@ -59,13 +59,12 @@ def test_a_fixed_parameter_and_one_without_quantiles_bring_no_finding():
 
 
 def test_proposed_bounds_contain_the_interval_and_stay_in_the_box():
-    leaning = (0.001, 0.002, 0.02, 0.2, 0.3)
-    (finding,) = narrower_bounds(NETWORK, summary(C_e=leaning, g_ie=(0.025, 0.05, 0.5, 0.95, 0.975)), 7.0)
+    (finding,) = narrower_bounds(NETWORK, summary(g_ie=(0.025, 0.05, 0.5, 0.95, 0.975)), 7.0)
     assert finding[:2] == (NARROWER_BOUNDS, "zone")
     assert "--reset" in finding.sentence
     table = finding.sentence.split("bounds, ")[1].split("; to adopt")[0]
     proposed = tomllib.loads(table)["parameters"]
-    assert set(proposed) == {"C_i", "g_e_out"}
+    assert set(proposed) == {"C_i", "C_e", "g_e_out"}
     for name, bounds in proposed.items():
         quantiles = summary().parameters[[p.name for p in NETWORK.parameters].index(name)]
         assert bounds["lower"] < quantiles[0] < quantiles[-1] < bounds["upper"]

@@ -7,6 +7,7 @@ from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from estimator.network.family import family, with_direct_heat, with_two_layers
 from estimator.network.presets import PRESETS, automatic, network
+from estimator.registry import build
 
 VARIANTS = ("own", "ground", "two-layers", "direct-heat")
 
@@ -26,6 +27,23 @@ def test_variants_have_the_same_channels_and_all_parameters(name):
 
 def test_an_automatic_network_has_the_whole_family():
     assert tuple(family(automatic(("T_i", "T_out", "u_heat", "I_sol", "T_adj")))) == VARIANTS
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_the_mixture_filter_and_its_oracle_agree_on_every_variant(variant):
+    net = family(automatic(("I_sol",)))[variant]
+    rows = []
+    for implementation in ("compiled", "reference"):
+        options = {"preset": "output-error-0.3", "particles": 8, "implementation": implementation}
+        estimator = build("mkf", net, 600.0, options)
+        inputs = np.array([5.0, 800.0, 150.0])
+        state = estimator.start(3, np.array([20.0]), inputs)
+        means = []
+        for k in range(12):
+            state = estimator.predict(estimator.update(state, np.array([20.0 + 0.1 * k])).state, inputs)
+            means.append(estimator.predictive(state).mean())
+        rows.append(np.array(means))
+    np.testing.assert_allclose(rows[0], rows[1], rtol=1e-9)
 
 
 def middle(net, **changes):

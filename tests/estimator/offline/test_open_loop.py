@@ -47,7 +47,7 @@ def test_gradients_match_finite_differences(name, seed):
     simulation = loop.simulate(np.exp(phi), state, inputs)
     slope = 2 * (simulation.outputs - target)
     found = loop.gradient(np.exp(phi), entries, inputs, simulation.states, slope)
-    step = 1e-4
+    step = 3e-4
     for i, expected in enumerate(found.log_parameters):
         move = step * (entries == i)
         numeric = (value(phi + move, state) - value(phi - move, state)) / (2 * step)
