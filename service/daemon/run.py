@@ -30,7 +30,7 @@ from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
-from service.daemon.tasks import end
+from service.daemon.tasks import done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
@@ -210,14 +210,14 @@ class Daemon:
         ]
         try:
             await runtime.declare()
-            if not await _before(stop, asyncio.ensure_future(runtime.restore())):
+            if not await done_before(stop, asyncio.ensure_future(runtime.restore())):
                 return
             serving = asyncio.create_task(server.run())
             runtime.start_zones()
             try:
                 await server.started(serving)
                 settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in sinks))
-                if not await _before(stop, settling):
+                if not await done_before(stop, settling):
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
@@ -252,13 +252,3 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
-
-
-async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
-    """Whether `work` was done before the daemon was asked to stop; then it is given up. Its failure is raised."""
-    await asyncio.wait([stop, work], return_when=asyncio.FIRST_COMPLETED)
-    if not work.done():
-        work.cancel()
-        return False
-    work.result()
-    return True
