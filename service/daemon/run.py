@@ -15,7 +15,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Coroutine, Iterable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
@@ -30,7 +30,7 @@ from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
-from service.daemon.tasks import end
+from service.daemon.tasks import done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
@@ -210,13 +210,14 @@ class Daemon:
         ]
         try:
             await runtime.declare()
-            if not await _before(stop, asyncio.ensure_future(runtime.restore())):
+            if not await done_before(stop, asyncio.ensure_future(runtime.restore())):
                 return
             serving = asyncio.create_task(server.run())
             runtime.start_zones()
             try:
                 await server.started(serving)
-                if not await _before(stop, asyncio.ensure_future(asyncio.to_thread(_settle, sinks))):
+                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in sinks))
+                if not await done_before(stop, settling):
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
@@ -251,18 +252,3 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
-
-
-def _settle(sinks: Iterable[Sink]) -> None:
-    for sink in sinks:
-        sink.settle()
-
-
-async def _before(stop: asyncio.Task[bool], work: asyncio.Future[Any]) -> bool:
-    """Whether `work` was done before the daemon was asked to stop; then it is given up. Its failure is raised."""
-    await asyncio.wait([stop, work], return_when=asyncio.FIRST_COMPLETED)
-    if not work.done():
-        work.cancel()
-        return False
-    work.result()
-    return True

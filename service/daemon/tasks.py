@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection
+from typing import Any
 
 _AGAIN_SECONDS = 0.5
 """How long a cancelled task may take to clean up before it is cancelled again, in s."""
 
 
-async def end(tasks: Collection[asyncio.Task[None]]) -> None:
+async def end(tasks: Collection[asyncio.Future[Any]]) -> None:
     """Cancel `tasks` and wait until they are over, whatever comes of them.
 
     One cancellation may not be enough: `asyncio.wait_for` of Python 3.11, in which the Modbus library waits for its
@@ -21,3 +22,13 @@ async def end(tasks: Collection[asyncio.Task[None]]) -> None:
             task.cancel()
         _, pending = await asyncio.wait(pending, timeout=_AGAIN_SECONDS)
     await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def done_before(stop: asyncio.Future[Any], work: asyncio.Future[Any]) -> bool:
+    """Whether `work` was done before `stop`; if not, it is ended. Its failure is raised."""
+    await asyncio.wait([stop, work], return_when=asyncio.FIRST_COMPLETED)
+    if not work.done():
+        await end([work])
+        return False
+    work.result()
+    return True

@@ -1,7 +1,10 @@
 import asyncio
+import gc
+
+import pytest
 
 import service.daemon.tasks
-from service.daemon.tasks import end
+from service.daemon.tasks import done_before, end
 
 
 def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
@@ -30,3 +33,33 @@ def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
     missed, begun = [], asyncio.Event()
     asyncio.run(main())
     assert missed
+
+
+def test_what_a_stop_overtakes_is_ended_and_leaves_no_complaint():
+    async def scenario():
+        loop, complaints = asyncio.get_running_loop(), []
+        loop.set_exception_handler(lambda loop, context: complaints.append(context["message"]))
+        stop = loop.create_future()
+        loop.call_soon(stop.set_result, None)
+        # Several things at once, as the sinks that settle.
+        parts = [asyncio.create_task(asyncio.Event().wait()) for _ in range(2)]
+        assert not await done_before(stop, asyncio.gather(*parts))
+        assert all(part.cancelled() for part in parts)
+        gc.collect()
+        await asyncio.sleep(0)
+        return complaints
+
+    assert asyncio.run(scenario()) == []
+
+
+def test_what_is_done_before_the_stop_says_how_it_went():
+    async def fails():
+        raise ValueError("cannot")
+
+    async def scenario():
+        stop = asyncio.get_running_loop().create_future()
+        assert await done_before(stop, asyncio.ensure_future(asyncio.sleep(0)))
+        with pytest.raises(ValueError, match="cannot"):
+            await done_before(stop, asyncio.ensure_future(fails()))
+
+    asyncio.run(scenario())
