@@ -23,6 +23,9 @@ from support.harness import EXAMPLES, Daemon, free_port
 import thermogate
 from adapters.reading import Fault, Quality
 from adapters.units import conversion, default_valid_range
+from estimator import registry
+from estimator.bank import options as bank_options
+from estimator.blackbox import options as arx_options
 from estimator.gaussian import options as augmented_options
 from estimator.mixture import options as mkf_options
 from estimator.network import presets
@@ -183,8 +186,12 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
         for source in raw["sources"].values():
             zenoh_models.ZenohSourceConfig.model_validate(source, context=context)
+    elif raw["zones"].keys() == {"estimator_options"}:
+        given = raw["zones"]["estimator_options"]
+        options = registry.resolve(block.mark.removeprefix("estimator: "), presets.network("titeth"), 300, given)
+        assert list(options.members) == list(given["members"])
     else:
-        assert raw.keys() == {"zones"}, "a fragment shows one network, or Zenoh sessions"
+        assert raw.keys() == {"zones"}, "a fragment shows one network, the options of a bank, or Zenoh sessions"
         assert raw["zones"].keys() == {"network"}
         model, table = network_models.network_model(raw["zones"]["network"])
         network, wrong = resolve(model.model_validate(table))
@@ -320,6 +327,24 @@ def test_every_option_of_mkf_is_documented_with_its_values() -> None:
     columns = [names(heading)[0] for heading in values[0][2:-1]]
     resolve, plain = mkf_options.resolve, presets.network("titeth")
     assert_values_as_documented(values, [resolve(plain, 600, {"preset": preset}) for preset in columns])
+
+
+def test_every_option_of_arx_and_daily_is_documented_with_its_values() -> None:
+    values, meanings = tables(section("configuration.md", "Options of `arx` and `daily`"))
+    known = {field.name for field in fields(arx_options.ARXOptions)}
+    assert set(first_names(meanings)) == set(first_names(values)) == known
+    plain = presets.network("titeth")
+    assert_values_as_documented(
+        values, [arx_options.resolve(plain, 300, {}), arx_options.resolve_daily(plain, 300, {})]
+    )
+
+
+def test_every_option_of_the_bank_is_documented_with_its_value() -> None:
+    values, meanings = tables(section("configuration.md", "Options of `bank`"))
+    known = {field.name for field in fields(bank_options.BankOptions)}
+    assert set(first_names(meanings)) == set(first_names(values)) == known
+    numbers = [row for row in values if row[0] not in ("`members`", "`voice`")]
+    assert_values_as_documented(numbers, [bank_options.BankOptions()])
 
 
 def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:
