@@ -31,9 +31,6 @@ from estimator.particle.gate import learning_gate, regime
 from estimator.particle.resampling import Weighted, effective_sample_size
 from estimator.types import ALPHA_LEVELS, Disturbance, Mixture, Outcome, ParameterSummary, Posterior
 
-CONSTANT = "constant"
-"""The regime of a filter without volatility."""
-
 _START_SHARE = 0.5
 """Standard deviation of a particle's first Gaussian over phi, as a share of the prior's; its centre has the rest."""
 
@@ -318,7 +315,7 @@ class MKF:
             outcome=Outcome.ASSIMILATED,
             log_likelihood=weighted.log_sum,
             cdf=np.array([block.cdf for block in gates]),
-            gate=gate,
+            gate=gate if gates else None,
             regime=self._regime([block.cdf for block in gates]),
             effective_sample_size=weighted.effective_sample_size,
             resampled=resampled,
@@ -372,8 +369,8 @@ class MKF:
             log_likelihood=float("nan"),
             alpha_quantiles=np.exp(np.array(alpha).reshape(-1, len(LEVELS))),
             cdf=np.empty(0),
-            gate=0.0,
-            regime=CONSTANT,
+            gate=0.0 if self.blocks else None,
+            regime=None,
             effective_sample_size=float("nan"),
             resampled=False,
             floored=False,
@@ -401,8 +398,8 @@ class MKF:
                 quantiles[elsewhere] = self._moves.quantiles(mixture, levels[elsewhere], 0)
         return WATTS * quantiles, on
 
-    def _regime(self, cdf: list[float]) -> str:
-        return regime(max(cdf), self._model.volatility) if cdf else CONSTANT
+    def _regime(self, cdf: list[float]) -> str | None:
+        return regime(max(cdf), self._model.volatility) if cdf else None
 
 
 def _between(place: Array, bounds: tuple[float, float]) -> Array:
