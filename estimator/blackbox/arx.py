@@ -38,6 +38,8 @@ _BEYOND, _BEYOND_SHARE = 2.0, 0.5
 be unstable."""
 _WIDEST_SPREAD = (_FARTHEST / _FIRST_SD) ** 2
 """Squares of a residual that a spread comes to at most."""
+_RESIDUAL_DAYS = 2.0
+"""Time constant with which old residuals are forgotten [d]: the first ones, of a regression that knew nothing, soon."""
 _SURE = 5.0
 """Verified errors whose weight equals that of the theory."""
 _DAY = 86400.0
@@ -86,6 +88,7 @@ class ARX:
         self._width = 1 + options.past_outputs + options.past_inputs * len(units)
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
         self._forgetting = exp(-period / (options.memory_days * _DAY))
+        self._residual_forgetting = exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * _DAY))
         self._verified_forgetting = exp(-3600.0 / (options.verified_memory_days * _DAY))
 
     physical = False
@@ -156,7 +159,7 @@ class ARX:
             if state.spread[i] == 1.0:
                 row = _row(state.outputs[i, 1:], regressors, LEVEL)
                 _learn(learned.coefficients[i], learned.covariance[i], row, error, self._forgetting, self._prior)
-                learned.residual[i] = state.residual[i] * self._forgetting + np.array([error**2, 1.0])
+                learned.residual[i] = state.residual[i] * self._residual_forgetting + np.array([error**2, 1.0])
             learned.outputs[i, 0], learned.echo[i], learned.spread[i] = outputs[i], 0.0, 0.0
             learned.seen[i] = min(learned.seen[i, 0], outputs[i]), max(learned.seen[i, 1], outputs[i])
         return self._posterior(learned, Outcome.ASSIMILATED, log_likelihood)

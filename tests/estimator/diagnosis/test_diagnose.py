@@ -115,13 +115,12 @@ def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
     found = variants(estimator, state)
     assert [each.variant for each in found] == ["own", "ground"]
     assert sum(each.weight for each in found) == pytest.approx(1.0)
-    loss = state.losses.loss.copy()
-    loss[:3], hours = 1000.0, np.full_like(loss, 500.0)
-    loss[3] = 1.0
-    blind = state._replace(losses=state.losses._replace(loss=loss, hours=hours))
+    excess = np.zeros_like(state.costs.excess)
+    excess[:3] = 1000.0
+    blind = state._replace(costs=state.costs._replace(excess=excess))
     assert MISSES_SOMETHING in {finding.finding for finding in carried(estimator, blind)}
-    loss[2:] = loss[2:][::-1]
-    ground = state._replace(losses=state.losses._replace(loss=loss.copy(), hours=hours))
+    excess[2:] = excess[2:][::-1]
+    ground = state._replace(costs=state.costs._replace(excess=excess))
     assert ("network-variant", "ground") in {finding[:2] for finding in carried(estimator, ground)}
 
 

@@ -1,0 +1,283 @@
+"""The bank: weights by horizon, coverage by feedback, members that fail, networks that differ, its state as arrays."""
+
+import io
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from estimator.bank.bank import Bank
+from estimator.bank.options import BankOptions, Member
+from estimator.errors import OptionsError
+from estimator.network.network import Conductance, HeatInput, Network, Parameter
+from estimator.network.presets import network
+from estimator.registry import build
+from estimator.types import Mixture, Outcome, Posterior
+
+PERIOD = 1800.0
+NETWORK = network("tite")
+NOISE = 0.3
+SMALL = {
+    "jump": {"estimator": "mkf", "particles": 40},
+    "free": {"estimator": "mkf", "preset": "free", "particles": 24},
+    "rbpf": {"estimator": "rbpf", "particles": 60},
+    "arx": {"estimator": "arx"},
+    "daily": {"estimator": "daily"},
+}
+
+
+class SomeState(NamedTuple):
+    restarts: np.ndarray
+
+
+class SomeForecaster:
+    """Always 20 degC and a bias of its own, one for the next sample and one for later ones; it learns nothing."""
+
+    physical = True
+    verifies_itself = False
+    blocks = ()
+    issue_type = SomeState
+
+    def __init__(self, bias, later_bias, sd, deaf=False):
+        self.network, self.bias, self.later_bias, self.sd, self.deaf = NETWORK, bias, later_bias, sd, deaf
+
+    def start(self, seed, outputs, inputs):
+        return SomeState(np.array(0))
+
+    def restart(self, state, outputs, inputs):
+        return SomeState(state.restarts + 1)
+
+    def predict(self, state, inputs):
+        return state
+
+    def predictive(self, state):
+        return Mixture(np.ones(1), np.array([[20.0 + self.bias]]), np.array([[self.sd]]))
+
+    def update(self, state, outputs):
+        outcome = Outcome.VANISHED if self.deaf else Outcome.ASSIMILATED
+        return Posterior(state, outcome, np.nan if self.deaf else 0.0, np.ones(len(NETWORK.parameters)))
+
+    def issue(self, state, count):
+        return state
+
+    def unfold(self, issue, plan):
+        yield self.predictive(issue)
+        for _ in plan:
+            yield Mixture(np.ones(1), np.array([[20.0 + self.later_bias]]), np.array([[self.sd]]))
+
+    def verified(self, state, lead, errors):
+        return state
+
+    def pack(self, state):
+        return state._asdict()
+
+
+def bank_of(members, **options):
+    named = {name: Member("mkf", NETWORK, None) for name in members}
+    return Bank(NETWORK, PERIOD, BankOptions(members=named, voice=next(iter(members)), **options), members)
+
+
+def samples(count, seed=3):
+    return 20.0 + NOISE * np.random.default_rng(seed).standard_normal(count)
+
+
+def played(bank, outputs, state=None):
+    """The state after `outputs`, all posteriors, and whether each sample was in the interval published for it."""
+    inputs = np.array([5.0, 300.0])
+    state = bank.start(1, np.array([20.0]), inputs) if state is None else state
+    posteriors, covered = [], []
+    for y in outputs:
+        state = bank.predict(state, inputs)
+        lower, upper = bank.quantiles(bank.predictive(state), np.array([0.025, 0.975]), 0)
+        covered.append(lower <= y <= upper)
+        posteriors.append(bank.update(state, np.array([y])))
+        state = posteriors[-1].state
+    return state, posteriors, np.array(covered)
+
+
+def test_every_horizon_trusts_who_is_good_at_it():
+    members = {"sprinter": SomeForecaster(0.0, 1.0, NOISE), "stayer": SomeForecaster(1.0, 0.0, NOISE)}
+    bank = bank_of(members)
+    state, _, _ = played(bank, samples(600))
+    weights = bank.member_weights(state)
+    assert weights["sprinter"][0] > 0.9
+    assert (weights["stayer"][1:] > 0.9).all()
+    np.testing.assert_allclose(weights["sprinter"] + weights["stayer"], 1.0)
+    fan = list(bank.forecast(state, np.tile([5.0, 300.0], (48, 1))))
+    assert abs(fan[0].mean()[0] - 20.0) < 0.15
+    assert abs(fan[-1].mean()[0] - 20.0) < 0.15
+
+
+def test_members_that_err_to_both_sides_share_the_weight():
+    bank = bank_of({"cold": SomeForecaster(-0.4, -0.4, NOISE), "warm": SomeForecaster(0.4, 0.4, NOISE)})
+    state, _, _ = played(bank, samples(600))
+    np.testing.assert_allclose(bank.member_weights(state)["cold"], 0.5, atol=0.3)
+
+
+def test_before_anything_is_verified_the_prior_rules():
+    members = {"first": SomeForecaster(0.0, 0.0, NOISE), "second": SomeForecaster(0.0, 0.0, NOISE)}
+    named = {
+        name: Member("mkf", NETWORK, None, prior) for name, prior in (("first", (3.0,) * 4), ("second", (1.0,) * 4))
+    }
+    bank = Bank(NETWORK, PERIOD, BankOptions(members=named, voice="first"), members)
+    state = bank.start(1, np.array([20.0]), np.array([5.0, 300.0]))
+    np.testing.assert_allclose(bank.member_weights(state)["first"], 0.75)
+
+
+@pytest.mark.parametrize("factor", [1 / 3, 3.0])
+def test_the_published_interval_covers_what_it_claims_though_the_members_do_not(factor):
+    bank = bank_of({"only": SomeForecaster(0.0, 0.0, factor * NOISE)})
+    _state, posteriors, covered = played(bank, samples(3000))
+    # Four standard errors of 2,500 draws, and as much again for the scale, which never comes to rest.
+    assert abs(covered[500:].mean() - 0.95) < 8 * np.sqrt(0.95 * 0.05 / 2500)
+    later = [(one.lead, one.mixture.sd()[0]) for posterior in posteriors[-300:] for one in posterior.verified]
+    for lead in bank.leads[1:]:
+        sds = [sd for own, sd in later if own == lead]
+        assert sds
+        assert NOISE / 1.6 < np.mean(sds) < 1.6 * NOISE
+
+
+def test_a_member_that_explains_nothing_is_left_out_and_started_anew():
+    members = {"good": SomeForecaster(0.0, 0.0, NOISE), "deaf": SomeForecaster(5.0, 5.0, NOISE, deaf=True)}
+    bank = bank_of(members)
+    state, posteriors, _ = played(bank, samples(5))
+    assert posteriors[-1].outcome is Outcome.ASSIMILATED
+    assert bank.member_weights(state)["deaf"].max() < 1e-9
+    assert state.members[1].restarts == 0
+    state, _, _ = played(bank, samples(20), state)
+    assert state.members[1].restarts >= 2
+    assert state.members[0].restarts == 0
+    assert abs(bank.predictive(state).mean()[0] - 20.0) < 0.1
+
+
+def test_what_nobody_can_explain_changes_nothing_that_was_learned():
+    bank = bank_of({"a": SomeForecaster(0.0, 0.0, NOISE, deaf=True), "b": SomeForecaster(0.0, 0.0, NOISE, deaf=True)})
+    state, posteriors, _ = played(bank, samples(3))
+    assert posteriors[-1].outcome is Outcome.VANISHED
+    assert not state.costs.hours.any()
+    assert not state.widths.verified.any()
+
+
+def small_bank(net=NETWORK, **options):
+    return build("bank", net, PERIOD, {"members": SMALL} | options)
+
+
+def walked(bank, state, first, count, outputs=1):
+    """Predicted and updated with made-up samples `first` to `first + count`."""
+    for k in range(first, first + count):
+        rng = np.random.default_rng(k)
+        inputs = np.array([5.0 + np.sin(k / 8)] + [600.0 * (rng.random() < 0.5)] * (len(bank.network.inputs) - 1))
+        state = bank.update(bank.predict(state, inputs), 20.0 + 0.1 * rng.standard_normal(outputs)).state
+    return state
+
+
+def started(bank, outputs=1):
+    return bank.start(1, np.full(outputs, 20.0), np.array([5.0] + [0.0] * (len(bank.network.inputs) - 1)))
+
+
+def test_the_state_goes_on_with_the_same_bits_with_forecasts_that_still_wait():
+    bank = small_bank()
+    state = walked(bank, started(bank), 0, 60)
+    assert len(state.pending.issues) == 24
+    file = io.BytesIO()
+    np.savez(file, **bank.pack(state))
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as stored:
+        back = bank.unpack({name: stored[name] for name in stored.files})
+    left, right = (bank.pack(walked(bank, each, 60, 52)) for each in (state, back))
+    assert left.keys() == right.keys()
+    assert left["costs.hours"][-1] > 25, "forecasts of a day that were issued before have come true after"
+    for name, array in left.items():
+        assert array.tobytes() == right[name].tobytes(), name
+
+
+def test_a_day_without_measurements_is_survived():
+    bank = small_bank()
+    state = walked(bank, started(bank), 0, 30)
+    learned = state.costs
+    for _ in range(48):
+        posterior = bank.update(bank.predict(state, np.array([5.0, 0.0])), np.array([np.nan]))
+        state = posterior.state
+        assert posterior.outcome is Outcome.MISSING
+        assert posterior.verified == ()
+    assert np.array_equal(state.costs.excess, learned.excess)
+    state = walked(bank, state, 30, 20)
+    assert np.isfinite(bank.predictive(state).sd()).all()
+    assert np.isfinite(bank.pack(state)["costs.excess"]).all()
+
+
+def test_several_outputs_are_published_and_learned_from():
+    rooms = Network(
+        name="two-rooms",
+        capacitances={"T_a": "C_a", "T_b": "C_b"},
+        boundaries=("T_out",),
+        conductances=(Conductance("g_ab", ("T_a", "T_b")), Conductance("g_a_out", ("T_a", "T_out"))),
+        heat_inputs=(HeatInput("u_a", "T_a"), HeatInput("u_b", "T_b")),
+        parameters=(
+            Parameter("C_a", "J/K", 1e6, 1e8),
+            Parameter("C_b", "J/K", 1e6, 1e8),
+            Parameter("g_ab", "W/K", 10.0, 1e3),
+            Parameter("g_a_out", "W/K", 10.0, 1e3),
+        ),
+        measured=("T_b", "T_a"),
+    ).validate()
+    bank = small_bank(rooms)
+    state = walked(bank, started(bank, 2), 0, 60, outputs=2)
+    half = bank.update(bank.predict(state, np.array([5.0, 0.0, 0.0])), np.array([np.nan, 20.0]))
+    assert half.outcome is Outcome.ASSIMILATED
+    fan = list(bank.forecast(half.state, np.tile([5.0, 0.0, 0.0], (10, 1))))
+    for mixture in fan:
+        assert mixture.means.shape[0] == 2
+        for output in (0, 1):
+            lower, upper = bank.quantiles(mixture, np.array([0.025, 0.975]), output)
+            assert lower < mixture.mean()[output] < upper
+    assert state.costs.hours[0] == pytest.approx(60 * PERIOD / 3600, rel=0.1)
+
+
+def test_members_may_differ_in_their_network():
+    members = SMALL | {"ground": {"estimator": "mkf", "preset": "free", "particles": 24, "network": "ground"}}
+    bank = small_bank(members=members)
+    assert len(bank.members[-1].network.nodes) == 3
+    state = walked(bank, started(bank), 0, 30)
+    posterior = bank.update(bank.predict(state, np.array([5.0, 0.0])), np.array([20.0]))
+    summary = bank.parameters(posterior.state, np.array([0.1, 0.9]))
+    assert posterior.parameters.shape == (len(NETWORK.parameters),)
+    assert summary.parameters.shape == (len(NETWORK.parameters), 2)
+    assert summary.time_constants.shape == (2, 2)
+    assert np.isfinite(bank.predictive(posterior.state).sd()).all()
+    with pytest.raises(OptionsError, match=r"members.ground.network = 'moon' must be one of own, ground"):
+        small_bank(members={"ground": {"estimator": "mkf", "network": "moon"}})
+
+
+def test_a_fan_is_the_weighted_mixture_of_the_members_fans():
+    bank = small_bank()
+    state = walked(bank, started(bank), 0, 40)
+    plan = np.tile([4.0, 300.0], (12, 1))
+    fan = list(bank.forecast(state, plan))
+    assert len(fan) == 13
+    weights = np.array(list(bank.member_weights(state).values()))
+    parts = [
+        list(member.unfold(member.issue(own, bank.options.scenarios), plan))
+        for member, own in zip(bank.members, state.members, strict=True)
+    ]
+    horizon = bank.leads.index(12)
+    means = np.array([part[11].mean()[0] for part in parts])
+    assert fan[11].mean()[0] == pytest.approx(float(weights[:, horizon] @ means), rel=1e-9)
+    spread = np.array([part[11].sd()[0] ** 2 for part in parts]) + means**2
+    sd = np.sqrt(float(weights[:, horizon] @ spread) - float(weights[:, horizon] @ means) ** 2)
+    assert fan[11].sd()[0] == pytest.approx(sd * np.exp(state.widths.log_scale[horizon]), rel=1e-6)
+
+
+@pytest.mark.parametrize("prior", [0, [1, 1], [1, 1, 1, -1], "much", [1, 1, 1, True]])
+def test_a_prior_is_positive_numbers(prior):
+    with pytest.raises(OptionsError, match=r"members.arx.prior must be a number above 0, or a list of 4"):
+        small_bank(members={"arx": {"estimator": "arx", "prior": prior}})
+
+
+def test_options_of_a_member_name_the_member():
+    with pytest.raises(OptionsError, match=r"members.arx: .*past_outputs"):
+        small_bank(members={"arx": {"estimator": "arx", "past_outputs": 0}})
+    with pytest.raises(OptionsError, match="a bank cannot be a member of a bank"):
+        small_bank(members={"inner": {"estimator": "bank"}})
+    with pytest.raises(OptionsError, match="voice = 'nobody' must be one of the members"):
+        small_bank(voice="nobody")

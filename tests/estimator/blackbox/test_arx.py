@@ -1,0 +1,103 @@
+"""The black boxes: what they learn of signals that are known, and how sure they are of it."""
+
+import numpy as np
+import pytest
+
+from estimator.network.presets import network
+from estimator.registry import build
+
+PERIOD = 1800.0
+DAY = 48
+NETWORK = network("tite")
+
+
+def run(estimator, outputs, inputs, verify=()):
+    """The state after `outputs` (K,) under `inputs` (K, 2), told of the errors at the leads `verify`."""
+    state, pending = estimator.start(1, outputs[:1], inputs[0]), []
+    for k in range(len(outputs) - 1):
+        state = estimator.predict(state, inputs[k])
+        for lead in verify:
+            if k + lead < len(outputs):
+                *_, last = estimator.forecast(state, inputs[k + 1 : k + lead])
+                pending.append((k + lead, lead, last.mean()))
+        state = estimator.update(state, outputs[k + 1 : k + 2]).state
+        for due, lead, mean in [one for one in pending if one[0] == k + 1]:
+            state = estimator.verified(state, lead, outputs[due : due + 1] - mean)
+        pending = [one for one in pending if one[0] > k + 1]
+    return state
+
+
+def room(count, seed=1, noise=0.02):
+    """A room of one capacity under random heating, and its inputs."""
+    rng = np.random.default_rng(seed)
+    inputs = np.column_stack([5 + 3 * np.sin(2 * np.pi * np.arange(count) / DAY), 1000.0 * (rng.random(count) < 0.3)])
+    outputs = np.full(count, 20.0)
+    for k in range(count - 1):
+        outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + noise * rng.standard_normal()
+    return outputs, inputs
+
+
+def test_a_regression_is_found():
+    outputs, inputs = room(1500)
+    arx = build("arx", NETWORK, PERIOD, {"past_outputs": 1, "past_inputs": 1})
+    state = run(arx, outputs, inputs)
+    np.testing.assert_allclose(state.coefficients[0, 1], 0.97, atol=0.01)
+    np.testing.assert_allclose(state.coefficients[0, 3], 1.5, atol=0.05)
+    assert arx.predictive(arx.predict(state, inputs[-1])).sd()[0] == pytest.approx(0.02, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["arx", "daily"])
+def test_a_forecast_is_what_predicting_step_by_step_gives(name):
+    outputs, inputs = room(200)
+    estimator = build(name, NETWORK, PERIOD, {})
+    state = estimator.predict(run(estimator, outputs, inputs), inputs[-1])
+    plan = room(2 * DAY + 9, seed=5)[1]
+    fan, step = list(estimator.forecast(state, plan)), state
+    for ahead, given in enumerate(plan, start=1):
+        step = estimator.predict(step, given)
+        assert fan[ahead].mean()[0] == pytest.approx(estimator.predictive(step).mean()[0], rel=1e-12)
+
+
+def test_what_every_day_repeats_is_forecast_without_a_cause():
+    days = 12
+    hour = np.arange(days * DAY) % DAY
+    rng = np.random.default_rng(2)
+    outputs = 20.0 + 2.0 * (hour > 16) - 1.0 * (hour > 34) + 0.02 * rng.standard_normal(days * DAY)
+    inputs = np.tile([5.0, 0.0], (len(outputs), 1))
+    daily, arx = build("daily", NETWORK, PERIOD, {}), build("arx", NETWORK, PERIOD, {})
+    cut = 10 * DAY + 10
+    errors = {}
+    for estimator in (daily, arx):
+        state = estimator.predict(run(estimator, outputs[: cut + 1], inputs), inputs[0])
+        fan = list(estimator.forecast(state, inputs[:30]))
+        errors[estimator] = np.sqrt(
+            np.mean([(m.mean()[0] - y) ** 2 for m, y in zip(fan, outputs[cut + 1 :], strict=False)])
+        )
+    assert errors[daily] < 0.1
+    assert errors[arx] > 3 * errors[daily]
+
+
+@pytest.mark.parametrize("name", ["arx", "daily"])
+def test_the_spread_hours_ahead_is_what_forecasts_have_missed_by(name):
+    # Disturbances that last for hours: errors grow faster than independent residuals would have it.
+    outputs, inputs = room(1500)
+    slow, rng = np.zeros(len(outputs)), np.random.default_rng(8)
+    for k in range(1, len(slow)):
+        slow[k] = 0.99 * slow[k - 1] + 0.1 * rng.standard_normal()
+    outputs = outputs + slow
+    estimator = build(name, NETWORK, PERIOD, {})
+    state = run(estimator, outputs, inputs, verify=(2, 12))
+    *_, far = estimator.forecast(estimator.predict(state, inputs[0]), inputs[:11])
+    arx = state if name == "arx" else state.differences()
+    place = np.flatnonzero(arx.leads == 12)[0]
+    missed = np.sqrt(arx.errors[place, 0, 0] / arx.errors[place, 0, 1])
+    assert far.sd()[0] == pytest.approx(missed, rel=0.1)
+
+
+def test_an_unstable_regression_stays_near_what_was_measured():
+    outputs, inputs = 20.0 * 1.02 ** np.arange(30), np.tile([5.0, 0.0], (30, 1))
+    arx = build("arx", NETWORK, PERIOD, {})
+    state = arx.predict(run(arx, outputs, inputs), inputs[0])
+    *_, far = arx.forecast(state, np.tile(inputs[:1], (500, 1)))
+    assert abs(far.mean()[0] - outputs[-1]) < 20.0
+    assert np.isfinite(far.sd()).all()
