@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from estimator.bank.bank import Bank
-from estimator.bank.options import BankOptions, resolver
+from estimator.bank.options import BankOptions, member_tables, resolver
 from estimator.blackbox import options as arx_options
 from estimator.blackbox.arx import ARX
 from estimator.blackbox.daily import Daily
@@ -80,6 +80,12 @@ def build(estimator: str, network: Network, period: float, given: Mapping[str, o
 def as_mapping(options: Any) -> dict[str, object]:
     """Resolved options by name, without those that are not set."""
     return {name: value for name, value in asdict(options).items() if value is not None}
+
+
+def written(estimator: str, options: Any) -> dict[str, object]:
+    """Resolved options as `resolve` accepts them, every default included."""
+    named = as_mapping(options)
+    return named | {"members": member_tables(options.members, written)} if estimator == "bank" else named
 
 
 def structure(estimator: str, options: Any) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
@@ -27,6 +27,8 @@ class Member(NamedTuple):
     options: Any
     prior: tuple[float, ...] = (1.0,) * len(PRIOR_HOURS)
     """What it weighs, relative to the others, before it has proved anything, at PRIOR_HOURS."""
+    variant: str = "own"
+    """Name of its network in the family of the bank's."""
 
 
 def prior_at(prior: Sequence[float], hours: Array) -> Array:
@@ -123,6 +125,21 @@ def resolver(resolve_member: Resolve) -> Any:
     return resolve
 
 
+def member_tables(
+    members: Mapping[str, Member], written: Callable[[str, Any], Mapping[str, object]]
+) -> dict[str, object]:
+    """The tables that `members` resolve from, with every default; `written` gives the options of an estimator."""
+    return {
+        name: {
+            "estimator": member.estimator,
+            "network": member.variant,
+            "prior": member.prior,
+            **written(member.estimator, member.options),
+        }
+        for name, member in members.items()
+    }
+
+
 def _member(name: str, table: object, network: Network, period: float, resolve_member: Resolve) -> Member:
     if not isinstance(table, Mapping) or not isinstance(table.get("estimator"), str):
         raise OptionsError(
@@ -138,9 +155,10 @@ def _member(name: str, table: object, network: Network, period: float, resolve_m
     own = {key: value for key, value in table.items() if key not in ("estimator", "network", "prior")}
     prior = _prior(name, table.get("prior", 1.0))
     try:
-        return Member(estimator, variants[variant], resolve_member(estimator, variants[variant], period, own), prior)
+        resolved = resolve_member(estimator, variants[variant], period, own)
     except OptionsError as error:
         raise OptionsError(f"members.{name}: {error}", "members") from error
+    return Member(estimator, variants[variant], resolved, prior, str(variant))
 
 
 def _prior(name: str, given: object) -> tuple[float, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import tomli_w
 
 from estimator.network.network import HeatInput, Network, Parameter
-from estimator.registry import as_mapping
+from estimator.registry import written
 from service.config.site import TABLES, Config
 
 
@@ -19,7 +19,7 @@ def effective_toml(config: Config) -> str:
     tables = {name: dumped["sinks"][name] if name in config.sinks else dumped[name] for name in TABLES}
     for table, zone in zip(tables["zones"], config.zones, strict=True):
         table["network"] = network_table(zone.network)
-        table["estimator_options"] = _plain(as_mapping(zone.options))
+        table["estimator_options"] = _plain(written(zone.estimator, zone.options))
     return tomli_w.dumps(tables)
 
 

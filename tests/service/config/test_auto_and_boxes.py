@@ -88,6 +88,16 @@ def test_what_is_shown_as_effective_is_the_same_network(tmp_path: Path) -> None:
     assert (again.name, set(again.parameters)) == ("auto", set(config.zones[0].network.parameters))
 
 
+def test_what_is_shown_as_effective_is_the_same_bank(tmp_path: Path) -> None:
+    tables = sound(tmp_path)
+    tables["zones"][0] |= {"network": "auto", "estimator": "bank", "estimator_options": {}}
+    shown = effective_toml(load(write(tmp_path, tables)))
+    (tmp_path / "effective.toml").write_text(shown, encoding="utf-8")
+    again = load(tmp_path / "effective.toml")
+    assert effective_toml(again) == shown
+    assert {member.variant for member in again.zones[0].options.members.values()} >= {"own", "ground", "two-layers"}
+
+
 @pytest.mark.parametrize(
     ("channels", "parts"),
     [
