@@ -164,7 +164,7 @@ class Loop:
                     print(f"{number + 1} kills, {time.monotonic() - began:.0f} s", flush=True)
             acknowledged = sum(self._acknowledged().values())
             with self._daemon({"sources.log.pace": "max"}) as daemon:
-                daemon.wait_until_ended(self._patience)
+                daemon.wait_until_ended()
                 # What the daemon announced last may still be on its way.
                 time.sleep(0.3)
                 ledger.terminate()
@@ -177,7 +177,7 @@ class Loop:
             ledger.communicate()
         alone = {"sources.log.pace": "max", "site.state_dir": str(self._folder / "alone")}
         with self._daemon(alone | {"zenoh.enabled": False, "http.port": 0}) as daemon:
-            daemon.wait_until_ended(self._patience)
+            daemon.wait_until_ended()
             straight = state_of(daemon)
         return Report(
             kills=self._kills,
@@ -228,11 +228,6 @@ class Loop:
             assert code is None or (moment, code) == ("stop", 0), log
             self._replayed += sum(int(word) for word in _replays(log))
             return moment if code is None else "stopped just before"
-
-    @property
-    def _patience(self) -> float:
-        """Seconds that the rest of the recording may take."""
-        return PATIENCE + 0.02 * ROWS_PER_KILL * self._kills
 
     def _wait_for_scores(self, daemon: Daemon, count: int) -> None:
         """Return once the ledger has `count` more scores of every zone."""
