@@ -49,6 +49,7 @@ LEVELS = {
     ),
     "replay": (
         {"commands", "measuring"},
+        {"reports"},
         {"experiments"},
         {"bms"},
         {"simulated"},

@@ -12,7 +12,9 @@ from service.errors import ConfigError
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
-    parser = add("replay", _replay, "Run recorded sources through the zones as fast as possible, into files.")
+    parser = add(
+        "replay", _replay, "Run recorded sources through the zones as fast as possible, into files and a report."
+    )
     take_config(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument("--zone", metavar="ID", help="replay this zone only (default: all)")
@@ -25,13 +27,14 @@ def add_to(add: AddCommand) -> None:
 
 def _replay(arguments: argparse.Namespace) -> int:
     from replay.recorded.runner import replay_recording
+    from replay.reports.publish import publish_report
 
     config = load_config(arguments)
     if arguments.zone is not None:
         require_zones(config, [arguments.zone], "--zone")
     if arguments.start is not None and arguments.end is not None and arguments.start >= arguments.end:
         raise ConfigError(["--start is not before --end; swap or correct them"])
-    return replay_recording(
+    traces = replay_recording(
         config,
         arguments.out,
         zone=arguments.zone,
@@ -40,3 +43,4 @@ def _replay(arguments: argparse.Namespace) -> int:
         end=arguments.end,
         progress=sys.stderr.isatty(),
     )
+    return publish_report(config.site.id, traces, arguments.out)

@@ -12,9 +12,8 @@ import csv
 import json
 import math
 import resource
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -23,7 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from estimator import registry
-from estimator.diagnosis.finding import Diagnosis
+from replay.recorded.trace import Trace, Tracer
 from replay.scores import coverage, mean_width, rmse, winkler
 from service.config.fitting import make_alignment, make_worker
 from service.config.recording import Part, recorded
@@ -32,10 +31,14 @@ from service.errors import ServiceError
 from service.fields.durations import format_duration
 from service.fields.times import written_time
 from service.records.history import HistoryRow
+from service.records.sample import Sample
 from service.records.skill import HorizonSkill
 from service.records.update import Update
+from service.zone.alignment import Alignment
 
 DAY = 86400
+SLOW = 2.0
+"""s after which a command shows how far it is."""
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 
 
@@ -48,10 +51,10 @@ def replay_recording(
     start: float | None = None,
     end: float | None = None,
     progress: bool = True,
-) -> int:
-    """Replay the zones of `config` (or one of them) from UTC time `start` up to `end` into the folder `out`; 0.
+) -> list[Trace]:
+    """Replay the zones of `config` (or one of them) from UTC time `start` up to `end` into the folder `out`.
 
-    Raises ServiceError where the folder or a recording cannot be used.
+    What each zone went through is returned, for a report. Raises ServiceError where the folder or a recording cannot be used.
     """
     tables = [table for table in config.zones if zone in (None, table.id)]
     if not tables:
@@ -64,23 +67,26 @@ def replay_recording(
         (out / "summary.json").unlink(missing_ok=True)
         with ExitStack() as stack:
             runs = {table.id: stack.enter_context(_recording(table, out / table.id)) for table in tables}
-            asyncio.run(_feed(config, runs, start, end, progress))
+            total = asyncio.run(_count(config, tables, start, end)) if progress else None
+            with tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="replay") as bar:
+                asyncio.run(_feed(config, runs, start, end, bar))
+            traces = [run.trace() for run in runs.values() if run.used]
             for name, run in runs.items():
                 if not run.used:
                     raise ServiceError(_unused(name, run.faults, start, end))
-            for name, run in runs.items():
-                for finding in run.diagnosis.findings:
-                    print(f"zone '{name}': {finding.finding} ({finding.subject}): {finding.sentence}")
+            for trace in traces:
+                for finding in trace.diagnosis.findings:
+                    print(f"zone '{trace.zone}': {finding.finding} ({finding.subject}): {finding.sentence}")
             summary = {
                 "site": config.site.id,
                 "thermogate": version("thermogate"),
-                "zones": {name: run.summary() for name, run in runs.items()},
+                "zones": {trace.zone: runs[trace.zone].summary(trace) for trace in traces},
                 "peak_memory_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
             }
         (out / "summary.json").write_text(json.dumps(_finite(summary), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise ServiceError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
-    return 0
+    return traces
 
 
 class Run:
@@ -94,25 +100,21 @@ class Run:
         self._parameters = csv.writer(parameters, lineterminator="\n")
         self._updates.writerow(HistoryRow._fields)
         self._parameters.writerow(["time", *(parameter.name for parameter in self._worker.network.parameters)])
-        self._rows: list[HistoryRow] = []
+        self._tracer = Tracer(table, self._worker)
         self._seconds: list[float] = []
 
-    def deliver(self, part: Part, start: float | None, end: float | None) -> int:
-        """Align what was recorded and step through the samples that lie in [start, end); how many closed."""
-        if part.now is None:
-            samples = self.alignment.end(part.source)
-        else:
-            samples = self.alignment.add(part.source, part.readings, part.now)
-        for sample in samples:
+    def deliver(self, part: Part, start: float | None, end: float | None, tick: Callable[[int], object]) -> None:
+        """Align what was recorded and step through the samples that lie in [start, end), each of which `tick`s."""
+        for sample in aligned(self.alignment, part):
             if (start is None or sample.time >= start) and (end is None or sample.time < end):
                 update = self._worker.step(sample)
                 if update is not None:
                     self._write(update)
-        return len(samples)
+            tick(1)
 
     def _write(self, update: Update) -> None:
-        row = HistoryRow.of(update)
-        self._rows.append(row)
+        self._tracer.note(update)
+        row = self._tracer.rows[-1]
         self._seconds.append(update.step_seconds)
         when = written_time(update.time)
         self._updates.writerow([when, *(_cell(value) for value in row[1:])])
@@ -121,27 +123,20 @@ class Run:
     @property
     def used(self) -> int:
         """How many samples could be used."""
-        return len(self._rows)
+        return len(self._tracer.rows)
 
-    @cached_property
-    def diagnosis(self) -> Diagnosis:
-        """What the zone's model does not know at the end."""
-        return self._worker.diagnosis()
+    def trace(self) -> Trace:
+        """What the zone went through so far."""
+        return self._tracer.trace(self.faults)
 
     @property
     def faults(self) -> dict[str, int]:
         """Refused readings by kind."""
         return {str(fault): count for fault, count in self.alignment.faults.items()}
 
-    def _skill(self) -> dict[str, dict[str, float | None]]:
-        """What the forecasts of the last 30 days were worth, by lead."""
-        skill = self._worker.skill()
-        found = () if skill is None else skill.windows[max(skill.windows)]
-        return {format_duration(one.lead): _finite(_described(one)) for one in found}
-
-    def summary(self) -> dict[str, Any]:
+    def summary(self, trace: Trace) -> dict[str, Any]:
         """Scores in the `one_step` convention: the interval published before y_k was seen, against y_k."""
-        table, rows = self.table, self._rows
+        table, rows = self.table, trace.rows
         first_day = [row for row in rows if row.time < rows[0].time + DAY]
         network = self._worker.network
         posterior = self._worker.parameters(QUANTILES)
@@ -153,7 +148,7 @@ class Run:
             "last": written_time(rows[-1].time) if rows else None,
             **_scores(rows, table.levels[0]),
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
-            "skill": self._skill(),
+            "skill": _skill(trace),
             "faults": self.faults,
             "parameters": {}
             if posterior is None
@@ -162,8 +157,8 @@ class Run:
                 | {f"q{level:g}": float(value) for level, value in zip(QUANTILES, values, strict=True)}
                 for p, values in zip(network.parameters, posterior.parameters, strict=True)
             },
-            "findings": [finding._asdict() for finding in self.diagnosis.findings],
-            "variants": {each.variant: each.weight for each in self.diagnosis.variants},
+            "findings": [finding._asdict() for finding in trace.diagnosis.findings],
+            "variants": {each.variant: each.weight for each in trace.diagnosis.variants},
             "ms_per_update": {
                 "mean": 1000 * float(np.mean(self._seconds)) if rows else None,
                 "median": 1000 * float(np.median(self._seconds)) if rows else None,
@@ -181,6 +176,12 @@ class Run:
         }
 
 
+def _skill(trace: Trace) -> dict[str, dict[str, float | None]]:
+    """What the forecasts of the last 30 days were worth, by lead."""
+    found = () if trace.skill is None else trace.skill.windows[max(trace.skill.windows)]
+    return {format_duration(one.lead): _finite(_described(one)) for one in found}
+
+
 def _described(one: HorizonSkill) -> dict[str, float]:
     against = {"skill_against_persistence": one.against_persistence, "skill_against_arx": one.against_arx}
     return one._asdict() | against
@@ -196,6 +197,13 @@ def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:
         "winkler_K": winkler(y, lower, upper, level),
         "one_step_rmse_K": rmse(y - mean),
     }
+
+
+def aligned(alignment: Alignment, part: Part) -> list[Sample]:
+    """The samples that `part` closes."""
+    if part.now is None:
+        return alignment.end(part.source)
+    return alignment.add(part.source, part.readings, part.now)
 
 
 def _unused(zone: str, faults: Mapping[str, int], start: float | None, end: float | None) -> str:
@@ -216,12 +224,20 @@ def _recording(table: ZoneConfig, folder: Path) -> Iterator[Run]:
         yield Run(table, updates, parameters)
 
 
-async def _feed(config: Config, runs: dict[str, Run], start: float | None, end: float | None, progress: bool) -> None:
-    with tqdm(unit=" samples", disable=not progress, desc="replay") as bar:
-        async for part in recorded(config, runs, start, end):
-            if part.zone in runs:
-                samples = runs[part.zone].deliver(part, start, end)
-                bar.update(samples)
+async def _count(config: Config, tables: list[ZoneConfig], start: float | None, end: float | None) -> int:
+    """How many samples the recording has for the zones `tables`: reading takes little time beside learning."""
+    alignments = {table.id: make_alignment(table) for table in tables}
+    with tqdm(unit=" samples", delay=SLOW, desc="reading") as bar:
+        async for part in recorded(config, alignments, start, end):
+            if part.zone in alignments:
+                bar.update(len(aligned(alignments[part.zone], part)))
+    return int(bar.n)
+
+
+async def _feed(config: Config, runs: dict[str, Run], start: float | None, end: float | None, bar: Any) -> None:
+    async for part in recorded(config, runs, start, end):
+        if part.zone in runs:
+            runs[part.zone].deliver(part, start, end, bar.update)
 
 
 def _cell(value: float | bool | int) -> str:

@@ -64,12 +64,18 @@ class Journal:
     @classmethod
     def open(cls, path: Path) -> Journal:
         """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
-        journal = cls(open_database(path, _BUSY_SECONDS), path)
+        connection = open_database(path, _BUSY_SECONDS)
         try:
-            journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
+            return cls.over(connection, path)
         except JournalError:
-            journal._connection.close()
+            connection.close()
             raise
+
+    @classmethod
+    def over(cls, connection: sqlite3.Connection, path: Path) -> Journal:
+        """The journal at `path` over a `connection` to it, which has the present schema and may be read-only."""
+        journal = cls(connection, path)
+        journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
         return journal
 
     def claim(self, zone: str, fingerprint: str) -> bool:

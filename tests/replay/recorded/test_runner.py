@@ -23,7 +23,7 @@ def config(*settings):
 
 def replay(out, *settings, **options):
     arguments = {"zone": None, "seed": None, "start": None, "end": None, "progress": False} | options
-    assert replay_recording(config(*settings), out, **arguments) == 0
+    assert [trace.zone for trace in replay_recording(config(*settings), out, **arguments)] == [ZONE]
     with (out / ZONE / "updates.csv").open() as file:
         rows = list(csv.DictReader(file))
     return rows, json.loads((out / "summary.json").read_text())["zones"][ZONE]

@@ -1,0 +1,165 @@
+"""What a zone's worker went through over a period, for the report of it."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator import registry
+from estimator.arrays import Array
+from estimator.diagnosis.finding import Diagnosis
+from estimator.network.network import Network
+from estimator.types import ParameterSummary
+from estimator.verification.hindsight import SAMPLES
+from replay.localtime import DAY, HOUR, Seconds
+from service.config.site import ZoneConfig
+from service.records.history import HistoryRow
+from service.records.skill import Skill
+from service.records.update import Update
+from service.zone.worker import ZoneWorker
+
+LEVELS = (0.025, 0.5, 0.975)
+"""Quantiles of parameters, heat loss and fans."""
+
+EVERY = 6 * HOUR
+"""s between two looks at the posterior: quantiles of thousands of particles cost tens of ms."""
+
+
+class Fan(NamedTuple):
+    """A forecast over a day under the inputs that really followed, in hindsight."""
+
+    times: Seconds
+    """(h,): UTC s of the samples that it is about."""
+    quantiles: Array
+    """(h, 3): of the first output [degC] at LEVELS."""
+
+
+class Trace(NamedTuple):
+    """A zone over a period of K updates, oldest first. Times are UTC s."""
+
+    zone: str
+    network: Network
+    estimator: str
+    period: int
+    """s."""
+    level: float
+    """Of the intervals in `rows`."""
+    options: Mapping[str, Any]
+    """Of the estimator."""
+    rows: list[HistoryRow]
+    inputs: Array
+    """(K, n_u): in force from each sample to the next, in the network's units."""
+    looks: Seconds
+    """(M,): when the posterior was looked at."""
+    parameters: Array
+    """(M, n_theta, 3): quantiles at LEVELS, each in its unit; M is 0 for an estimator without physics."""
+    heat_loss: Array
+    """(M, 3): quantiles at LEVELS [W/K]."""
+    gain: Array
+    """(K, 3): unmeasured heat [W] at LEVELS; (0, 3) where the estimator has no model of it."""
+    fans: list[Fan]
+    skill: Skill | None
+    diagnosis: Diagnosis
+    faults: Mapping[str, int]
+    """Refused readings by kind."""
+    notes: tuple[str, ...] = ()
+    """Sentences on where these figures come from."""
+
+
+class _Issue(NamedTuple):
+    """A forecast that waits for its day to pass."""
+
+    first: int
+    """UTC s of the first sample that it is about."""
+    segment: int
+    sample: Any
+
+
+class Tracer:
+    """Watches one worker, update by update. A year of samples takes some ten bytes for each number of each."""
+
+    def __init__(self, zone: ZoneConfig, worker: ZoneWorker) -> None:
+        self._zone, self._worker = zone, worker
+        self._rows: list[HistoryRow] = []
+        self._inputs, self._gain = array("d"), array("d")
+        self._looks: list[int] = []
+        self._summaries: list[ParameterSummary] = []
+        self._issue: _Issue | None = None
+        self._followed: dict[int, Array] = {}
+        """Inputs in force from each sample since the pending issue, by its time."""
+        self._fans: list[Fan] = []
+
+    @property
+    def rows(self) -> list[HistoryRow]:
+        """The history so far."""
+        return self._rows
+
+    def note(self, update: Update) -> None:
+        """Take down `update`, which the worker has just returned."""
+        held = self._worker.held.values
+        self._rows.append(HistoryRow.of(update))
+        self._inputs.extend(held.tolist())
+        self._gain.extend((np.nan,) * 3 if update.disturbance is None else update.disturbance.gain)
+        self._look(update)
+        self._verify(update, held)
+
+    def trace(self, faults: Mapping[str, int]) -> Trace:
+        """Everything that was noted, with what the worker knows now. `faults` are those of its alignment."""
+        zone, worker, count = self._zone, self._worker, len(self._rows)
+        parameters = [summary.parameters for summary in self._summaries]
+        gain = np.array(self._gain).reshape(-1, 3)
+        return Trace(
+            zone=zone.id,
+            network=worker.network,
+            estimator=zone.estimator,
+            period=worker.period,
+            level=zone.levels[0],
+            options=registry.as_mapping(zone.options),
+            rows=self._rows,
+            inputs=np.array(self._inputs).reshape(count, len(worker.network.inputs)),
+            looks=np.array(self._looks, dtype=np.int64),
+            parameters=np.array(parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
+            heat_loss=np.array([summary.heat_loss for summary in self._summaries]).reshape(-1, len(LEVELS)),
+            gain=gain if np.isfinite(gain).any() else gain[:0],
+            fans=self._fans,
+            skill=worker.skill(),
+            diagnosis=worker.diagnosis(),
+            faults=faults,
+        )
+
+    def _look(self, update: Update) -> None:
+        period = self._worker.period
+        if self._worker.estimator.physical and update.time // EVERY != (update.time + period) // EVERY:
+            summary = self._worker.parameters(LEVELS)
+            if summary is not None:
+                self._looks.append(update.time)
+                self._summaries.append(summary)
+
+    def _verify(self, update: Update, held: Array) -> None:
+        """Unfold the forecast of this day when the day has passed, and issue that of the next."""
+        period, standing = self._worker.period, self._worker.standing
+        last = update.time + period
+        self._followed[update.time] = held
+        if last % DAY or standing is None:
+            return
+        sample = self._worker.estimator.issue(standing.state, SAMPLES)
+        issue, self._issue = self._issue, _Issue(last, update.segment, sample)
+        if issue is not None and issue.segment == update.segment and last - issue.first == DAY:
+            self._fans.append(self._unfolded(issue, last))
+        self._followed = {}
+
+    def _unfolded(self, issue: _Issue, until: int) -> Fan:
+        """What `issue` made of the inputs that followed; one that was missing is held, as the worker did."""
+        estimator, period = self._worker.estimator, self._worker.period
+        times = np.arange(issue.first, until, period)
+        plan, current = [], next(iter(self._followed.values()))
+        for when in times[:-1].tolist():
+            current = self._followed.get(when, current)
+            plan.append(current)
+        rows = np.array(plan).reshape(len(times) - 1, len(current))
+        mixtures = estimator.unfold(issue.sample, rows)
+        quantiles = [estimator.quantiles(mixture, np.array(LEVELS), 0) for mixture in mixtures]
+        return Fan(times, np.array(quantiles))

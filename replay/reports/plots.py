@@ -1,0 +1,229 @@
+"""The plots of a zone's report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from estimator.arrays import Array
+from replay.experiments.report import Plot
+from replay.localtime import HOUR, Seconds
+from replay.recorded.trace import Trace
+from replay.reports.residuals import Diagnostics
+from replay.scores import pit_histogram
+
+_INK, _BLUE, _BAND, _WARM, _LINE = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a", "#5b6776"
+_COLOURS = (_WARM, "#3d8b4f", "#8a3b8f", "#a8841a", "#b3324b", "#1f9aa0", "#767676")
+_DRAWN = 2500
+"""Points of a line at most: more are not to be seen and make the page heavy."""
+_BINS = 20
+_FANS = 30
+"""Days of fans that are drawn, the newest."""
+
+
+def record(trace: Trace) -> Plot:
+    """Measured temperature in its published band, and the inputs below."""
+    inputs = trace.network.inputs
+    units = list(dict.fromkeys(trace.network.channel_unit(channel) for channel in inputs))
+    figure = make_subplots(
+        rows=1 + len(units),
+        shared_xaxes=True,
+        vertical_spacing=0.05,
+        row_heights=[0.5, *[0.5 / len(units)] * len(units)],
+    )
+    y, lower, upper = (np.array([getattr(row, name) for row in trace.rows]) for name in ("y", "lower", "upper"))
+    times = np.array([row.time for row in trace.rows], dtype=np.int64)
+    every = -(-len(times) // _DRAWN)
+    edges = _with_gaps(times[::every], trace.period * every, y[::every], lower[::every], upper[::every])
+    stamps, (y, lower, upper) = edges
+    _band(figure, stamps, lower, upper, f"{100 * trace.level:g} % interval", row=1)
+    figure.add_trace(_line(stamps, y, trace.network.measured[0], _INK), row=1, col=1)
+    for place, channel in enumerate(inputs):
+        stamps, (values,) = _with_gaps(times[::every], trace.period * every, trace.inputs[::every, place])
+        row = 2 + units.index(trace.network.channel_unit(channel))
+        line = _line(stamps, values, channel, _COLOURS[place % len(_COLOURS)])
+        figure.add_trace(line, row=row, col=1)
+    for row, unit in enumerate(["°C", *units], start=1):
+        figure.update_yaxes(title_text=unit, row=row, col=1)
+    figure.update_xaxes(title_text="UTC", row=1 + len(units), col=1)
+    return Plot(
+        "The record, and the band that was published before each measurement",
+        figure,
+        "Each band was formed before the measurement under it. A measurement outside is rare by design: one in twenty "
+        "at 95 %. A gap in the line is a gap in the data." + (f" One sample in {every} is drawn." if every > 1 else ""),
+        height=300 + 130 * len(units),
+    )
+
+
+def fans(trace: Trace) -> Plot:
+    """Forecasts of whole days against what came."""
+    figure, drawn = go.Figure(), trace.fans[-_FANS:]
+    first, last = drawn[0].times[0], drawn[-1].times[-1]
+    times = np.concatenate([fan.times for fan in drawn])
+    values = np.concatenate([fan.quantiles for fan in drawn]).T
+    every = -(-len(times) // _DRAWN)
+    stamps, (lower, median, upper) = _with_gaps(times[::every], trace.period * every, *values[:, ::every])
+    _band(figure, stamps, lower, upper, "95 % of the forecast")
+    figure.add_trace(_line(stamps, median, "forecast", _BLUE))
+    rows = [row for row in trace.rows if first <= row.time <= last][::every]
+    moments = np.array([row.time for row in rows], dtype=np.int64)
+    stamps, (y,) = _with_gaps(moments, trace.period * every, np.array([row.y for row in rows]))
+    figure.add_trace(_line(stamps, y, "measured", _INK))
+    figure.update_layout(yaxis_title="°C", xaxis_title="UTC")
+    return Plot(
+        "A day ahead: forecasts issued at midnight (UTC), and what came",
+        figure,
+        "Each forecast covers the 24 h after its midnight, under the inputs that really followed, and knew no "
+        "temperature after it. So it shows what the model makes of the inputs, not how well anybody foresaw them.",
+    )
+
+
+def gain(trace: Trace) -> Plot:
+    """Unmeasured heat over time."""
+    figure = go.Figure()
+    times = np.array([row.time for row in trace.rows], dtype=np.int64)
+    every = -(-len(times) // _DRAWN)
+    columns = trace.gain[::every].T
+    stamps, (lower, median, upper) = _with_gaps(times[::every], trace.period * every, *columns)
+    _band(figure, stamps, lower, upper, "95 % interval")
+    figure.add_trace(_line(stamps, median, "median", _WARM))
+    figure.update_layout(yaxis_title="W", xaxis_title="UTC")
+    return Plot(
+        "Heat that no channel measures",
+        figure,
+        "People, sun through windows and appliances, as the estimator infers them; below zero heat is lost, for example "
+        "through an open window.",
+    )
+
+
+def parameters(trace: Trace) -> Plot:
+    """Every learned parameter and the heat loss over time, with their bounds."""
+    learned = [place for place, parameter in enumerate(trace.network.parameters) if parameter.free]
+    named = [f"{trace.network.parameters[place].name} [{trace.network.parameters[place].unit}]" for place in learned]
+    rows = -(-(len(learned) + 1) // 2)
+    figure = make_subplots(
+        rows=rows, cols=2, subplot_titles=[*named, "heat loss [W/K]"], vertical_spacing=0.35 / max(rows, 2)
+    )
+    stamps = _stamps(trace.looks)
+    for panel, place in enumerate([*learned, None]):
+        row, col = panel // 2 + 1, panel % 2 + 1
+        values = trace.heat_loss if place is None else trace.parameters[:, place]
+        _band(figure, stamps, values[:, 0], values[:, 2], "95 % interval", row=row, col=col, legend=panel == 0)
+        line = _line(stamps, values[:, 1], "median", _BLUE)
+        figure.add_trace(line.update(showlegend=panel == 0), row=row, col=col)
+        if place is not None:
+            parameter = trace.network.parameters[place]
+            for bound in (parameter.lower, parameter.upper):
+                figure.add_hline(y=bound, row=row, col=col, line={"color": _WARM, "width": 1.5, "dash": "dash"})
+        figure.update_yaxes(type="log", row=row, col=col)
+    return Plot(
+        "Parameters over time",
+        figure,
+        "The band is what the estimator holds possible, the dashed lines are the bounds of the network; the scale is "
+        "logarithmic. A band that fills its bounds has learned nothing; one that leans on a bound wants to cross it.",
+        height=60 + 210 * rows,
+    )
+
+
+def pit(found: Diagnostics) -> Plot:
+    """Where measurements fell in their forecasts."""
+    figure = go.Figure()
+    centres = (np.arange(_BINS) + 0.5) / _BINS
+    figure.add_trace(go.Bar(x=centres, y=pit_histogram(found.pit, _BINS), marker_color=_BLUE, showlegend=False))
+    figure.add_hline(y=1.0 / _BINS, line={"color": _WARM, "width": 2, "dash": "dash"})
+    figure.update_layout(
+        xaxis_title="place of the measurement in its forecast", yaxis_title="share of the forecasts", bargap=0.05
+    )
+    return Plot(
+        "Calibration (probability integral transform)",
+        figure,
+        "Forecasts that are neither too wide nor too narrow fill every bar up to the dashed line. A hump in the middle: "
+        "too wide. A U: too narrow. A slope: too warm or too cold.",
+        height=320,
+    )
+
+
+def memory(found: Diagnostics) -> Plot:
+    """Autocorrelation of the residuals."""
+    figure = go.Figure()
+    hours = found.lags / HOUR
+    figure.add_trace(go.Bar(x=hours, y=found.autocorrelation, marker_color=_BLUE, showlegend=False))
+    _white(figure, found)
+    figure.update_layout(xaxis_title="lag [h]", yaxis_title="autocorrelation")
+    return Plot(
+        "Does an error predict the next?",
+        figure,
+        "Autocorrelation of the one-step errors. Between the dashed lines there is nothing to see; a high bar at short "
+        "lags means that the network misses something that lasts.",
+        height=320,
+    )
+
+
+def against_inputs(found: Diagnostics, period: float) -> Plot:
+    """Correlation of the residuals with every input."""
+    figure = go.Figure()
+    for place, (channel, values) in enumerate(found.against_inputs.items()):
+        hours = np.arange(len(values)) * period / HOUR
+        figure.add_trace(go.Scatter(x=hours, y=values, name=channel, line={"color": _COLOURS[place % len(_COLOURS)]}))
+    _white(figure, found)
+    figure.update_layout(xaxis_title="time since the input [h]", yaxis_title="correlation of the error")
+    return Plot(
+        "Do the errors follow an input?",
+        figure,
+        "A line far from zero: this input has more to say than the network lets it, because its unit, its scale or its "
+        "way through the network is wrong.",
+        height=320,
+    )
+
+
+def _white(figure: go.Figure, found: Diagnostics) -> None:
+    for bound in (-found.band, found.band):
+        figure.add_hline(y=bound, line={"color": _WARM, "width": 1, "dash": "dash"})
+
+
+def _with_gaps(times: Seconds, period: float, *columns: Array) -> tuple[Array, list[Array]]:
+    """Stamps and columns with a NaN wherever more than a period lies between two rows: a line ends there."""
+    after = np.flatnonzero(np.diff(times) > 1.5 * period) + 1
+    stamps = np.insert(times, after, times[after] - 1) if len(after) else times
+    return _stamps(stamps), [np.insert(column, after, np.nan) if len(after) else column for column in columns]
+
+
+def _stamps(times: Seconds) -> Array:
+    return times.astype("datetime64[s]").astype("datetime64[ms]")
+
+
+def _line(stamps: Array, values: Array, name: str, colour: str) -> go.Scatter:
+    return go.Scatter(x=stamps, y=values, name=name, mode="lines", line={"color": colour, "width": 1.3})
+
+
+def _band(
+    figure: go.Figure,
+    stamps: Array,
+    lower: Array,
+    upper: Array,
+    name: str,
+    row: int | None = None,
+    col: int = 1,
+    legend: bool = True,
+) -> None:
+    """A filled band; a gap splits it, for a filled outline would close over it."""
+    known = np.isfinite(lower) & np.isfinite(upper)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
+    place = {} if row is None else {"row": row, "col": col}
+    for piece, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+        outline: Sequence[Array] = (stamps[begin:end], stamps[begin:end][::-1])
+        band = go.Scatter(
+            x=np.concatenate(outline),
+            y=np.concatenate([upper[begin:end], lower[begin:end][::-1]]),
+            name=name,
+            legendgroup=name,
+            showlegend=legend and piece == 0,
+            fill="toself",
+            fillcolor=_BAND,
+            line={"width": 0},
+            hoverinfo="skip",
+        )
+        figure.add_trace(band, **place)

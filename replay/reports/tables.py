@@ -1,0 +1,101 @@
+"""The tables of a report; the same rows stand in the terminal and on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from replay.experiments.table import Cell, Table, shown
+from replay.localtime import HOUR
+from replay.recorded.trace import LEVELS, Trace
+from service.cli.tables import aligned
+from service.fields.times import written_time
+from service.records.skill import HorizonSkill
+
+_HEADER = ("zone", "ahead", "forecasts", "coverage", "width [K]", "RMSE [K]", "against persistence", "against ARX")
+NOTE = (
+    "Forecasts one step, 1 h, 6 h and 24 h ahead, each compared with what came, over the last 30 days of the period. "
+    "Coverage is the share of 95 % intervals that held the measurement. The last two columns say by how much the RMSE is "
+    "smaller than that of a forecast that nothing changes, and of a linear regression learned beside the estimator; "
+    "below zero it is larger."
+)
+
+
+def horizons(trace: Trace) -> Sequence[HorizonSkill]:
+    """What the forecasts of the longest window were worth, from the shortest horizon."""
+    return () if trace.skill is None else trace.skill.windows[max(trace.skill.windows)]
+
+
+def skill(traces: Sequence[Trace]) -> Table:
+    """Every zone at the four horizons."""
+    return Table("skill", "What the forecasts were worth", _HEADER, tuple(_skill_rows(traces)), NOTE)
+
+
+def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
+    return [
+        (
+            trace.zone,
+            ahead(trace, one),
+            one.forecasts,
+            one.coverage,
+            one.width,
+            one.rmse,
+            percent(one.against_persistence),
+            percent(one.against_arx),
+        )
+        for trace in traces
+        for one in horizons(trace)
+    ]
+
+
+def ahead(trace: Trace, one: HorizonSkill) -> str:
+    """The horizon as people say it."""
+    return "one step" if one.lead == trace.period else f"{one.lead / HOUR:g} h"
+
+
+def percent(share: float) -> str:
+    """A share with its sign."""
+    return "–" if np.isnan(share) else f"{round(100.0 * share):+d} %"
+
+
+def terminal(table: Table) -> list[str]:
+    """`table` as lines of a terminal."""
+    return [table.title, *aligned([table.columns, *(tuple(map(shown, row)) for row in table.rows)])]
+
+
+def zones(traces: Sequence[Trace]) -> Table:
+    """What each zone is, and how much of it was seen."""
+    rows: list[tuple[Cell, ...]] = [
+        (
+            trace.zone,
+            trace.network.name,
+            trace.estimator,
+            written_time(trace.rows[0].time),
+            written_time(trace.rows[-1].time),
+            len(trace.rows),
+            sum(trace.faults.values()),
+            len(trace.diagnosis.findings),
+        )
+        for trace in traces
+    ]
+    columns = ("zone", "network", "estimator", "from", "to", "samples", "refused readings", "findings")
+    return Table("zones", "Zones", columns, tuple(rows), "Times are UTC.")
+
+
+def parameters(trace: Trace) -> Table:
+    """What the posterior says at the end, beside the bounds of the network."""
+    low, median, high = (f"{100 * level:g} % quantile" for level in LEVELS)
+    rows: list[tuple[Cell, ...]] = []
+    for parameter, quantiles in zip(trace.network.parameters, trace.parameters[-1].tolist(), strict=True):
+        bounds = (parameter.lower, parameter.upper) if parameter.free else (None, None)
+        rows.append((parameter.name, parameter.unit, *quantiles, *bounds, "learned" if parameter.free else "fixed"))
+    rows.append(("heat loss", "W/K", *trace.heat_loss[-1].tolist(), None, None, "follows"))
+    return Table(
+        f"parameters-{trace.zone}",
+        "Parameters at the end",
+        ("parameter", "unit", low, median, high, "lower bound", "upper bound", "is"),
+        tuple(rows),
+        f"At {written_time(int(trace.looks[-1]))}. The bounds are those of the network; a learned parameter cannot "
+        "leave them.",
+    )

@@ -1,0 +1,68 @@
+"""A state folder read and left as it is, whether a daemon runs on it or not."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from service.errors import CheckpointError, JournalError, ServiceError
+from service.store.checkpoint import DAMAGE, Checkpoint, CheckpointStore, decode
+from service.store.journal import Journal
+from service.store.journal_file import SCHEMA_VERSION, translated
+from service.store.store import CHECKPOINTS, JOURNAL
+
+_log = logging.getLogger(__name__)
+
+
+class StoredState:
+    """Journal and checkpoints of a state folder at one moment. Nothing is written, locked or set aside."""
+
+    def __init__(self, journal: Journal, checkpoints: CheckpointStore) -> None:
+        self.journal = journal
+        self._checkpoints = checkpoints
+
+    def zones(self) -> dict[str, str]:
+        """The fingerprint of every zone with samples, by its id."""
+        query = "SELECT zone, fingerprint FROM zones WHERE zone IN (SELECT zone FROM samples)"
+        return dict(self.journal.read(query))
+
+    def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
+        """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
+        for path in self._checkpoints.files(zone):
+            try:
+                found = decode(path.read_bytes(), path)
+            except FileNotFoundError:
+                continue  # the daemon has removed it, for it has written a newer one
+            except (*DAMAGE, CheckpointError) as error:
+                _log.warning("checkpoint %s is left out: %s", path, error)
+                continue
+            return found if found.fingerprint == fingerprint else None
+        return None
+
+
+@contextmanager
+def read_state(state_dir: Path) -> Iterator[StoredState]:
+    """The state in `state_dir`, all of its journal as of one moment.
+
+    ServiceError where there is none, where another version of Thermogate wrote it, and where it cannot be read.
+    """
+    path = (state_dir / JOURNAL).absolute()
+    if not path.exists():
+        raise ServiceError(f"there is no state in {state_dir}; name the folder that site.state_dir names")
+    with translated(path):
+        connection = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, isolation_level=None)
+    try:
+        with translated(path):
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            connection.execute("BEGIN")
+        if version != SCHEMA_VERSION:
+            remedy = (
+                "upgrade Thermogate" if version > SCHEMA_VERSION else "run the daemon on it once, which upgrades it"
+            )
+            raise JournalError(f"the journal {path} has schema {version}, and this reads {SCHEMA_VERSION}; {remedy}")
+        yield StoredState(Journal.over(connection, path), CheckpointStore(state_dir / CHECKPOINTS))
+    finally:
+        connection.close()
