@@ -36,7 +36,10 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
     parser.add_argument("--network", metavar="NAME", help="another network preset; --set changes it")
     parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
-    parser.add_argument("--zone", metavar="ID", help="which zone of --config (default: its only one)")
+    parser.add_argument(
+        "--state", type=Path, metavar="STATE_DIR", help="the live history of a daemon instead of a recording (topology)"
+    )
+    parser.add_argument("--zone", metavar="ID", help="which zone of --config or --state (default: its only one)")
     parser.add_argument(
         "--time-zone",
         type=_time_zone,
@@ -60,6 +63,7 @@ def _experiment(arguments: argparse.Namespace) -> int:
         particles=arguments.particles,
         network=arguments.network,
         config=arguments.config,
+        state=arguments.state,
         zone=arguments.zone,
         time_zone=arguments.time_zone,
         overrides=tuple(arguments.overrides),

@@ -13,7 +13,7 @@ from service.errors import ConfigError
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     parser = add(
-        "replay", _replay, "Run recorded sources through the zones as fast as possible, into files and a report."
+        "replay", _replay, "Run recorded sources through the zones as fast as possible, into files and a page."
     )
     take_config(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")

@@ -144,16 +144,13 @@ def _plot(plot: Plot) -> str:
     )
     # In a script a "</" would end it, whatever a channel is called.
     drawn = figure.to_json().replace("</", "<\\/")
-    place = (
-        f"<div class='plot' style='min-height:{plot.height}px'><script type='application/json'>{drawn}</script></div>"
-    )
-    return _figure(plot.title, place, plot.reading)
+    data = f"<script type='application/json'>{drawn}</script>"
+    return _figure(plot.title, f"<div class='plot' style='min-height:{plot.height}px'>{data}</div>", plot.reading)
 
 
 def _figure(title: str, content: str, reading: str) -> str:
-    return (
-        f"<figure><figcaption>{escape(title)}</figcaption>{content}<p class='reading'>{_inline(reading)}</p></figure>"
-    )
+    caption, below = f"<figcaption>{escape(title)}</figcaption>", f"<p class='reading'>{_inline(reading)}</p>"
+    return f"<figure>{caption}{content}{below}</figure>"
 
 
 def _inline(text: str) -> str:

@@ -10,6 +10,7 @@ from typing import Protocol
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.report import Report
+from service.config.kept import kept_configuration
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class Request:
     particles: int | None = None
     network: str | None = None
     config: Path | None = None
+    state: Path | None = None
+    """The state folder of a daemon, whose samples take the place of a recording."""
     zone: str | None = None
     time_zone: str | None = None
     overrides: tuple[str, ...] = ()
@@ -36,6 +39,11 @@ class Request:
             if getattr(self, field.name) != field.default and field.name not in names:
                 option = "--set" if field.name == "overrides" else f"--{field.name.replace('_', '-')}"
                 raise ReplayError(f"{option} means nothing to this experiment; leave it out")
+
+    @property
+    def configuration(self) -> Path | None:
+        """The configuration asked for, or the one that the daemon of --state keeps; ServiceError where it keeps none."""
+        return kept_configuration(self.state) if self.config is None and self.state is not None else self.config
 
     @property
     def file(self) -> Path | None:

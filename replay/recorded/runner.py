@@ -54,7 +54,8 @@ def replay_recording(
 ) -> list[Trace]:
     """Replay the zones of `config` (or one of them) from UTC time `start` up to `end` into the folder `out`.
 
-    What each zone went through is returned, for a report. Raises ServiceError where the folder or a recording cannot be used.
+    What each zone went through is returned, for a report. Raises ServiceError where the folder or a recording cannot be
+    used.
     """
     tables = [table for table in config.zones if zone in (None, table.id)]
     if not tables:

@@ -56,23 +56,27 @@ def _zone(trace: Trace, named: bool) -> list[Section]:
         said.append(f"The estimator `{trace.estimator}` has no model of unmeasured heat; `mkf` and `bank` have one.")
     known = tables.parameters(trace) if looked else None
     return [
-        Section(f"{head}what to change", tuple(advice(trace, found))),
-        Section(f"{head}forecasts", tuple(said), plots=tuple(seen)),
+        Section(_title(head, "what to change"), tuple(advice(trace, found))),
+        Section(_title(head, "forecasts"), tuple(said), plots=tuple(seen)),
         Section(
-            f"{head}parameters",
+            _title(head, "parameters"),
             () if looked else ("No parameters: the estimator has no physics, or the period is shorter than 6 h.",),
             () if known is None else (known,),
             (plots.parameters(trace),) if looked else (),
             (_picture(trace.network, trace),),
         ),
         Section(
-            f"{head}residuals",
+            _title(head, "residuals"),
             () if len(found.pit) else ("No forecast was compared with a measurement.",),
             plots=(plots.pit(found), plots.memory(found), plots.against_inputs(found, trace.period))
             if len(found.pit)
             else (),
         ),
     ]
+
+
+def _title(head: str, words: str) -> str:
+    return f"{head}{words}" if head else words.capitalize()
 
 
 def _picture(network: Network, trace: Trace) -> Picture:

@@ -94,8 +94,8 @@ def gain(trace: Trace) -> Plot:
     return Plot(
         "Heat that no channel measures",
         figure,
-        "People, sun through windows and appliances, as the estimator infers them; below zero heat is lost, for example "
-        "through an open window.",
+        "People, sun through windows and appliances, as the estimator infers them; below zero heat is lost, for "
+        "example through an open window.",
     )
 
 
@@ -140,8 +140,8 @@ def pit(found: Diagnostics) -> Plot:
     return Plot(
         "Calibration (probability integral transform)",
         figure,
-        "Forecasts that are neither too wide nor too narrow fill every bar up to the dashed line. A hump in the middle: "
-        "too wide. A U: too narrow. A slope: too warm or too cold.",
+        "Forecasts that are neither too wide nor too narrow fill every bar up to the dashed line. A hump in the "
+        "middle: too wide. A U: too narrow. A slope: too warm or too cold.",
         height=320,
     )
 

@@ -16,8 +16,8 @@ from service.records.skill import HorizonSkill
 _HEADER = ("zone", "ahead", "forecasts", "coverage", "width [K]", "RMSE [K]", "against persistence", "against ARX")
 NOTE = (
     "Forecasts one step, 1 h, 6 h and 24 h ahead, each compared with what came, over the last 30 days of the period. "
-    "Coverage is the share of 95 % intervals that held the measurement. The last two columns say by how much the RMSE is "
-    "smaller than that of a forecast that nothing changes, and of a linear regression learned beside the estimator; "
+    "Coverage is the share of 95 % intervals that held the measurement. The last two columns say by how much the RMSE "
+    "is smaller than that of a forecast that nothing changes, and of a linear regression learned beside the estimator; "
     "below zero it is larger."
 )
 

@@ -21,6 +21,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any, TypeVar
 
+from service.config.kept import keep_configuration
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
 from service.daemon.instruments import instrument
@@ -77,6 +78,14 @@ def run_daemon(
     return 0
 
 
+async def _keep(config: Config) -> None:
+    """Keep `config` beside the state. The daemon runs without; the commands that read the state then ask for it."""
+    try:
+        await asyncio.to_thread(keep_configuration, config)
+    except OSError as error:
+        _log.warning("the configuration cannot be kept in %s: %s", config.site.state_dir, error.strerror)
+
+
 class Daemon:
     """A running daemon; `run` is its whole life."""
 
@@ -111,6 +120,7 @@ class Daemon:
             for kind in SINK_KINDS.values():
                 opened = await asyncio.to_thread(kind.open, self._config.table(kind.name), self._config.site.id)
                 sinks += [] if opened is None else [opened]
+            await _keep(self._config)
             await self._serve(store, pool, asking, sinks)
         finally:
             for sink in sinks:
@@ -138,6 +148,7 @@ class Daemon:
             changes = await runtime.reload(new)
             if changes.log:
                 configure_logging(new.log)
+            await _keep(new)
             done = summary(changes)
             _log.info("configuration reloaded: %s", done)
             return done

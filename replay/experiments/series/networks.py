@@ -21,12 +21,13 @@ def network_of(request: Request, default: str) -> Network:
 
 def zone_of(request: Request) -> ZoneConfig:
     """The zone of --config that --zone names, or its only one; ReplayError or ConfigError says what is wrong."""
-    if request.config is None:
+    path = request.configuration
+    if path is None:
         raise ReplayError("there is no configuration; name one with --config")
-    zones = {zone.id: zone for zone in load(request.config, request.overrides).zones}
+    zones = {zone.id: zone for zone in load(path, request.overrides).zones}
     if request.zone is None and len(zones) == 1:
         return next(iter(zones.values()))
     if request.zone not in zones:
         wrong = f"there is no zone '{request.zone}'" if request.zone else "it has several zones; choose one with --zone"
-        raise ReplayError(f"{request.config}: {wrong}; the zones are {', '.join(zones)}")
+        raise ReplayError(f"{path}: {wrong}; the zones are {', '.join(zones)}")
     return zones[request.zone]

@@ -1,9 +1,10 @@
-"""A zone's recording on its grid: read by the daemon's own alignment, cut where nothing bridges a gap."""
+"""A zone's recording or live history on its grid: read by the daemon's own alignment, cut where nothing bridges a gap."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,9 +14,11 @@ from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
 from replay.experiments.series.recorded import samples_of
+from replay.recorded.stored import stored_samples
 from replay.localtime import Seconds
 from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
+from service.records.sample import Sample
 
 
 class ZoneRecord(NamedTuple):
@@ -48,6 +51,21 @@ def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
             f"zone '{table.id}': no usable sample in the recording; look at timestamp, column and unit in the "
             "configuration"
         )
+    return _record(samples, table)
+
+
+def live_zone(state_dir: Path, table: ZoneConfig) -> ZoneRecord:
+    """The samples that a daemon on `state_dir` has accepted for the zone `table`, also while it runs.
+
+    ServiceError or ReplayError where they cannot be read.
+    """
+    samples = stored_samples(state_dir, table)
+    if not samples:
+        raise ReplayError(f"zone '{table.id}': the daemon on {state_dir} has no sample of it; give it telemetry first")
+    return _record(samples, table)
+
+
+def _record(samples: Sequence[Sample], table: ZoneConfig) -> ZoneRecord:
     network = table.network
     times = np.array([sample.time for sample in samples], dtype=np.int64)
     outputs = np.array([sample.outputs for sample in samples])

@@ -15,7 +15,7 @@ from replay.errors import ReplayError
 from replay.experiments.ecolar.experiment import configuration
 from replay.experiments.request import Request
 from replay.experiments.series.networks import network_of, zone_of
-from replay.experiments.series.recorded_zone import ZoneRecord, read_zone
+from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, read_zone
 from replay.experiments.topology.candidates import OWN, SOLAR, Candidate, candidates_for, ecolar_candidates
 from replay.experiments.topology.toml import Place
 from replay.localtime import DAY, midnight
@@ -47,16 +47,17 @@ class Recording(NamedTuple):
 
 
 def recordings(request: Request) -> list[Recording]:
-    """What `request` asks for: the zone of --config, the Ecolar logs of --data, or both Ecolar stand-ins."""
-    if request.config is not None:
+    """What `request` asks for: the zone of --config or --state, the Ecolar logs of --data, or both Ecolar stand-ins."""
+    if request.configuration is not None:
         if request.data:
-            raise ReplayError("--data is an Ecolar log, and --config names recordings of its own; give one of the two")
+            other = "--config names recordings" if request.state is None else "--state has samples"
+            raise ReplayError(f"--data is an Ecolar log, and {other} of its own; give one of the two")
         found = [_of_zone(request)]
     elif request.data:
         found = _of_logs(request.data)
     else:
         found = [_standin(period, seed) for seed in request.seeds or STANDIN_SEEDS for period in PERIODS]
-    if request.network is not None and request.config is None:
+    if request.network is not None and request.configuration is None:
         found = [_with_own(item, network_of(request, request.network)) for item in found]
     if request.days is None:
         return found
@@ -64,17 +65,20 @@ def recordings(request: Request) -> list[Recording]:
 
 
 def _of_zone(request: Request) -> Recording:
-    if request.config is None:
+    path, live = request.configuration, request.state
+    if path is None:
         raise ValueError("a zone needs a configuration")
-    table, config = zone_of(request), load(request.config, request.overrides)
+    table, config = zone_of(request), load(path, request.overrides)
     zone = request.time_zone or _clock_of(config, table)
     return Recording(
         table.id,
-        f"zone `{table.id}` of `{request.config.name}`, as its recorded sources have it",
-        read_zone(config, table),
+        f"zone `{table.id}` of `{path.name}`, as its recorded sources have it"
+        if live is None
+        else f"zone `{table.id}`, as the daemon on `{live}` has accepted its samples",
+        read_zone(config, table) if live is None else live_zone(live, table),
         candidates_for(table.network),
         zone or "UTC",
-        Place(request.config, request.overrides, table.id),
+        Place(path, request.overrides, table.id),
     )
 
 

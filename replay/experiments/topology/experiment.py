@@ -24,7 +24,7 @@ class Topology:
     """The experiment, made ready: its recordings are read and cut into unbroken pieces."""
 
     def __init__(self, request: Request) -> None:
-        request.accept("data", "seeds", "days", "network", "config", "zone", "time_zone", "overrides")
+        request.accept("data", "seeds", "days", "network", "config", "state", "zone", "time_zone", "overrides")
         self._recordings = [(recording, _pieces(recording)) for recording in recordings(request)]
 
     def jobs(self) -> list[Job]:

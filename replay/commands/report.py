@@ -1,0 +1,39 @@
+"""`thermogate report`: the report of a running daemon's history."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from service.cli.arguments import AddCommand, load_config, require_zones, whole
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("report", _report, "Make the report of a daemon's history, while it runs or not.")
+    parser.add_argument("state_dir", type=Path, metavar="STATE_DIR", help="the folder that site.state_dir names")
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="folder for report.html (default: here)"
+    )
+    parser.add_argument("--zone", metavar="ID", help="this zone only (default: all)")
+    parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="the last N days only (default: all)")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="CONFIG",
+        help="the configuration of the daemon (default: the one that it keeps in STATE_DIR)",
+    )
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from replay.recorded.stored import stored_traces
+    from replay.reports.publish import publish_report
+    from service.config.kept import kept_configuration
+
+    config = load_config(arguments, arguments.config or kept_configuration(arguments.state_dir))
+    if arguments.zone is not None:
+        require_zones(config, [arguments.zone], "--zone")
+    zones = [zone for zone in config.zones if arguments.zone in (None, zone.id)]
+    traces = stored_traces(arguments.state_dir, zones, arguments.days, sys.stderr.isatty())
+    return publish_report(config.site.id, traces, arguments.out)

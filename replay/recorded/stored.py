@@ -1,0 +1,115 @@
+"""A daemon's history as the period of a report: its samples once more through the zones' workers.
+
+What the daemon keeps is its own word: the published forecasts, and in the newest checkpoint skill and findings. What it
+does not keep, how parameters, gain and fans of whole days went, follows from its accepted samples, for the same samples
+and settings give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from estimator.network.network import Network
+from replay.errors import ReplayError
+from replay.localtime import DAY
+from replay.recorded.runner import SLOW
+from replay.recorded.trace import Trace, Tracer
+from service.config.fitting import fingerprint, make_worker
+from service.config.site import ZoneConfig
+from service.errors import StateMismatch
+from service.fields.times import written_time
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.store.reading import StoredState, read_state
+from service.zone import snapshot
+
+_MOST_ROWS = 2**31
+
+
+def stored_traces(state_dir: Path, zones: Sequence[ZoneConfig], days: int | None, progress: bool) -> list[Trace]:
+    """What the `zones` of the daemon on `state_dir` went through in all of its journal, or in its last `days` days.
+
+    A zone without a usable sample is left out. Raises ReplayError where there is none with one, and ServiceError where
+    the state cannot be read or belongs to another configuration.
+    """
+    traces = []
+    with read_state(state_dir) as state:
+        marks, starts = state.zones(), {}
+        for zone in zones:
+            if zone.id in marks:
+                if marks[zone.id] != fingerprint(zone):
+                    raise StateMismatch(zone.id, state_dir)
+                starts[zone.id] = _start(state, zone, days)
+        total = sum(state.journal.samples_ahead(name, start) for name, start in starts.items())
+        with tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="report") as bar:
+            for zone in zones:
+                if zone.id in starts:
+                    trace = _trace(state, zone, starts[zone.id], bar.update)
+                    traces += [trace] if trace.rows else []
+    if not traces:
+        raise ReplayError(f"there is no usable sample in {state_dir}; a report needs a zone that has had telemetry")
+    return traces
+
+
+def stored_samples(state_dir: Path, zone: ZoneConfig) -> list[Sample]:
+    """Every accepted sample of `zone` in `state_dir`, oldest first; ServiceError where they cannot be read.
+
+    Only channels count: the network may have changed as long as it has the same ones in the same order.
+    """
+    with read_state(state_dir) as state:
+        samples = list(state.journal.samples_after(zone.id, None))
+    _same_channels(state_dir, zone.id, zone.network, samples[-1:])
+    return samples
+
+
+def _same_channels(state_dir: Path, zone: str, network: Network, samples: Sequence[Sample]) -> None:
+    for sample in samples:
+        if (len(sample.outputs), len(sample.inputs)) != (len(network.measured), len(network.inputs)):
+            raise StateMismatch(zone, state_dir)
+
+
+def _start(state: StoredState, zone: ZoneConfig, days: int | None) -> int:
+    """UTC s after which the samples of `zone` count."""
+    last = state.journal.last_sample_time(zone.id)
+    return -(2**62) if days is None or last is None else last - days * DAY
+
+
+def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
+    worker = make_worker(zone)
+    tracer = Tracer(zone, worker)
+    for sample in state.journal.samples_after(zone.id, start):
+        update = worker.step(sample)
+        if update is not None:
+            tracer.note(update)
+        tick(1)
+    trace = tracer.trace({})
+    if not trace.rows:
+        return trace
+    published = {row.time: row for row in state.journal.history(zone.id, trace.rows[0].time, None, _MOST_ROWS)}
+    rows = [published.get(row.time, row) for row in trace.rows]
+    trace = trace._replace(rows=rows, notes=(_note(zone, trace.rows, published),))
+    checkpoint = state.checkpoint(zone.id, fingerprint(zone))
+    if checkpoint is None:
+        return trace
+    daemon = make_worker(zone)
+    snapshot.restore(daemon, checkpoint)
+    return trace._replace(skill=daemon.skill(), diagnosis=daemon.diagnosis())
+
+
+def _note(zone: ZoneConfig, rows: Sequence[HistoryRow], published: dict[int, HistoryRow]) -> str:
+    """How the samples, taken through a worker once more, compare with what the daemon published."""
+    both = [(row.mean, published[row.time].mean) for row in rows if row.time in published]
+    ours, theirs = np.array(both).reshape(-1, 2).T
+    same = int(((ours == theirs) | (np.isnan(ours) & np.isnan(theirs))).sum())
+    if same == len(rows):
+        return f"`{zone.id}`: every forecast of this page is, bit for bit, the one that the daemon published."
+    first = written_time(rows[0].time)
+    return (
+        f"`{zone.id}`: bands and residuals are those that the daemon published, skill and findings are those of its "
+        f"newest checkpoint. Parameters, gain and forecasts of whole days were learned anew from the samples since "
+        f"{first}, and are not those that the daemon had then ({same} of {len(rows)} forecasts are the same)."
+    )
