@@ -42,7 +42,7 @@ class Request:
 
     @property
     def configuration(self) -> Path | None:
-        """The configuration asked for, or the one that the daemon of --state keeps; ServiceError where it keeps none."""
+        """The configuration asked for, or that of the daemon of --state; ServiceError where it keeps none."""
         return kept_configuration(self.state) if self.config is None and self.state is not None else self.config
 
     @property

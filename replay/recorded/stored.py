@@ -81,7 +81,8 @@ def _start(state: StoredState, zone: ZoneConfig, days: int | None) -> int:
 def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
     worker = make_worker(zone)
     tracer = Tracer(zone, worker)
-    for sample in state.journal.samples_after(zone.id, start):
+    # All at once: what the daemon deletes meanwhile would be missed in the middle.
+    for sample in list(state.journal.samples_after(zone.id, start)):
         update = worker.step(sample)
         if update is not None:
             tracer.note(update)
@@ -105,11 +106,11 @@ def _note(zone: ZoneConfig, rows: Sequence[HistoryRow], published: dict[int, His
     both = [(row.mean, published[row.time].mean) for row in rows if row.time in published]
     ours, theirs = np.array(both).reshape(-1, 2).T
     same = int(((ours == theirs) | (np.isnan(ours) & np.isnan(theirs))).sum())
-    if same == len(rows):
-        return f"`{zone.id}`: every forecast of this page is, bit for bit, the one that the daemon published."
+    if same == len(both) > 0:
+        return f"`{zone.id}`: every forecast that the daemon has published follows from its samples, bit for bit."
     first = written_time(rows[0].time)
     return (
         f"`{zone.id}`: bands and residuals are those that the daemon published, skill and findings are those of its "
         f"newest checkpoint. Parameters, gain and forecasts of whole days were learned anew from the samples since "
-        f"{first}, and are not those that the daemon had then ({same} of {len(rows)} forecasts are the same)."
+        f"{first}, and are not those that the daemon had then ({same} of {len(both)} forecasts are the same)."
     )

@@ -33,12 +33,17 @@ def _in_a_sentence(trace: Trace) -> str:
         return f"`{trace.zone}`: no forecast has come due."
     farthest = judged[-1]
     findings = len(trace.diagnosis.findings)
-    against = tables.percent(farthest.against_persistence)
     return (
         f"`{trace.zone}`: {tables.ahead(trace, farthest)} ahead the error is {farthest.rmse:.2g} K (RMSE), "
-        f"{against} skill against persistence, and {100 * farthest.coverage:.0f} % of the 95 % intervals held; "
+        f"{_against(farthest.against_persistence)}, and {100 * farthest.coverage:.0f} % of the 95 % intervals held; "
         f"{findings or 'no'} finding{'' if findings == 1 else 's'}."
     )
+
+
+def _against(persistence: float) -> str:
+    if persistence != persistence:
+        return "with nothing to compare it with"
+    return f"{abs(100 * persistence):.0f} % {'less' if persistence >= 0 else 'more'} than if nothing changed"
 
 
 def _zone(trace: Trace, named: bool) -> list[Section]:

@@ -48,7 +48,7 @@ def diagnostics(trace: Trace) -> Diagnostics:
         against[channel] = np.array([correlation(residual, values, lag) for lag in (0, *steps.tolist())])
     return Diagnostics(
         pit=ndtr(residual[known] / sd[known]),
-        lags=steps * float(period),
+        lags=(steps * period).astype(np.float64),
         autocorrelation=np.array([correlation(residual, residual, lag) for lag in steps.tolist()]),
         against_inputs=against,
         band=float(1.96 / np.sqrt(max(1, known.sum()))),

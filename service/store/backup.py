@@ -16,9 +16,10 @@ import shutil
 import sqlite3
 import tarfile
 import tempfile
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -35,8 +36,28 @@ _NAMES = re.compile(rf"{re.escape(JOURNAL)}|{CHECKPOINTS}/[a-z0-9][a-z0-9_-]{{0,
 _UNPACKING = f"{RESTORING}.tmp"
 _ATTEMPTS = 3
 _BLOCK = 2**20
+_PAGES = 1024
+"""Of SQLite, copied between two notes of progress."""
+_PASSES = 3
+"""How often each byte of a backup is read: for the copy, its digest and the archive."""
+
+Tick = Callable[[int, int], object]
+"""Told how many more bytes are done, and how many there are in all."""
 
 _log = logging.getLogger(__name__)
+
+
+class _Watched:
+    """A file that `tick` is told of as it is read."""
+
+    def __init__(self, file: IO[bytes], tick: Callable[[int], object]) -> None:
+        self._file, self._tick = file, tick
+
+    def read(self, size: int = -1) -> bytes:
+        """The next `size` bytes."""
+        content = self._file.read(size)
+        self._tick(len(content))
+        return content
 
 
 class Backup(NamedTuple):
@@ -51,10 +72,11 @@ class Backup(NamedTuple):
     """Bytes of what is in it."""
 
 
-def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
+def write_backup(state_dir: Path, site: str, out: Path, tick: Tick = lambda more, total: None) -> Backup:
     """Write a backup of `state_dir` to the file `out`, or to a new file in the folder `out`; whole or not at all.
 
-    Raises BackupError where there is nothing to back up, `out` is there already, or cannot be written.
+    `tick` is told of the progress. Raises BackupError where there is nothing to back up, `out` is there already, or
+    cannot be written.
     """
     made = datetime.now(UTC).replace(microsecond=0)
     target = out / f"thermogate-{site}-{made:%Y%m%dT%H%M%SZ}.tar" if out.is_dir() else out
@@ -63,10 +85,13 @@ def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
     if not (state_dir / JOURNAL).exists():
         raise BackupError(f"there is no state in {state_dir}; correct site.state_dir, or run the daemon first")
     with _told(f"the backup {target} cannot be written"), _beside(target) as work:
-        zones = _copy(state_dir, work / "state")
+        zones = _copy(state_dir, work / "state", tick)
         files = {str(path.relative_to(work / "state")): path for path in sorted((work / "state").rglob("*.*"))}
         size = sum(path.stat().st_size for path in files.values())
-        described = {name: {"size": path.stat().st_size, "sha256": _sha256(path)} for name, path in files.items()}
+        watched = partial(_watched, tick=lambda more: tick(more, _PASSES * size))
+        described = {
+            name: {"size": path.stat().st_size, "sha256": _sha256(path, watched)} for name, path in files.items()
+        }
         manifest = {
             "format": FORMAT_VERSION,
             "site": site,
@@ -79,7 +104,8 @@ def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
             with tarfile.open(fileobj=file, mode="w") as archive:
                 archive.add(work / _MANIFEST, _MANIFEST)
                 for name, path in files.items():
-                    archive.add(path, name)
+                    with watched(path) as content:
+                        archive.addfile(archive.gettarinfo(path, name), content)
             file.flush()
             os.fsync(file.fileno())
         (work / "tar").rename(target)
@@ -87,11 +113,13 @@ def write_backup(state_dir: Path, site: str, out: Path) -> Backup:
     return Backup(target, site, made, zones, size)
 
 
-def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> tuple[Backup, Path | None]:
+def restore_backup(
+    state_dir: Path, site: str, backup: Path, replace: bool, tick: Tick = lambda more, total: None
+) -> tuple[Backup, Path | None]:
     """Put `backup` in the place of what is in `state_dir`, which is set aside in the folder that is returned.
 
-    The daemon must be stopped. Raises BackupError where the backup is damaged or of another site, and where there is
-    state already unless `replace`; then nothing has changed.
+    `tick` is told of the progress. The daemon must be stopped. Raises BackupError where the backup is damaged or of
+    another site, and where there is state already unless `replace`; then nothing has changed.
     """
     with locked(state_dir), _told(f"the backup {backup} cannot be restored into {state_dir}"):
         there = [path for path in state_dir.iterdir() if path.name.startswith(JOURNAL) or path.name == CHECKPOINTS]
@@ -101,7 +129,7 @@ def restore_backup(state_dir: Path, site: str, backup: Path, replace: bool) -> t
         unpacked = state_dir / _UNPACKING
         shutil.rmtree(unpacked, ignore_errors=True)
         try:
-            restored = _unpack(backup, site, unpacked)
+            restored = _unpack(backup, site, unpacked, tick)
         except BaseException:
             shutil.rmtree(unpacked, ignore_errors=True)
             raise
@@ -131,7 +159,7 @@ def _give_to_owner(folder: Path, paths: list[Path]) -> None:
             os.chown(path, owner.st_uid, owner.st_gid)
 
 
-def _copy(state_dir: Path, folder: Path) -> int:
+def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
     """Copy checkpoints and journal into `folder`, such that they go together; how many zones have a checkpoint."""
     for _ in range(_ATTEMPTS):
         shutil.rmtree(folder, ignore_errors=True)
@@ -145,7 +173,7 @@ def _copy(state_dir: Path, folder: Path) -> int:
             closing(sqlite3.connect(f"{(state_dir / JOURNAL).as_uri()}?mode=rw", uri=True)) as source,
             closing(sqlite3.connect(folder / JOURNAL)) as copy,
         ):
-            source.backup(copy)
+            _copy_journal(source, copy, tick)
             (verdict,) = copy.execute("PRAGMA quick_check(1)").fetchone()
             if verdict != "ok":
                 raise BackupError(f"the journal {state_dir / JOURNAL} is damaged ({verdict}); restore an older backup")
@@ -153,6 +181,21 @@ def _copy(state_dir: Path, folder: Path) -> int:
         if all(pruned.get(zone, step) <= step for zone, step in steps.items()):
             return len(steps)
     raise BackupError(f"the journal in {state_dir} is pruned faster than it can be copied; raise site.max_journal")
+
+
+def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Tick) -> None:
+    """All of `source` as it is now into `copy`."""
+    (size,) = source.execute("PRAGMA page_size").fetchone()
+    # While this reads, the copy is of one moment, and what the daemon commits does not make it begin anew.
+    source.execute("BEGIN")
+    (left,) = source.execute("PRAGMA page_count").fetchone()
+
+    def note(status: int, remaining: int, total: int) -> None:
+        nonlocal left
+        tick(size * (left - remaining), _PASSES * size * total)
+        left = remaining
+
+    source.backup(copy, pages=_PAGES, progress=note, sleep=0.0)
 
 
 def _version(connection: sqlite3.Connection) -> int:
@@ -176,7 +219,7 @@ def _copy_checkpoint(zone: Path, folder: Path) -> int | None:
     return None
 
 
-def _unpack(backup: Path, site: str, folder: Path) -> Backup:
+def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
     """Everything in `backup`, checked against its manifest, durable in the new `folder`."""
     make_folder(folder)
     with tarfile.open(backup, "r:") as archive:
@@ -186,6 +229,7 @@ def _unpack(backup: Path, site: str, folder: Path) -> Backup:
                 f"{backup} is a backup of the site '{manifest['site']}', and the configuration is that of '{site}'"
             )
         missing = dict(manifest["files"])
+        total = sum(entry["size"] for entry in missing.values())
         for member in archive:
             if member.name == _MANIFEST:
                 continue
@@ -195,7 +239,8 @@ def _unpack(backup: Path, site: str, folder: Path) -> Backup:
                 raise BackupError(f"{backup} is damaged: '{member.name}' does not belong into it; use another backup")
             target = folder / member.name
             make_folder(target.parent)
-            if member.size != described["size"] or _write(content, target) != described["sha256"]:
+            unpacked = _Watched(content, lambda more: tick(more, total))
+            if member.size != described["size"] or _write(unpacked, target) != described["sha256"]:
                 raise BackupError(f"{backup} is damaged: '{member.name}' does not match its digest; use another backup")
             sync_folder(target.parent)
         if missing:
@@ -228,7 +273,7 @@ def _manifest(archive: tarfile.TarFile, backup: Path) -> dict[str, Any]:
     return dict(manifest)
 
 
-def _write(content: IO[bytes], target: Path) -> str:
+def _write(content: _Watched, target: Path) -> str:
     """Write `content` to `target`, durably; its SHA-256."""
     digest = hashlib.sha256()
     with target.open("wb") as file:
@@ -240,9 +285,18 @@ def _write(content: IO[bytes], target: Path) -> str:
     return digest.hexdigest()
 
 
-def _sha256(path: Path) -> str:
+@contextmanager
+def _watched(path: Path, tick: Callable[[int], object]) -> Iterator[_Watched]:
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        yield _Watched(file, tick)
+
+
+def _sha256(path: Path, watched: Callable[[Path], AbstractContextManager[_Watched]]) -> str:
+    digest = hashlib.sha256()
+    with watched(path) as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()
 
 
 @contextmanager

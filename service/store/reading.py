@@ -18,7 +18,10 @@ _log = logging.getLogger(__name__)
 
 
 class StoredState:
-    """Journal and checkpoints of a state folder at one moment. Nothing is written, locked or set aside."""
+    """Journal and checkpoints of a state folder. Nothing is written, locked or set aside.
+
+    No transaction is held between two reads: the daemon's write-ahead log would grow for as long.
+    """
 
     def __init__(self, journal: Journal, checkpoints: CheckpointStore) -> None:
         self.journal = journal
@@ -45,7 +48,7 @@ class StoredState:
 
 @contextmanager
 def read_state(state_dir: Path) -> Iterator[StoredState]:
-    """The state in `state_dir`, all of its journal as of one moment.
+    """The state in `state_dir`.
 
     ServiceError where there is none, where another version of Thermogate wrote it, and where it cannot be read.
     """
@@ -57,7 +60,6 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
     try:
         with translated(path):
             (version,) = connection.execute("PRAGMA user_version").fetchone()
-            connection.execute("BEGIN")
         if version != SCHEMA_VERSION:
             remedy = (
                 "upgrade Thermogate" if version > SCHEMA_VERSION else "run the daemon on it once, which upgrades it"

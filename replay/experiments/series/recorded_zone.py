@@ -1,4 +1,4 @@
-"""A zone's recording or live history on its grid: read by the daemon's own alignment, cut where nothing bridges a gap."""
+"""A zone's recording, or its live history, on its grid: cut where nothing bridges a gap."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
 from replay.experiments.series.recorded import samples_of
-from replay.recorded.stored import stored_samples
 from replay.localtime import Seconds
+from replay.recorded.stored import stored_samples
 from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
 from service.records.sample import Sample

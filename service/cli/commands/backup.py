@@ -16,9 +16,11 @@ def add_to(add: AddCommand) -> None:
 
 
 def _backup(arguments: argparse.Namespace) -> int:
+    from service.cli.progress import bytes_done
     from service.store.backup import write_backup
 
     site = load_config(arguments).site
-    made = write_backup(site.state_dir, site.id, arguments.out)
+    with bytes_done("backup") as tick:
+        made = write_backup(site.state_dir, site.id, arguments.out, tick)
     print(f"{made.path}: site {made.site}, {made.size / 1e6:.1f} MB, zones with a checkpoint: {made.zones}")
     return 0
