@@ -25,10 +25,8 @@ _FOLLOWS = 0.3
 
 def advice(trace: Trace, found: Diagnostics) -> list[str]:
     """Sentences, the findings first; one that says so where there is nothing to change."""
-    sentences = [
-        f"{finding.sentence[:1].upper()}{finding.sentence[1:]} (`{finding.finding}`)."
-        for finding in trace.diagnosis.findings
-    ]
+    # A sentence may begin with the name of a parameter, so it keeps its small letter.
+    sentences = [f"`{finding.finding}`: {finding.sentence}." for finding in trace.diagnosis.findings]
     sentences += [*_from_skill(trace), *_from_intervals(trace), *_from_residuals(trace, found)]
     return sentences or ["Nothing: there is no finding, and forecasts and intervals are what they should be."]
 

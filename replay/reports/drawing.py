@@ -13,15 +13,22 @@ from typing import NamedTuple
 from estimator.diagnosis.finding import amount
 from estimator.network.network import HeatInput, Network
 
-_COLUMN, _ROW, _MARGIN = 250.0, 130.0, 110.0
+_COLUMN, _ROW, _MARGIN = 270.0, 165.0, 110.0
 _RADIUS = 34.0
-_STYLE = (
-    ".edge{stroke:#5b6776;stroke-width:2;fill:none}.node{fill:#eef5f9;stroke:#0b5c8a;stroke-width:2}"
-    ".measured{fill:#cfe5f2;stroke-width:3}.boundary{fill:#f2f5f8;stroke:#5b6776;stroke-width:2}"
-    ".heat{stroke:#c2571a;stroke-width:2;fill:none}.tip{fill:#c2571a}"
-    "text{font:13px system-ui,sans-serif;fill:#1b2430;text-anchor:middle}.small{font-size:11px;fill:#5b6776}"
-    ".of-edge{paint-order:stroke;stroke:#fff;stroke-width:4px}.of-heat{fill:#c2571a}"
-)
+_RULES = {
+    ".edge": "stroke:#5b6776;stroke-width:2;fill:none",
+    ".node": "fill:#eef5f9;stroke:#0b5c8a;stroke-width:2",
+    ".measured": "fill:#cfe5f2;stroke-width:3",
+    ".boundary": "fill:#f2f5f8;stroke:#5b6776;stroke-width:2",
+    ".heat": "stroke:#c2571a;stroke-width:2;fill:none",
+    ".tip": "fill:#c2571a",
+    "text": "font:13px system-ui,sans-serif;fill:#1b2430;text-anchor:middle",
+    ".small": "font-size:11px;fill:#5b6776",
+    ".of-edge": "paint-order:stroke;stroke:#fff;stroke-width:4px",
+    ".of-heat": "fill:#c2571a",
+}
+# A style in an SVG element holds for the whole page, unless it names the element.
+_STYLE = "".join(f".network {selector}{{{rule}}}" for selector, rule in _RULES.items())
 
 
 class _Place(NamedTuple):
@@ -42,7 +49,7 @@ def picture(network: Network, values: Mapping[str, float]) -> str:
     parts += [_body(network, name, place, values) for name, place in places.items()]
     title = escape(f"The network {network.name}")
     return (
-        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:.0f} {height:.0f}' role='img' "
+        f"<svg class='network' xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {width:.0f} {height:.0f}' role='img' "
         f"aria-label='{title}' style='max-width:{width:.0f}px;width:100%'><title>{title}</title>"
         f"<style>{_STYLE}</style>{''.join(parts)}</svg>"
     )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.diagnosis.finding import amount
 from replay.experiments.table import Cell, Table, shown
 from replay.localtime import HOUR
 from replay.recorded.trace import LEVELS, Trace
@@ -88,9 +89,10 @@ def parameters(trace: Trace) -> Table:
     low, median, high = (f"{100 * level:g} % quantile" for level in LEVELS)
     rows: list[tuple[Cell, ...]] = []
     for parameter, quantiles in zip(trace.network.parameters, trace.parameters[-1].tolist(), strict=True):
-        bounds = (parameter.lower, parameter.upper) if parameter.free else (None, None)
-        rows.append((parameter.name, parameter.unit, *quantiles, *bounds, "learned" if parameter.free else "fixed"))
-    rows.append(("heat loss", "W/K", *trace.heat_loss[-1].tolist(), None, None, "follows"))
+        bounds = map(amount, (parameter.lower, parameter.upper)) if parameter.free else (None, None)
+        kind = "learned" if parameter.free else "fixed"
+        rows.append((parameter.name, parameter.unit, *map(amount, quantiles), *bounds, kind))
+    rows.append(("heat loss", "W/K", *map(amount, trace.heat_loss[-1].tolist()), None, None, "derived"))
     return Table(
         f"parameters-{trace.zone}",
         "Parameters at the end",
