@@ -1,0 +1,243 @@
+"""A report of a replay and of a state folder: its figures are those of the payloads, and it needs no network."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay.errors import ReplayError
+from replay.experiments.request import Request
+from replay.experiments.table import shown
+from replay.experiments.topology.data import recordings
+from replay.localtime import DAY
+from replay.recorded.runner import replay_recording
+from replay.recorded.stored import stored_traces
+from replay.reports.publish import publish_report
+from replay.reports.tables import percent
+from service.config.fitting import fingerprint, make_worker
+from service.config.kept import FILE, keep_configuration
+from service.config.load import load
+from service.errors import ServiceError, StateMismatch
+from service.records.sample import Sample
+from service.store.checkpoint import CheckpointStore
+from service.store.journal import Journal
+from service.store.store import CHECKPOINTS, JOURNAL, locked
+from service.zone import snapshot
+
+EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
+ZONE = "building-67"
+SETTINGS = [f'zones.{ZONE}.estimator="mkf"', f"zones.{ZONE}.estimator_options={{particles=16}}"]
+
+
+def config(state_dir, *settings):
+    return load(EXAMPLE, [*SETTINGS, f'site.state_dir="{state_dir}"', *settings])
+
+
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory):
+    out = tmp_path_factory.mktemp("replayed")
+    traces = replay_recording(config(out / "state"), out, progress=False)
+    return out, traces
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory, replayed):
+    """What a daemon would have left of the same recording, with a checkpoint at two thirds."""
+    folder, (trace,) = tmp_path_factory.mktemp("state"), replayed[1]
+    settings = config(folder)
+    (zone,) = settings.zones
+    worker, journal, mark = make_worker(zone), Journal.open(folder / JOURNAL), fingerprint(zone)
+    journal.claim(ZONE, mark)
+    good = trace.inputs[0] * 0 == 0
+    qualities = tuple(np.where(good, "good", "bad"))
+    for place, row in enumerate(trace.rows):
+        sample = Sample(row.time, np.array([row.y]), trace.inputs[place], ("good",), qualities)
+        journal.append(ZONE, sample)
+        journal.record(ZONE, worker.step(sample))
+        if place == 2 * len(trace.rows) // 3:
+            CheckpointStore(folder / CHECKPOINTS).save(ZONE, snapshot.take(worker, mark, zone.estimator))
+            skill = worker.skill()
+    journal.close()
+    keep_configuration(settings)
+    return folder, skill
+
+
+class Page(HTMLParser):
+    """Headings, plots and whatever a page would load."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.headings, self.plots, self.loads, self._in = [], [], [], None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self._in = "plot" if given.get("type") == "application/json" else tag
+        self.loads += [value for name, value in given.items() if name in ("src", "href", "action")]
+        self.loads += ["link"] * (tag in ("link", "iframe", "img"))
+
+    def handle_endtag(self, tag):
+        self._in = None
+
+    def handle_data(self, data):
+        if self._in in ("h2", "figcaption"):
+            self.headings.append(data)
+        if self._in == "plot":
+            self.plots.append(json.loads(data))
+
+
+def test_the_table_has_the_figures_of_the_summary(replayed, tmp_path, capsys):
+    out, traces = replayed
+    assert publish_report("semi-synthetic", traces, tmp_path / "new") == 0
+    printed = capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text())["zones"][ZONE]["skill"]
+    rows = [line.split() for line in printed.splitlines() if line.startswith(ZONE)]
+    assert [" ".join(row[1:3]) for row in rows] == ["one step", "1 h", "6 h", "24 h"]
+    for row, one in zip(rows, summary.values(), strict=True):
+        against = [percent(one["skill_against_persistence"]), percent(one["skill_against_arx"])]
+        figures = [shown(one[name]) for name in ("forecasts", "coverage", "width", "rmse")]
+        assert row[3:] == [*figures, *" ".join(against).split()]
+    assert str(tmp_path / "new" / "report.html") in printed
+    page = (tmp_path / "new" / "report.html").read_text()
+    for row in rows:
+        assert all(f">{cell}<" in page for cell in row[3:7])
+
+
+def test_the_page_is_whole_and_loads_nothing(replayed, tmp_path):
+    publish_report("semi-synthetic", replayed[1], tmp_path)
+    page = Page((tmp_path / "report.html").read_text())
+    assert page.loads == []
+    assert page.headings == [
+        *("All zones", "Zones", "What the forecasts were worth", "What to change", "Forecasts"),
+        "The record, and the band that was published before each measurement",
+        "A day ahead: forecasts issued at midnight (UTC), and what came",
+        "Heat that no channel measures",
+        *("Parameters", "Parameters at the end", "The network building-67", "Parameters over time", "Residuals"),
+        *("Calibration (probability integral transform)", "Does an error predict the next?"),
+        "Do the errors follow an input?",
+    ]
+    assert len(page.plots) == 7
+    assert all(figure["data"] for figure in page.plots)
+
+
+def test_a_zone_without_physics_says_what_it_cannot_show(tmp_path):
+    changed = [f'zones.{ZONE}.estimator="arx"', f"zones.{ZONE}.estimator_options={{}}"]
+    traces = replay_recording(load(EXAMPLE, changed), tmp_path, end=1712730000.0, progress=False)
+    publish_report("semi-synthetic", traces, tmp_path)
+    text = (tmp_path / "report.html").read_text()
+    assert "no model of unmeasured heat" in text
+    assert "No parameters: the estimator has no physics" in text
+    assert "No whole day between two midnights" in text
+    assert "The network building-67" in Page(text).headings
+
+
+def test_an_output_folder_that_cannot_be_written_is_said(replayed, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ReplayError, match="cannot be written"):
+        publish_report("site", replayed[1], tmp_path / "file" / "out")
+
+
+def test_the_fans_are_whole_days_and_begin_with_what_was_published(replayed):
+    (trace,) = replayed[1]
+    assert [fan.times[0] % DAY for fan in trace.fans] == [0] * 2
+    rows = {row.time: row for row in trace.rows}
+    for fan in trace.fans:
+        assert len(fan.times) == DAY // trace.period
+        first = rows[int(fan.times[0])]
+        lower, median, upper = fan.quantiles[0]
+        # Thirty-two draws stand for the state: their median is known to a quarter of the spread.
+        assert abs(median - first.mean) < first.sd
+        assert lower < median < upper
+        widths = fan.quantiles[:, 2] - fan.quantiles[:, 0]
+        assert widths[-1] > widths[0]
+
+
+def test_the_parameters_are_looked_at_every_six_hours_and_stay_in_their_bounds(replayed):
+    (trace,) = replayed[1]
+    assert np.diff(trace.looks).tolist() == [DAY // 4] * 11
+    for place, parameter in enumerate(trace.network.parameters):
+        values = trace.parameters[:, place]
+        assert (np.diff(values) >= 0).all()
+        assert (parameter.lower * (1 - 1e-9) <= values).all()
+        assert (values <= parameter.upper * (1 + 1e-9)).all()
+    assert trace.gain.shape == (len(trace.rows), 3)
+    assert np.isfinite(trace.gain[1:]).all()
+
+
+def contents(folder):
+    return {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.rglob("*.*") if path.is_file()}
+
+
+def test_the_history_of_a_daemon_gives_the_same_and_is_left_alone(replayed, state):
+    (whole,), (folder, skill) = replayed[1], state
+    zones, before = load(folder / FILE).zones, contents(folder)
+    with locked(folder):  # as a running daemon holds it
+        (trace,) = stored_traces(folder, zones, None, progress=False)
+    assert {path.name for path in contents(folder)} - {path.name for path in before} <= {
+        f"{JOURNAL}-wal",
+        f"{JOURNAL}-shm",
+    }
+    assert {path: contents(folder)[path] for path in before} == before
+    assert repr(trace.rows) == repr(whole.rows)
+    np.testing.assert_array_equal(trace.parameters, whole.parameters)
+    assert repr(trace.skill) == repr(skill), "the daemon's own word, as of its newest checkpoint"
+    assert "bit for bit" in trace.notes[0]
+
+
+def test_a_shorter_period_keeps_the_published_forecasts_and_says_what_is_new(replayed, state):
+    (whole,), (folder, _) = replayed[1], state
+    (trace,) = stored_traces(folder, load(folder / FILE).zones, 1, progress=False)
+    assert repr(trace.rows) == repr(whole.rows[-144:])
+    assert "were learned anew from the samples since 2024-04-12T00:00:00Z" in trace.notes[0]
+
+
+def test_topology_takes_the_samples_of_a_daemon(replayed, state):
+    (whole,), (folder, _) = replayed[1], state
+    (found,) = recordings(Request(state=folder))
+    assert found.record.times.tolist() == [row.time for row in whole.rows]
+    np.testing.assert_array_equal(found.record.columns["T_i"], [row.y for row in whole.rows])
+    np.testing.assert_array_equal(found.record.matrix(whole.network.inputs), whole.inputs)
+    assert found.candidates[0].name == "own"
+    with pytest.raises(ReplayError, match="--data is an Ecolar log, and --state has samples of its own"):
+        recordings(Request(state=folder, data=(EXAMPLE,)))
+
+
+def test_a_folder_without_state_and_one_of_another_configuration_are_said(state, tmp_path):
+    folder, _ = state
+    with pytest.raises(ServiceError, match=r"there is no configuration\.toml in .*; name the configuration with"):
+        recordings(Request(state=tmp_path))
+    zones = load(folder / FILE).zones
+    with pytest.raises(ServiceError, match=r"there is no state in .*; name the folder that site\.state_dir names"):
+        stored_traces(tmp_path, zones, None, progress=False)
+    other = load(EXAMPLE, [f'zones.{ZONE}.estimator="ekf"', f"zones.{ZONE}.estimator_options={{}}"]).zones
+    with pytest.raises(StateMismatch, match="belongs to another network or other estimator options"):
+        stored_traces(folder, other, None, progress=False)
+    Journal.open(tmp_path / JOURNAL).close()
+    with pytest.raises(ReplayError, match="there is no usable sample"):
+        stored_traces(tmp_path, zones, None, progress=False)
+
+
+def test_a_damaged_checkpoint_is_passed_over_and_stays(state, tmp_path):
+    folder, _ = state
+    for path in folder.rglob("*.*"):
+        target = tmp_path / path.relative_to(folder)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            target.write_bytes(path.read_bytes())
+    (damaged,) = (tmp_path / CHECKPOINTS / ZONE).iterdir()
+    damaged.write_bytes(b"not a checkpoint")
+    (trace,) = stored_traces(tmp_path, load(folder / FILE).zones, None, progress=False)
+    assert trace.skill is not None
+    assert damaged.read_bytes() == b"not a checkpoint"
+
+
+def test_a_page_of_hostile_names_keeps_them_text(replayed, tmp_path):
+    hostile = "</script><script>alert(1)</script>"
+    traces = [trace._replace(zone=hostile) for trace in replayed[1]]
+    publish_report(hostile, [*traces, *traces], tmp_path)
+    text = (tmp_path / "report.html").read_text()
+    assert hostile not in text
+    assert len(re.findall(r"<script>", text)) == 2, "plotly and the drawing of plots"
