@@ -43,4 +43,4 @@ def _replay(arguments: argparse.Namespace) -> int:
         end=arguments.end,
         progress=sys.stderr.isatty(),
     )
-    return publish_report(config.site.id, traces, arguments.out)
+    return publish_report(config.site.id, traces, arguments.out, sys.stderr.isatty())

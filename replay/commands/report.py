@@ -35,5 +35,6 @@ def _report(arguments: argparse.Namespace) -> int:
     if arguments.zone is not None:
         require_zones(config, [arguments.zone], "--zone")
     zones = [zone for zone in config.zones if arguments.zone in (None, zone.id)]
-    traces = stored_traces(arguments.state_dir, zones, arguments.days, sys.stderr.isatty())
-    return publish_report(config.site.id, traces, arguments.out)
+    watched = sys.stderr.isatty()
+    traces = stored_traces(arguments.state_dir, zones, arguments.days, watched)
+    return publish_report(config.site.id, traces, arguments.out, watched)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tqdm import tqdm
+
 from estimator.network.network import Network
 from replay.experiments.report import Picture, Report, Section
+from replay.recorded.runner import SLOW
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
@@ -13,15 +16,16 @@ from replay.reports.drawing import picture
 from replay.reports.residuals import diagnostics
 
 
-def report(site: str, traces: Sequence[Trace]) -> Report:
-    """The report of the zones in `traces`, which all have rows."""
+def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:
+    """The report of the zones in `traces`, which all have rows. With `progress` a terminal shows how far it is."""
     table = tables.skill(traces)
+    drawn = tqdm(traces, unit=" zones", desc="page", delay=SLOW, disable=not progress)
     return Report(
         f"Thermogate report: {site}",
         (*(note for trace in traces for note in trace.notes), *map(_in_a_sentence, traces)),
         (
             Section("All zones", (), (tables.zones(traces), table)),
-            *(section for trace in traces for section in _zone(trace, len(traces) > 1)),
+            *(section for trace in drawn for section in _zone(trace, len(traces) > 1)),
         ),
     )
 

@@ -14,15 +14,15 @@ from replay.reports.page import report
 FILE = "report.html"
 
 
-def publish_report(site: str, traces: Sequence[Trace], out: Path) -> int:
+def publish_report(site: str, traces: Sequence[Trace], out: Path, progress: bool = False) -> int:
     """Print the table of `traces`, write `report.html` into the folder `out`, and print where it is; 0.
 
-    Raises ReplayError where the folder cannot be written.
+    With `progress` a terminal shows how far it is. Raises ReplayError where the folder cannot be written.
     """
     path = out / FILE
     try:
         out.mkdir(parents=True, exist_ok=True)
-        path.write_text(page(report(site, traces)), encoding="utf-8")
+        path.write_text(page(report(site, traces, progress)), encoding="utf-8")
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     print("\n".join(["", *tables.terminal(tables.skill(traces)), "", f"report: {path}"]))

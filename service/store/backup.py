@@ -88,6 +88,7 @@ def write_backup(state_dir: Path, site: str, out: Path, tick: Tick = lambda more
         zones = _copy(state_dir, work / "state", tick)
         files = {str(path.relative_to(work / "state")): path for path in sorted((work / "state").rglob("*.*"))}
         size = sum(path.stat().st_size for path in files.values())
+        tick(size - files[JOURNAL].stat().st_size, _PASSES * size)
         watched = partial(_watched, tick=lambda more: tick(more, _PASSES * size))
         described = {
             name: {"size": path.stat().st_size, "sha256": _sha256(path, watched)} for name, path in files.items()

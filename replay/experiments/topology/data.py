@@ -78,7 +78,7 @@ def _of_zone(request: Request) -> Recording:
         read_zone(config, table) if live is None else live_zone(live, table),
         candidates_for(table.network),
         zone or "UTC",
-        Place(path, request.overrides, table.id),
+        Place(path, request.overrides, table.id, running=request.config is None),
     )
 
 

@@ -29,6 +29,13 @@ class Place(NamedTuple):
     config: Path
     overrides: Sequence[str]
     zone: str
+    running: bool = False
+    """Whether it is the copy that a running daemon keeps, and not the file that its operator edits."""
+
+    @property
+    def named(self) -> str:
+        """How the file is called towards its operator."""
+        return "the daemon's configuration" if self.running else self.config.name
 
 
 def proposal(network: Network, theta: Array, at_bound: Sequence[str]) -> Network:
@@ -59,7 +66,7 @@ def network_toml(network: Network, reason: str, place: Place | None) -> str:
     lines = [f"# {reason}"]
     if place is not None:
         superfluous, objections = _tried(table, network, place)
-        lines.append(f'# In zone "{place.zone}" of {place.config.name}: below its channels, instead of its network.')
+        lines.append(f'# In zone "{place.zone}" of {place.named}: below its channels, instead of its network.')
         if superfluous:
             lines.append(f"# It does not use {', '.join(superfluous)}: remove that from the zone's channels.")
         lines += [f"# To be changed as well: {objection}" for objection in objections]

@@ -11,12 +11,14 @@ import pytest
 from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.table import shown
+from replay.experiments.topology import experiment as topology
 from replay.experiments.topology.data import recordings
 from replay.localtime import DAY
 from replay.recorded.runner import replay_recording
 from replay.recorded.stored import stored_traces
 from replay.reports.publish import publish_report
 from replay.reports.tables import percent
+from service.cli.main import main
 from service.config.fitting import fingerprint, make_worker
 from service.config.kept import FILE, keep_configuration
 from service.config.load import load
@@ -203,6 +205,20 @@ def test_topology_takes_the_samples_of_a_daemon(replayed, state):
     assert found.candidates[0].name == "own"
     with pytest.raises(ReplayError, match="--data is an Ecolar log, and --state has samples of its own"):
         recordings(Request(state=folder, data=(EXAMPLE,)))
+
+
+def test_the_network_that_is_found_on_live_history_is_printed(state, tmp_path, monkeypatch, capsys):
+    def few(request):
+        return [one._replace(candidates=one.candidates[:1]) for one in recordings(request)]
+
+    monkeypatch.setattr(topology, "STARTS", 1)
+    monkeypatch.setattr(topology, "recordings", few)
+    folder, _ = state
+    assert main(["experiment", "topology", "--jobs", "1", "--out", str(tmp_path), "--state", str(folder)]) == 0
+    assert f'In zone "{ZONE}" of the daemon\'s configuration: below its channels' in capsys.readouterr().out
+    assert f"as the daemon on <code>{folder}</code> has accepted its samples" in (tmp_path / "report.html").read_text()
+    assert main(["experiment", "cost", "--out", str(tmp_path / "cost"), "--state", str(folder)]) == 1
+    assert "--state means nothing to this experiment" in capsys.readouterr().err
 
 
 def test_a_folder_without_state_and_one_of_another_configuration_are_said(state, tmp_path):

@@ -252,3 +252,15 @@ def test_checkpoints_and_journal_go_together(tmp_path: Path, monkeypatch: pytest
     made = write_backup(state, "house", tmp_path / "out.tar")
     with tarfile.open(made.path) as archive:
         assert "checkpoints/z/000000006600.npz" in archive.getnames(), "it was copied once more"
+
+
+def test_the_progress_ends_where_everything_is_done(kept: Path, tmp_path: Path) -> None:
+    for work in (
+        lambda tick: write_backup(tmp_path / "state", "house", tmp_path / "again.tar", tick),
+        lambda tick: restore_backup(tmp_path / "new", "house", kept, False, tick),
+    ):
+        told: list[tuple[int, int]] = []
+        work(lambda more, total, told=told: told.append((more, total)))
+        assert len(told) > 1
+        assert sum(more for more, _ in told) == told[-1][1]
+        assert all(more >= 0 for more, _ in told)
