@@ -17,6 +17,7 @@ from replay.scores import pit_histogram
 
 _INK, _BLUE, _BAND, _WARM, _LINE = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a", "#5b6776"
 _COLOURS = (_WARM, "#3d8b4f", "#8a3b8f", "#a8841a", "#b3324b", "#1f9aa0", "#767676")
+_SYMBOLS = {"degC": "°C", "W/m2": "W/m²"}
 _DRAWN = 2500
 """Points of a line at most: more are not to be seen and make the page heavy."""
 _BINS = 20
@@ -45,9 +46,9 @@ def record(trace: Trace) -> Plot:
         stamps, (values,) = _with_gaps(times[::every], trace.period * every, trace.inputs[::every, place])
         row = 2 + units.index(trace.network.channel_unit(channel))
         line = _line(stamps, values, channel, _COLOURS[place % len(_COLOURS)])
-        figure.add_trace(line, row=row, col=1)
-    for row, unit in enumerate(["°C", *units], start=1):
-        figure.update_yaxes(title_text=unit, row=row, col=1)
+        figure.add_trace(line.update(line_shape="hv"), row=row, col=1)
+    for row, unit in enumerate(["degC", *units], start=1):
+        figure.update_yaxes(title_text=_SYMBOLS.get(unit, unit), row=row, col=1)
     figure.update_xaxes(title_text="UTC", row=1 + len(units), col=1)
     return Plot(
         "The record, and the band that was published before each measurement",

@@ -96,7 +96,7 @@ def parameters(trace: Trace) -> Table:
     return Table(
         f"parameters-{trace.zone}",
         "Parameters at the end",
-        ("parameter", "unit", low, median, high, "lower bound", "upper bound", "is"),
+        ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind"),
         tuple(rows),
         f"At {written_time(int(trace.looks[-1]))}. The bounds are those of the network; a learned parameter cannot "
         "leave them.",
