@@ -78,14 +78,6 @@ def run_daemon(
     return 0
 
 
-async def _keep(config: Config) -> None:
-    """Keep `config` beside the state. The daemon runs without; the commands that read the state then ask for it."""
-    try:
-        await asyncio.to_thread(keep_configuration, config)
-    except OSError as error:
-        _log.warning("the configuration cannot be kept in %s: %s", config.site.state_dir, error.strerror)
-
-
 class Daemon:
     """A running daemon; `run` is its whole life."""
 
@@ -263,3 +255,11 @@ class Daemon:
             self._notifier.starting("restoring the zones", HUNG_SECONDS)
         else:
             self._notifier.alive()
+
+
+async def _keep(config: Config) -> None:
+    """Keep `config` beside the state. The daemon runs without; the commands that read the state then ask for it."""
+    try:
+        await asyncio.to_thread(keep_configuration, config)
+    except OSError as error:
+        _log.warning("the configuration cannot be kept in %s: %s", config.site.state_dir, error.strerror)

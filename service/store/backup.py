@@ -229,8 +229,8 @@ def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
             raise BackupError(
                 f"{backup} is a backup of the site '{manifest['site']}', and the configuration is that of '{site}'"
             )
+        total = sum(described["size"] for described in manifest["files"].values())
         missing = dict(manifest["files"])
-        total = sum(entry["size"] for entry in missing.values())
         for member in archive:
             if member.name == _MANIFEST:
                 continue

@@ -64,18 +64,12 @@ class Journal:
     @classmethod
     def open(cls, path: Path) -> Journal:
         """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
-        connection = open_database(path, _BUSY_SECONDS)
+        journal = cls(open_database(path, _BUSY_SECONDS), path)
         try:
-            return cls.over(connection, path)
+            journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
         except JournalError:
-            connection.close()
+            journal._connection.close()
             raise
-
-    @classmethod
-    def over(cls, connection: sqlite3.Connection, path: Path) -> Journal:
-        """The journal at `path` over a `connection` to it, which has the present schema and may be read-only."""
-        journal = cls(connection, path)
-        journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
         return journal
 
     def claim(self, zone: str, fingerprint: str) -> bool:
@@ -221,6 +215,13 @@ class Journal:
             for table in ("samples", "history"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
         self._ends.pop(zone, None)
+
+    @classmethod
+    def over(cls, connection: sqlite3.Connection, path: Path) -> Journal:
+        """The journal at `path` over a `connection` that only reads, and that the caller closes."""
+        journal = cls(connection, path)
+        journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
+        return journal
 
     def close(self) -> None:
         """Flush and close; safe to call twice."""

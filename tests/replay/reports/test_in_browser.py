@@ -1,0 +1,60 @@
+"""The page of a report in a real browser, without a network."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from replay.recorded.runner import replay_recording
+from replay.reports.publish import publish_report
+from service.config.load import load
+
+EXAMPLE = Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml"
+ZONE = "building-67"
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """A tab with the report of two zones."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("Debian's chromium is not installed")
+    out = tmp_path_factory.mktemp("report")
+    settings = [f'zones.{ZONE}.estimator="mkf"', f"zones.{ZONE}.estimator_options={{particles=16}}"]
+    (trace,) = replay_recording(load(EXAMPLE, settings), out, progress=False)
+    publish_report("site", [trace, trace._replace(zone="second")], out)
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        tab = browser.new_context(offline=True).new_page()
+        tab.said, tab.asked = [], []
+        tab.on("console", lambda message: tab.said.append(message.text))
+        tab.on("pageerror", lambda error: tab.said.append(str(error)))
+        tab.on("request", lambda request: tab.asked.append(request.url))
+        tab.goto((out / "report.html").as_uri())
+        yield tab
+        browser.close()
+
+
+def test_plots_are_drawn_when_they_come_near_and_nothing_is_fetched(page):
+    drawn = "document.querySelectorAll('.plot .main-svg').length > 0"
+    page.wait_for_function(drawn)
+    waiting = "document.querySelectorAll('.plot > script').length"
+    assert page.evaluate(waiting) > 7, "those of the second zone are far below"
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.wait_for_function(f"{waiting} === 0")
+    page.wait_for_function("[...document.querySelectorAll('.plot')].every((plot) => plot.querySelector('.main-svg'))")
+    assert page.said == []
+    assert len(page.asked) == 1, "the page itself"
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_nothing_is_wider_than_the_window(page, width):
+    page.set_viewport_size({"width": width, "height": 800})
+    page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_axe_finds_nothing_serious(page):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
+    found = axe.Axe().run(page).response["violations"]
+    assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
