@@ -73,6 +73,8 @@ def test_zones_that_stay_the_same_do_so_to_the_last_bit(
         home.add(kept, "late")
         home.write()
         reload(daemon, "configuration reloaded: added late; changed extra-2; removed extra-0, extra-1")
+        stored = tomllib.loads((home.path.parent / "state" / "configuration.toml").read_text())
+        assert [one["id"] for one in stored["zones"]] == [one["id"] for one in home.table["zones"]]
         # The forecast that stands is the old one until the changed zone's next sample.
         samples = daemon.wait(lambda zones: "extra-0" not in zones)["extra-2"]["samples"]
         daemon.wait(lambda zones: zones["late"]["samples"] >= 10 and zones["extra-2"]["samples"] > samples)
