@@ -31,7 +31,7 @@ LEVELS = {
         {"arrays", "errors"},
     ),
     "adapters": (
-        {"csv", "modbus", "zenoh"},
+        {"csv", "http", "modbus", "zenoh"},
         {"payload"},
         {"edge", "stuck"},
         {"reading", "units", "timestamps"},

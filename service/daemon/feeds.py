@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Collection, Mapping
+from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
 
+from adapters.http.posted import Posted
+from adapters.http.source import HttpSource
 from adapters.reading import Batch, Source
 from service.config.site import Config
 from service.daemon.feeding import feed
 from service.daemon.tasks import end
+from service.records.receipt import NOTHING, Receipt
 from service.sources.routing import Router
 from service.zone.zone import Zone
 
@@ -26,6 +31,13 @@ class Tally:
     """Whether it is at work and did not fail since it last delivered."""
     last: float | None = None
     """When it last delivered, UTC s."""
+
+
+class Handed(NamedTuple):
+    """What became of a post at one source, and which of its values, by their places, some channel asks for."""
+
+    receipt: Receipt
+    used: frozenset[int]
 
 
 class Feed:
@@ -47,6 +59,23 @@ class Feed:
     def served(self) -> tuple[str, ...]:
         """The zones it delivers to."""
         return self._router.zones
+
+    @property
+    def is_posted_to(self) -> bool:
+        """Whether clients hand its readings over (`receive`)."""
+        return isinstance(self.source, HttpSource)
+
+    async def receive(self, posted: Sequence[Posted], zone: str | None) -> Handed:
+        """Hand what was posted to the zones, or to `zone` alone; what is accepted is durable on return. Raises
+        ServiceError."""
+        assert isinstance(self.source, HttpSource)
+        received = self.source.receive(posted, zone)
+        self.tally.readings += len(received.readings)
+        receipt = NOTHING._replace(begun=received.begun)
+        for share in self._router.split(Batch(received.readings, -inf)):
+            if share.readings and share.zone in self._zones:
+                receipt = receipt.plus(await self._zones[share.zone].take(self.name, share.readings))
+        return Handed(receipt, received.used)
 
     @property
     def over(self) -> bool:

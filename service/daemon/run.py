@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
+from service.daemon.ingest import Ingest
 from service.daemon.instruments import instrument
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
@@ -200,6 +201,7 @@ class Daemon:
             reload=self.reload,
             http=http,
             streams=streams,
+            take=Ingest(lambda: runtime.feeds).take,
         )
         self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))

@@ -139,6 +139,9 @@ class Runtime:
             live, zone = config.goes_live(table), zones[table.id]
             alignment = make_alignment(table, self._last[table.id], live, zone.empty_samples)
             zone.align(alignment, live, config.pace_of(table))
+            if live:
+                # Before time passes: what was accepted must not find its interval closed.
+                await zone.recall()
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]

@@ -16,6 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from adapters.reading import Reading
 from service.errors import JournalError
 from service.records.history import HistoryRow
 from service.records.sample import Sample
@@ -26,8 +27,10 @@ from service.store.journal_rows import (
     history_checksum,
     history_row,
     link_of,
+    reading_row,
     sample_row,
     to_history,
+    to_reading,
     to_sample,
 )
 
@@ -40,9 +43,14 @@ _ROWS_AT_ONCE = 250
 """SQLite takes 32,766 values in a statement; the widest row has 18."""
 _EARLIEST = -(2**63)
 
+REMEMBERED = 3600
+"""Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
+
 _COLUMNS = ", ".join(HistoryRow._fields)
 _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
 _SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, link"
+
+_READING_COLUMNS = "zone, time, channel, value, quality, checksum"
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +68,8 @@ class Journal:
         """Until when the rows of each zone are of version 1, which had no checksums."""
         self._damaged: set[tuple[str, int]] = set()
         """History rows whose damage was said."""
+        self._keeping: set[str] = set()
+        """The zones that have readings of their own here."""
 
     @classmethod
     def open(cls, path: Path) -> Journal:
@@ -67,6 +77,7 @@ class Journal:
         journal = cls(open_database(path, _BUSY_SECONDS), path)
         try:
             journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
+            journal._keeping.update(zone for (zone,) in journal.read("SELECT DISTINCT zone FROM readings"))
         except JournalError:
             journal._connection.close()
             raise
@@ -97,8 +108,32 @@ class Journal:
                     rows.append(sample_row(zone, sample, link))
                     ends[zone] = (sample.time, rows[-1][-1])
             _insert(cursor, f"INSERT INTO samples ({_SAMPLE_COLUMNS})", rows)
+            for zone in self._keeping & ends.keys():
+                before = ends[zone][0] - REMEMBERED
+                cursor.execute("DELETE FROM readings WHERE zone = ? AND time < ?", (zone, before))
         self._ends |= ends
         return len(rows)
+
+    def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Store usable readings of an interval that is open, durable on return; one that is there already stays."""
+        self._keeping.add(zone)
+        with self.transaction() as cursor:
+            rows = [reading_row(zone, reading) for reading in readings]
+            _insert(cursor, f"INSERT OR IGNORE INTO readings ({_READING_COLUMNS})", rows)
+
+    def kept(self, zone: str, since: float, until: float) -> list[Reading]:
+        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
+
+        A damaged one is left out, which the log says.
+        """
+        query = f"SELECT {_READING_COLUMNS} FROM readings WHERE zone = ? AND time BETWEEN ? AND ? ORDER BY time"
+        found = []
+        for row in self.read(query, zone, since, until) if zone in self._keeping else ():
+            try:
+                found.append(to_reading(row))
+            except (ValueError, TypeError, AttributeError, struct.error) as error:
+                _log.error("the journal %s holds a damaged reading of zone '%s' (%s)", self._path, zone, error)
+        return found
 
     def record(self, zone: str, update: Update) -> None:
         """Add or replace the history row of `update`; durable with the next append, flush or close."""
@@ -176,7 +211,7 @@ class Journal:
         """
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self.transaction() as cursor:
-            for table in ("samples", "history", "zones", "pruned", "unchecked"):
+            for table in ("samples", "history", "zones", "pruned", "unchecked", "readings"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
             cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
         self._ends.pop(zone, None)
@@ -212,7 +247,7 @@ class Journal:
         """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self.transaction() as cursor:
-            for table in ("samples", "history"):
+            for table in ("samples", "history", "readings"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
         self._ends.pop(zone, None)
 

@@ -40,6 +40,14 @@ CREATE TABLE forgotten (zone TEXT PRIMARY KEY) WITHOUT ROWID;
 CREATE TABLE unchecked (zone TEXT PRIMARY KEY, time INTEGER NOT NULL) WITHOUT ROWID;
 """
 
+_READINGS = """
+CREATE TABLE IF NOT EXISTS readings (
+    zone TEXT NOT NULL, time REAL NOT NULL, channel TEXT NOT NULL, value REAL NOT NULL, quality TEXT NOT NULL,
+    checksum INTEGER NOT NULL, PRIMARY KEY (zone, time, channel)
+) WITHOUT ROWID;
+"""
+"""Of a kind that a version 2 of before does without: it opens the file all the same."""
+
 _FROM_VERSION_1 = f"""
 ALTER TABLE samples ADD COLUMN link INTEGER;
 ALTER TABLE history ADD COLUMN checksum INTEGER;
@@ -97,6 +105,8 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
         _log.info("the journal %s is brought up from version 1, which takes as much space again for a moment", path)
         connection.execute("VACUUM")
         _script(connection, _FROM_VERSION_1)
+    if not connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'readings'").fetchone():
+        _script(connection, _READINGS)
 
 
 def _script(connection: sqlite3.Connection, statements: str) -> None:

@@ -13,13 +13,16 @@ import zlib
 
 import numpy as np
 
-from adapters.reading import Quality
+from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
 from service.records.sample import Array, Sample
 
 SampleRow = tuple[str, int, bytes, bytes, str, str, int]
 """zone, time, outputs, inputs, output_quality, input_quality, link."""
 
+
+ReadingRow = tuple[str, float, str, float, str, int]
+"""zone, time, channel, value, quality, checksum."""
 
 _NUMBERS = struct.Struct(f"<{len(HistoryRow._fields)}d")
 
@@ -67,6 +70,25 @@ def to_history(row: tuple[float | None, ...]) -> HistoryRow:
         raise ValueError("its time is no whole number")
     values = {name: math.nan if value is None else value for name, value in zip(HistoryRow._fields, row, strict=True)}
     return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))
+
+
+def reading_row(zone: str, reading: Reading) -> ReadingRow:
+    """The row of a reading that is usable."""
+    # SQLite does not keep the sign of zero.
+    row = (zone, reading.time + 0.0, reading.channel, reading.value + 0.0, str(reading.quality))
+    return (*row, _reading_checksum(*row))
+
+
+def to_reading(row: ReadingRow) -> Reading:
+    """The reading of a row; ValueError or TypeError if it does not match its checksum."""
+    zone, time, channel, value, quality, checksum = row
+    if checksum != _reading_checksum(zone, float(time), channel, float(value), quality):
+        raise ValueError("it does not match its checksum")
+    return Reading(channel, float(time), float(value), Quality(quality))
+
+
+def _reading_checksum(zone: str, time: float, channel: str, value: float, quality: str) -> int:
+    return zlib.crc32(struct.pack("<2d", time, value), zlib.crc32(f"{zone}\0{channel}\0{quality}".encode()))
 
 
 def _to_blob(values: Array) -> bytes:

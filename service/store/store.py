@@ -11,13 +11,15 @@ import fcntl
 import logging
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import islice
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
+from adapters.reading import Reading
 from service.errors import ServiceError, StateMismatch
 from service.fields.times import written_time
 from service.records.history import HistoryRow
@@ -94,6 +96,14 @@ class Store:
             self._commit = asyncio.create_task(self._commit_accepted())
         # One zone that is stopped must not take the commit of the others with it.
         await asyncio.shield(self._commit)
+
+    async def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Make usable readings of an open interval durable, unless they already are."""
+        await self._run(self._journal.keep, zone, readings)
+
+    async def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
+        """The readings of `zone` that were kept, from `since` to `until` (UTC s), oldest first."""
+        return await self._run(self._journal.kept, zone, since, until)
 
     def record(self, zone: str, update: Update) -> None:
         """Add an update to the history; durable with the next `append` or `flush`."""

@@ -30,6 +30,9 @@ OPEN_PREFIX = "/static/"
 ADMIN_PREFIX = "/admin"
 ZONES_PREFIX = "/zones"
 
+READINGS = "readings"
+"""How every path ends where readings are posted; it needs a key, even where reading does not."""
+
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
 
@@ -49,6 +52,10 @@ class Caller:
     def with_key(cls, key: Key) -> Self:
         """Whoever has sent `key`."""
         return cls(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
+
+    def may(self, scope: Scope) -> bool:
+        """Whether the caller's key is for `scope`. A key for writing does not read: a logger has no need to."""
+        return self.scope in (scope, "admin")
 
     def sees(self, zone: str) -> bool:
         """Whether this zone exists for the caller."""
@@ -105,6 +112,17 @@ def administrator(request: Request) -> Caller:
 Administrator = Annotated[Caller, Depends(administrator)]
 
 
+def writer(request: Request) -> Caller:
+    """Dependency of routes that take readings: who posts, with a scope that may. RequestRefused otherwise."""
+    caller = caller_of(request)
+    if caller.key is None or not caller.may("write"):
+        raise _lacking("write")
+    return caller
+
+
+Writer = Annotated[Caller, Depends(writer)]
+
+
 class RequireKey:
     """Middleware that finds out who asks and lets nobody past who may not.
 
@@ -152,11 +170,13 @@ class RequireKey:
             return ANYBODY
         parts = [*path.split("/"), ""]
         administration = f"/{parts[1]}" == ADMIN_PREFIX
-        if not (administration or self._keys.in_force):
+        writing = parts[-2] == READINGS
+        if not (administration or writing or self._keys.in_force):
             return ANYBODY
         caller = await self._authenticated(connection)
-        if administration and caller.scope != "admin":
-            raise _lacking("admin")
+        needed: Scope = "admin" if administration else "write" if writing else "read"
+        if not caller.may(needed):
+            raise _lacking(needed)
         if caller.zones is not None:
             if f"/{parts[1]}" != ZONES_PREFIX:
                 raise _lacking("all zones")

@@ -16,11 +16,12 @@ from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
-from service.web.access import ADMIN_PREFIX, OPEN_PATHS, Keys, NoKeys, RequireKey
+from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
 from service.web.guard import GatherBody, Guard
 from service.web.limits import StreamLimits
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.problems import Problem, problem_response
+from service.web.readings import Take, reading_routes
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
 
@@ -41,12 +42,14 @@ def create_app(
     reload: Reload | None = None,
     http: HttpConfig | None = None,
     streams: Streams | None = None,
+    take: Take | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
     `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
     answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
-    where the zones announce what happens; without it a stream tells what there is and no more.
+    where the zones announce what happens; without it a stream tells what there is and no more. `take` takes what is
+    posted.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
@@ -62,6 +65,7 @@ def create_app(
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
+    app.include_router(reading_routes(site, zones, take, http.limits.body))
     app.include_router(stream_routes(site, zones, streams or Streams()))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
@@ -88,4 +92,5 @@ def _security(path: str) -> list[dict[str, list[str]]]:
     """The alternatives that a caller of `path` has: the key, or nothing."""
     if path in OPEN_PATHS:
         return [{}]
-    return [{"key": []}] if path.startswith(ADMIN_PREFIX) else [{"key": []}, {}]
+    always = path.startswith(ADMIN_PREFIX) or path.endswith(f"/{READINGS}")
+    return [{"key": []}] if always else [{"key": []}, {}]

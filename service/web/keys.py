@@ -31,7 +31,7 @@ PREFIX = "tg_"
 
 SECRET_BYTES = 32
 
-Scope = Literal["read", "admin"]
+Scope = Literal["read", "write", "admin"]
 
 _log = logging.getLogger(__name__)
 _FORMAT = ConfigDict(extra="forbid", frozen=True)

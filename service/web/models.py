@@ -106,6 +106,54 @@ class HistoryQuery(Query):
     limit: int = Field(default=1000, ge=1, le=MAX_ROWS, description="the newest rows are given")
 
 
+class ReadingsQuery(Query):
+    """Query of the routes that take readings."""
+
+    precision: Literal["ns", "us", "ms", "s"] = Field(
+        default="ns", description="line protocol: what the time stamps count"
+    )
+
+
+class PostedReading(BaseModel):
+    """One reading in a JSON body."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    channel: Annotated[str, Field(min_length=1, max_length=256)] = Field(
+        description="zone/channel, or the name that the configuration gives it; for one zone the channel is enough"
+    )
+    value: Finite | None = Field(description="null: the device has no value")
+    time: Instant | None = Field(default=None, description="RFC 3339 with zone; null: now")
+    unit: str | None = Field(default=None, description="if given, it must be the unit of the channel")
+    quality: Literal["good", "uncertain", "bad"] = "good"
+
+
+class PostedReadings(BaseModel):
+    """Body of POST /readings and POST /zones/{zone}/readings in JSON."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [{"readings": [{"channel": "office/T_i", "value": 21.5, "time": "2026-01-15T12:00:00Z"}]}]
+        },
+    )
+
+    readings: list[PostedReading]
+
+
+class ReadingsPayload(Payload):
+    """What became of posted readings; those that are accepted are on disk."""
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    site: str
+    accepted: int = Field(description="in the journal; they will be in the samples of their intervals")
+    repeated: int = Field(description="accepted before: the same channel and time")
+    first_counts: int = Field(description="counts of counters from which there is no power yet")
+    refused: dict[str, int] = Field(description="by fault; they are also counted in the status of the zone")
+    unknown: int = Field(description="values that no channel asks for")
+    unknown_names: list[str] = Field(description="what some of these are called")
+
+
 class ForecastRequest(BaseModel):
     """Body of POST /zones/{zone}/forecast: a forecast under planned inputs."""
 

@@ -80,7 +80,7 @@ async def _unavailable(request: Request, error: Exception) -> Response:
 
 async def _misread(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    sentences = [_sentence(detail) for detail in error.errors()]
+    sentences = [sentence_of(detail) for detail in error.errors()]
     return refusal(invalid(sentences))
 
 
@@ -100,7 +100,7 @@ async def _internal(request: Request, error: Exception) -> Response:
     return problem_answer(HTTPStatus.INTERNAL_SERVER_ERROR, sentence)
 
 
-def _sentence(detail: Mapping[str, Any]) -> str:
+def sentence_of(detail: Mapping[str, Any]) -> str:
     """One validation error of pydantic as a sentence that begins with its place."""
     kind, place, sentence = detail["type"], _place(detail["loc"]), own_sentence(detail)
     if sentence is not None:

@@ -135,6 +135,15 @@ class Alignment:
             self._clocks[source] = max(now, self._clocks.get(source, -inf))
         return self._advance()
 
+    def held(self, channel: str, time: float) -> Reading | None:
+        """The usable reading of `channel` at `time` (UTC s) that waits in an open interval."""
+        interval = self._open.get(int(time // self._period)) if isfinite(time) else None
+        slot = self._slots.get(channel)
+        if interval is None or slot is None or time not in interval.readings[slot]:
+            return None
+        quality = Quality.UNCERTAIN if (slot, time) in interval.uncertain else Quality.GOOD
+        return Reading(channel, time, interval.readings[slot][time], quality)
+
     def elapse(self, now: float) -> list[Sample]:
         """Wall-clock time `now` (UTC s) has come, whatever the sources say: the samples that close by it.
 

@@ -20,6 +20,7 @@ from service.errors import ServiceError, StateMismatch
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
+from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
@@ -172,6 +173,15 @@ class Zone:
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         await self._intake.deliver(source, readings, now)
+
+    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
+        """Readings of `source` that somebody waits to hear of; what is accepted is durable on return. Raises
+        ServiceError."""
+        return await self._intake.take(source, readings)
+
+    async def recall(self) -> None:
+        """Go on with what `take` had accepted before this start; after `align`."""
+        await self._intake.recall()
 
     async def elapse(self, now: float) -> None:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""

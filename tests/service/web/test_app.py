@@ -130,6 +130,8 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/zones/{zone}/skill",
         "/zones/{zone}/gain",
         "/zones/{zone}/stream",
+        "/zones/{zone}/readings",
+        "/readings",
         "/healthz",
         "/readyz",
         "/metrics",
