@@ -10,6 +10,7 @@ from adapters.payload import line_protocol, senml
 from adapters.reading import Fault, Quality
 
 NO_TAGS: Mapping[str, str] = {}
+_SHOWN = 80
 
 
 class Posted(NamedTuple):
@@ -30,8 +31,9 @@ class Posted(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """What it is called, for people."""
-        return self.name if self.field is None else f"{self.name} {self.field}"
+        """What it is called, for people: shortened, on one line."""
+        text = self.name if self.field is None else f"{self.name} {self.field}"
+        return "".join(character if character.isprintable() else "?" for character in text[:_SHOWN])
 
 
 def from_lines(text: str, precision: str) -> Iterator[Posted]:

@@ -19,6 +19,7 @@ from service.web import problems as api_problems
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
 from service.web.guard import GatherBody, Guard
 from service.web.limits import StreamLimits
+from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.problems import Problem, problem_response
 from service.web.readings import Take, reading_routes
@@ -74,10 +75,13 @@ def create_app(
 
 
 def _document(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the schema of the problems that FastAPI cannot see."""
+    """The OpenAPI document, with the schemas that FastAPI cannot see."""
     if app.openapi_schema is None:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        schemas = document["components"]["schemas"]
+        for model in (Problem, PostedReadings):
+            schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
+            schemas |= schema.pop("$defs", {}) | {model.__name__: schema}
         document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
         for path, operations in document["paths"].items():
             for operation in operations.values():

@@ -36,6 +36,9 @@ AT_ONCE = 8
 
 RETRY_SECONDS = 1
 
+_LONGEST = 300
+"""Characters of a sentence about what somebody wrote."""
+
 _JSON, _SENML, _LINES = "application/json", "application/senml+json", "text/plain"
 _ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
 
@@ -140,7 +143,8 @@ def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) ->
     try:
         values = list(islice(readers[media_type](text), MAX_VALUES + 1))
     except ValueError as error:
-        raise invalid([f"the body {error}" if media_type == _SENML else str(error)]) from None
+        sentence = f"the body {error}" if media_type == _SENML else str(error)
+        raise invalid([sentence[:_LONGEST]]) from None
     if len(values) > MAX_VALUES:
         raise _too_many()
     return values
@@ -224,7 +228,7 @@ def _documented_body() -> dict[str, Any]:
     return {
         "required": True,
         "content": {
-            _JSON: {"schema": PostedReadings.model_json_schema(ref_template="#/components/schemas/{model}")},
+            _JSON: {"schema": {"$ref": f"#/components/schemas/{PostedReadings.__name__}"}},
             _SENML: {"schema": pack},
             _LINES: {"schema": lines},
         },
