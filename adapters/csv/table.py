@@ -78,12 +78,18 @@ def column_problems(path: Path, header: Sequence[str], channels: Sequence[CsvCha
     problems = []
     for column, user in users.items():
         if header.count(column) > 1:
-            problems.append(f"file '{path}' has the column '{column}' ({user}) more than once; rename all but one")
+            problems.append(
+                f"file '{path}' has the column {_called(column)} ({user}) more than once; rename all but one"
+            )
         elif column not in header:
             names = ", ".join(name or "(unnamed)" for name in header)
             hint = f"; is the delimiter '{layout.delimiter}'?" if len(header) == 1 else ""
-            problems.append(f"file '{path}' has no column '{column}' ({user}); its columns are: {names}{hint}")
+            problems.append(f"file '{path}' has no column {_called(column)} ({user}); its columns are: {names}{hint}")
     return problems
+
+
+def _called(column: str) -> str:
+    return f"'{column}'" if column else "without a name"
 
 
 def read_table(

@@ -13,11 +13,12 @@ from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS, resolve
 from service.config.site import ZoneTable
+from service.fields.durations import format_duration
 from service.fields.problems import Place, Problems
 from service.fields.words import shown, suggestion
 from service.sources.channel import Binding, ChannelConfig, SourceConfig
 from service.sources.kinds import SOURCE_KINDS
-from service.zone.aggregation import AGGREGATES
+from service.zone.aggregation import AGGREGATES, default_aggregate
 
 _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names begin with T_adj"
 
@@ -95,8 +96,27 @@ def check_sources(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft
             problems.add(("sources", name), str(error))
 
 
+def check_polled(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Warn of channels of which, by default, the first of many live readings counts, though they are no switches."""
+    for draft in drafts:
+        if draft.network is None or draft.table is None:
+            continue
+        for name, channel in draft.channels.items():
+            source = tables.get(channel.source)
+            if source is None or not SOURCE_KINDS[source.kind].live or name not in draft.network.channels:
+                continue
+            rule = default_aggregate(draft.network.channel_unit(name), channel.unit)
+            many = getattr(source, "poll", 0.0) < draft.table.period
+            if rule == "first" and many and not channel.switched and "aggregate" not in channel.model_fields_set:
+                problems.warn(
+                    (*draft.place, "channels", name),
+                    f"the first reading of every {format_duration(draft.table.period)} counts and the others do not, "
+                    'which suits power that is switched; write aggregate = "mean" if it varies, or "first" if not',
+                )
+
+
 def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: Problems) -> None:
-    """Every source is named by some channel, be that channel otherwise right or wrong."""
+    """Warn of sources that no channel names, be that channel otherwise right or wrong."""
     used = set()
     for zone in raw_zones:
         channels = zone.get("channels") if isinstance(zone, dict) else None
@@ -104,7 +124,8 @@ def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: P
             used.add(str(channel.get("source")) if isinstance(channel, dict) else None)
     for name in source_names:
         if name not in used:
-            problems.add(("sources", name), "is not used by any zone; remove it, or name it as the source of a channel")
+            sentence = "is not used by any zone and stays off; remove it, or name it as the source of a channel"
+            problems.warn(("sources", name), sentence)
 
 
 def _bindings(source: str, draft: ZoneDraft) -> list[Binding]:

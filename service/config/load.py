@@ -10,7 +10,7 @@ from typing import Any
 
 from adapters.units import default_valid_range
 from estimator.network.network import Network
-from service.config.checks import ZoneDraft, check_ids, check_sources, check_use, check_zone
+from service.config.checks import ZoneDraft, check_ids, check_polled, check_sources, check_use, check_zone
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
@@ -93,6 +93,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         check_use(list(raw_sources), raw_zones, problems)
     readable = {name: table for name, table in sources.items() if table is not None}
     check_sources(readable, drafts, problems)
+    check_polled(readable, drafts, problems)
     if problems.sentences or site is None or log is None or http is None:
         return None
     zones = tuple(
@@ -100,7 +101,8 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         for draft, resolved in zip(drafts, options, strict=True)
         if draft.table and draft.network
     )
-    return Config(site=site, log=log, http=http, sinks=sinks, sources=readable, zones=zones)
+    warnings = tuple(problems.warnings)
+    return Config(site=site, log=log, http=http, sinks=sinks, sources=readable, zones=zones, warnings=warnings)
 
 
 def _raw_sources(raw: Mapping[str, Any], problems: Problems) -> Mapping[str, Any]:

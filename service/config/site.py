@@ -112,6 +112,8 @@ class Config(BaseModel):
     sources: dict[str, Any]
     """Tables of the kinds in `SOURCE_KINDS`, by name; see `SourceConfig`."""
     zones: tuple[ZoneConfig, ...]
+    warnings: tuple[str, ...] = ()
+    """What is no mistake, but probably not meant: one sentence each."""
 
     def table(self, name: str) -> Any:
         """The table [`name`] of the file, one of TABLES, as it was read."""

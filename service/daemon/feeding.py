@@ -35,11 +35,14 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
     """
-    pause, position = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start
+    pause, position, failed = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start, False
     while True:
         try:
             async for batch in source.batches(position):
                 await _deliver(router.split(batch), zones)
+                if failed:
+                    failed = False
+                    _log.info("source '%s' works again", source.name)
                 if isfinite(batch.now):
                     # Were it asked again, it is for what comes after this.
                     position = nextafter(batch.now, inf)
@@ -56,6 +59,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
             reason = f"sources.{source.name} failed: {error!r}"
             _log.debug("%s", reason, exc_info=error)
         # Many daemons behind one switch must not all come back at the same moment.
+        failed = True
         wait = pause.seconds * random.uniform(0.5, 1.0)
         _log.error("%s; trying again in %.1f s", reason, wait)
         await _tell(zones, router, source.name, reason)

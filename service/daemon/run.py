@@ -70,12 +70,18 @@ def run_daemon(
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
     check_exposure(config)
     configure_logging(config.log)
+    _warn(config)
     # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
     if sys.__stderr__ is not None:
         faulthandler.enable(sys.__stderr__)
     favour_the_event_loop()
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
+
+
+def _warn(config: Config) -> None:
+    for warning in config.warnings:
+        _log.warning("configuration: %s", warning)
 
 
 class Daemon:
@@ -141,6 +147,7 @@ class Daemon:
                 configure_logging(new.log)
             done = summary(changes)
             _log.info("configuration reloaded: %s", done)
+            _warn(new)
             return done
         except ConfigError as error:
             raise ReloadRefused(error.problems) from error

@@ -38,6 +38,11 @@ def text(value: object) -> str:
     return value
 
 
+def column(value: object) -> str:
+    """The name of a column, which may be empty: so do many programs call the column of the row names."""
+    return "" if value == "" else text(value)
+
+
 def flag(value: object) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"must be true or false, without quotes, not {shown(value)}")
@@ -261,6 +266,7 @@ def _written_pace(value: float) -> float | str:
 
 # A check before pydantic's own makes ours the only sentence an operator can see about a value.
 Text = Annotated[str, BeforeValidator(text)]
+Column = Annotated[str, BeforeValidator(column)]
 Flag = Annotated[bool, BeforeValidator(flag)]
 Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, BeforeValidator(positive)]

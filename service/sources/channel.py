@@ -40,6 +40,11 @@ class ChannelConfig(BaseModel):
         """Where the value is found at its source, in the operator's words."""
         return ""
 
+    @property
+    def switched(self) -> bool:
+        """Whether its value is known to be either on or off."""
+        return False
+
     def within(self, table: Any) -> Self:
         """This channel with what it takes over from `table`, its source; ValueError with one sentence if it then
         cannot be read."""
@@ -53,7 +58,8 @@ class UnboundChannel(ChannelConfig):
 
 
 class SourceConfig(Protocol):
-    """What every table of a source has; a recorded one also has `pace`, the multiple of real time."""
+    """What every table of a source has; a recorded one also has `pace`, the multiple of real time, and one that is
+    polled `poll`, in s."""
 
     @property
     def kind(self) -> str:

@@ -125,6 +125,11 @@ with warnings.catch_warnings():
             return f"unit {self.unit_id} {self.table} {self.register}{bit} {self.type}{order}"
 
         @property
+        def switched(self) -> bool:
+            """Whether it is a single bit."""
+            return self.type == "bool"
+
+        @property
         def format(self) -> Format:
             """How its registers hold the number; of a channel that is `within` its source."""
             return Format(str(self.type), str(self.order), self.bit, self.not_available or ())

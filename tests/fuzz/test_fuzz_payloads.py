@@ -1,4 +1,4 @@
-"""Payloads, posted bodies, SenML packs, JSON pointers and times: whatever comes is a value or a fault, in a sentence."""
+"""Payloads, posted bodies, SenML packs, JSON pointers, times: whatever comes is a value or a fault, in a sentence."""
 
 from __future__ import annotations
 

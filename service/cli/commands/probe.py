@@ -49,7 +49,8 @@ def _probe(arguments: argparse.Namespace) -> int:
     if wanted is not None and wanted not in config.sources:
         known = suggestion(wanted, config.sources, "the sources are")
         raise ConfigError([f'--source: there is no source "{wanted}"; {known}'])
-    names = list(config.sources) if wanted is None else [wanted]
+    used = [name for name in config.sources if config.zones_of(name)]
+    names = used if wanted is None else [wanted]
     return asyncio.run(_probe_all(config, names, arguments.seconds))
 
 

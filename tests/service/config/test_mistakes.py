@@ -70,11 +70,6 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
         'sources."My log"',
         ('"My log" cannot be an id',),
     ),
-    "unused source": (
-        lambda tables: tables["sources"].update(spare=tables["sources"]["log"]),
-        "sources.spare",
-        ("not used by any zone", "remove it"),
-    ),
     "files is a text": (log(files="a.csv"), "sources.log.files", ("must be the list of files", 'not "a.csv"')),
     "no files": (log(files=[]), "sources.log.files", ("must be the list of files",)),
     "a file is a number": (log(files=["log.csv", 3]), "sources.log.files[1]", ("must be a text in quotes, not 3",)),
