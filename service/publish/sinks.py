@@ -47,14 +47,16 @@ class Announcement:
         update: Update | None,
         occasion: Occasion = Occasion.UPDATE,
         skill: Skill | None = None,
+        heat_loss: Sequence[float] | None = None,
     ) -> None:
         """`update` is the newest one of the zone; without any there is a status alone to tell. `skill` is given when
-        there is news of it."""
+        there is news of it, and so is `heat_loss`: its quantiles at `ALPHA_LEVELS` in W/K."""
         self.zone = zone
         self.status = status
         self.update = update
         self.occasion = Occasion.STATUS if update is None else occasion
         self.skill = skill
+        self.heat_loss = heat_loss
         self._site = site
         self._rendered: dict[str, bytes] = {}
 

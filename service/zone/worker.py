@@ -201,6 +201,13 @@ class ZoneWorker:
         standing = self.standing
         return None if standing is None else self.estimator.parameters(standing.state, np.array(levels))
 
+    def heat_loss(self, levels: Sequence[float]) -> list[float] | None:
+        """Posterior quantiles of the heat-loss coefficient, W/K; None before the first sample, and for an estimator
+        that does not know of any."""
+        summary = self.parameters(levels)
+        known = summary is not None and bool(np.isfinite(summary.heat_loss).all())
+        return summary.heat_loss.tolist() if summary is not None and known else None
+
     def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth; None before the first sample."""
         standing = self.standing

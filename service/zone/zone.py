@@ -15,7 +15,7 @@ from functools import partial
 from math import inf
 
 from adapters.reading import Reading
-from estimator.types import ParameterSummary
+from estimator.types import ALPHA_LEVELS, ParameterSummary
 from service.errors import ServiceError, StateMismatch
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
@@ -67,7 +67,7 @@ class Zone:
         """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
         that is not known."""
         self._skilled: int | None = None
-        """The hour in which the skill was last announced."""
+        """The hour in which skill and heat loss were last announced."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -329,10 +329,11 @@ class Zone:
 
     def _announce(self, occasion: Occasion) -> None:
         """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
-        update, skill = self._worker.latest, None
+        update, skill, heat_loss = self._worker.latest, None, None
         if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
             self._skilled, skill = update.time // _HOUR, self._worker.skill()
-        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill)
+            heat_loss = self._worker.heat_loss(ALPHA_LEVELS)
+        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill, heat_loss)
         for sink in self._plumbing.sinks:
             try:
                 sink.publish(announcement)
