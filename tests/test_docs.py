@@ -57,6 +57,9 @@ from service.sources import (
 )
 from service.sources import csv
 from service.sources import (
+    http as http_source_models,
+)
+from service.sources import (
     modbus as modbus_models,
 )
 from service.sources import (
@@ -83,6 +86,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "`serial`": modbus_models.SerialConfig,
     "Zenoh sessions": zenoh_session_models.SessionConfig,
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
+    "HTTP as a source": http_source_models.HttpSourceConfig,
     "`tls`": zenoh_session_models.TlsConfig,
     "`timestamp`": csv.TimestampConfig,
     "`[[zones]]`": config_models.ZoneTable,
@@ -90,6 +94,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "Channels of recorded files": csv.CsvChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
+    "Channels of HTTP": http_source_models.HttpChannelConfig,
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
     "`solar`": network_models.SolarConfig,
@@ -236,6 +241,7 @@ def test_no_model_of_the_configuration_is_left_out() -> None:
     for module in (
         config_models,
         http_models,
+        http_source_models,
         modbus_models,
         network_models,
         source_models,
@@ -376,6 +382,7 @@ def test_documented_defaults_of_live_sources_are_those_in_force() -> None:
         "Modbus": source,
         "`serial`": serial,
         "Zenoh as a source": heard,
+        "HTTP as a source": http_source_models.HttpSourceConfig(),
         "`tls`": zenoh_session_models.TlsConfig(),
     }
     for heading, model in described.items():
