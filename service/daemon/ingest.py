@@ -10,7 +10,7 @@ from http import HTTPStatus
 from adapters.http.posted import Posted
 from service.daemon.feeds import Feed
 from service.records.receipt import NOTHING
-from service.web.readings import Taken
+from service.web.readings import RETRY_SECONDS, Taken
 from service.web.server.refusal import RequestRefused
 
 REPEAT = 600.0
@@ -24,19 +24,20 @@ _log = logging.getLogger(__name__)
 class Ingest:
     """Takes what was posted to the sources that run."""
 
-    def __init__(self, feeds: Callable[[], Sequence[Feed]]) -> None:
-        """`feeds` gives the sources at work."""
-        self._feeds = feeds
+    def __init__(self, feeds: Callable[[], Sequence[Feed]], expected: Callable[[], bool]) -> None:
+        """`feeds` gives the sources at work, `expected` says whether one of them should be posted to."""
+        self._feeds, self._expected = feeds, expected
         self._say_at = float("-inf")
 
     async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
         """Hand `posted` to the zones, or to `zone` alone; what counts as accepted is durable on return. Raises
         RequestRefused without a source to post to, and ServiceError where the journal fails."""
         feeds = [feed for feed in self._feeds() if feed.is_posted_to]
+        if not feeds and self._expected():
+            sentence = "the daemon is starting, or going over to another configuration; post again in a moment"
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=RETRY_SECONDS)
         if not feeds:
-            sentence = (
-                'this daemon has no source that is posted to; add one with kind = "http", and channels that name it'
-            )
+            sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
             raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
         receipt, used = NOTHING, set[int]()
         for feed in feeds:

@@ -208,7 +208,7 @@ class Daemon:
             reload=self.reload,
             http=http,
             streams=streams,
-            take=Ingest(lambda: runtime.feeds).take,
+            take=Ingest(lambda: runtime.feeds, lambda: runtime.is_posted_to).take,
         )
         self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))

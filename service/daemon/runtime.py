@@ -15,6 +15,7 @@ from service.daemon.reload import Changes, compare, obstacles
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
+from service.sources.http import KIND as HTTP_KIND
 from service.zone.plumbing import Plumbing
 from service.zone.zone import Zone
 
@@ -61,6 +62,13 @@ class Runtime:
     def feeds(self) -> tuple[Feed, ...]:
         """The sources at work."""
         return tuple(self._feeds)
+
+    @property
+    def is_posted_to(self) -> bool:
+        """Whether a source of the configuration takes what clients post, be it at work already or not."""
+        return any(
+            table.kind == HTTP_KIND.name and self.config.zones_of(name) for name, table in self.config.sources.items()
+        )
 
     async def declare(self) -> None:
         """Make the zones known to the sinks. Raises ServiceError."""

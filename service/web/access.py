@@ -170,7 +170,7 @@ class RequireKey:
             return ANYBODY
         parts = [*path.split("/"), ""]
         administration = f"/{parts[1]}" == ADMIN_PREFIX
-        writing = parts[-2] == READINGS
+        writing = parts[1:-1] == [READINGS] or (f"/{parts[1]}" == ZONES_PREFIX and parts[3:-1] == [READINGS])
         if not (administration or writing or self._keys.in_force):
             return ANYBODY
         caller = await self._authenticated(connection)

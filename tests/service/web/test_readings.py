@@ -136,6 +136,14 @@ def test_posting_needs_a_key_for_it_even_where_reading_is_open(app: FastAPI, des
     assert len(desk.taken) == 2
 
 
+def test_a_zone_may_be_called_readings(tmp_path: Path, desk: Desk, file: Path) -> None:
+    zones = {"readings": running("readings")}
+    app = create_app("htwg", zones, Metrics(zones).registry, keys=KeyRing(file, required=False), take=desk.take)
+    assert get(app, "/zones/readings").status_code == 200
+    assert get(app, "/zones/readings/forecast").status_code == 200
+    problem(request(app, "POST", "/zones/readings/readings", content=b"a b=1"), 401)
+
+
 def test_a_key_for_writing_does_nothing_else(app: FastAPI, key: str) -> None:
     headers = {"Authorization": f"Bearer {key}"}
     for path in ("/zones", "/zones/living", "/zones/living/forecast", "/metrics", "/readyz"):
