@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.messages.inbox import Inbox, Incoming, Share
+from adapters.messages.points import REPEAT, Channels, Dating, MessageChannel, probed
 from adapters.reading import Batch, Probe, Reading
 from adapters.zenoh.connection import Connection
-from adapters.zenoh.inbox import Inbox, Incoming, Share
 from adapters.zenoh.link import ZenohLink, key_problem
-from adapters.zenoh.points import REPEAT, Channels, Dating, ZenohChannel, probed
 
 TRANSIT = 1.0
 """How long a sample may be on its way before the source's clock has gone past its time, in s."""
@@ -55,7 +55,7 @@ class ZenohSource:
     `Inbox`, so that neither side ever waits for the other.
     """
 
-    def __init__(self, name: str, connection: Connection, channels: Sequence[ZenohChannel], intake: Intake) -> None:
+    def __init__(self, name: str, connection: Connection, channels: Sequence[MessageChannel], intake: Intake) -> None:
         self.name = name
         self.dropped = 0
         """How many samples were dropped because they came faster than they could be taken."""
@@ -77,7 +77,7 @@ class ZenohSource:
         ]
         return [f"sources.{self.name}: {problem}" for problem in (*wrong, *self._connection.problems())]
 
-    def rebind(self, channels: Sequence[ZenohChannel]) -> None:
+    def rebind(self, channels: Sequence[MessageChannel]) -> None:
         """Deliver `channels` from the next look on, over the same session."""
         self._listed, self._rebound = tuple(channels), True
 
@@ -194,8 +194,9 @@ class ZenohSource:
                 self.dropped,
             )
 
-    def _probed(self, channel: ZenohChannel, samples: list[Incoming], heard: set[str], seconds: float) -> Probe:
-        probe = probed(channel, self._intake.dating, samples, seconds)
+    def _probed(self, channel: MessageChannel, samples: list[Incoming], heard: set[str], seconds: float) -> Probe:
+        nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
+        probe = probed(channel, self._intake.dating, samples, nothing)
         if samples or not heard:
             return probe
         near = difflib.get_close_matches(channel.key, sorted(heard), n=_KEYS_SHOWN, cutoff=0.0)

@@ -8,7 +8,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
-from adapters.zenoh.connection import Connection, Tls
+from adapters.credentials import Tls
+from adapters.zenoh.connection import Connection
 from service.fields.tables import TABLE
 from service.fields.values import Endpoint, FilePath, Flag, Text, Timeout, choice, is_loopback
 from service.fields.words import shown
