@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from adapters.credentials import Tls, password, tls_problems, unreadable
 from adapters.errors import SourceConfigError
@@ -59,11 +60,32 @@ class Broker:
             return None
         for problem in tls_problems(self.tls):
             raise SourceConfigError(problem)
-        context = ssl.create_default_context(cafile=None if self.tls.ca is None else str(self.tls.ca))
+        context = _Context(ssl.PROTOCOL_TLS_CLIENT)
+        context.patience = self.timeout
+        if self.tls.ca is None:
+            context.load_default_certs()
+        else:
+            context.load_verify_locations(self.tls.ca)
         context.check_hostname = self.tls.verify_name
         if self.tls.certificate is not None and self.tls.private_key is not None:
             context.load_cert_chain(self.tls.certificate, self.tls.private_key, password="")
         return context
+
+
+class _Context(ssl.SSLContext):
+    """Shakes hands at once: the client library would wait long for an answer, and leave the socket open without."""
+
+    patience = 5.0
+
+    def wrap_socket(self, *arguments: Any, **settings: Any) -> ssl.SSLSocket:
+        wrapped = super().wrap_socket(*arguments, **settings)
+        try:
+            wrapped.settimeout(self.patience)
+            wrapped.do_handshake()
+        except OSError:
+            wrapped.close()
+            raise
+        return wrapped
 
 
 def topic_problem(topic: str, pattern: bool = False) -> str | None:

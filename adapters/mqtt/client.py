@@ -22,7 +22,6 @@ IN_FLIGHT = 100
 
 _TOPICS_AT_ONCE = 100
 _DENIED = 128
-_TAKEN_OVER = 142
 
 _log = logging.getLogger(__name__)
 
@@ -126,6 +125,7 @@ async def connected(
     try:
         await client.__aenter__()
     except (aiomqtt.MqttError, OSError, ValueError) as error:
+        _shut(client)
         raise SourceUnavailable(_refused(broker, error)) from error
     try:
         yield Client(client, broker)
@@ -133,6 +133,7 @@ async def connected(
         # Whoever leaves because the connection is lost knows that already.
         with suppress(aiomqtt.MqttError, OSError):
             await client.__aexit__(None, None, None)
+        _shut(client)
 
 
 def _passing_on(on_message: OnMessage | None) -> Any:
@@ -184,9 +185,17 @@ def _refused(broker: Broker, error: Exception) -> str:
 
 def _lost(broker: Broker, error: Exception) -> str:
     cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
-    if _code(cause) == _TAKEN_OVER:
-        return (
-            f'{broker.place} has let another client in under the client_id "{broker.client_id}"; give one of them '
-            "another client_id"
-        )
-    return f"the connection to {broker.place} is lost ({_said(cause)}); check that the broker is on"
+    return (
+        f"the connection to {broker.place} is lost ({_said(cause)}); check that the broker is on, and that no other "
+        f'client has the client_id "{broker.client_id}"'
+    )
+
+
+def _shut(client: Any) -> None:
+    """Close the socket, which the library leaves open where a connection is refused or lost, in the loop too."""
+    socket = client._client.socket()
+    if socket is not None and socket.fileno() >= 0:
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(socket)
+        loop.remove_writer(socket)
+        socket.close()

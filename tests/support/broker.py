@@ -7,7 +7,7 @@ import shutil
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -49,12 +49,16 @@ class Mosquitto:
 
     def start(self) -> None:
         with (self.folder / "mosquitto.log").open("ab") as log:
-            self._process = subprocess.Popen([self._program, "-v", "-c", str(self._config)], stdout=log, stderr=log)
+            self._process = subprocess.Popen([self._program, "-c", str(self._config)], stdout=log, stderr=log)
         deadline = time.monotonic() + PATIENCE
-        while socket.socket().connect_ex(("127.0.0.1", self.port)) != 0:
+        while not self._listens():
             assert self._process.poll() is None, self.log()
             assert time.monotonic() < deadline, self.log()
             time.sleep(0.02)
+
+    def _listens(self) -> bool:
+        with socket.socket() as attempt:
+            return attempt.connect_ex(("127.0.0.1", self.port)) == 0
 
     def stop(self) -> None:
         if self._process is not None:
@@ -74,6 +78,13 @@ def broker(folder: Path, *lines: str, listener: Sequence[str] = ()) -> Iterator[
         yield running
     finally:
         running.stop()
+
+
+def flood(port: int, topic: str, payloads: Iterable[str]) -> None:
+    """Publish as fast as mosquitto's own client can."""
+    lines = "".join(f"{payload}\n" for payload in payloads)
+    command = [program("mosquitto_pub"), "-h", "127.0.0.1", "-p", str(port), "-t", topic, "-l"]
+    subprocess.run(command, input=lines, text=True, check=True, timeout=PATIENCE)
 
 
 class Party:
