@@ -64,7 +64,7 @@ class HomeAssistant:
             try:
                 if result := found():
                     return result
-            except (OSError, KeyError):
+            except (OSError, KeyError, ValueError):
                 pass
             assert self.process.poll() is None, self.log()
             assert time.monotonic() < deadline, self.log()
@@ -80,7 +80,8 @@ class HomeAssistant:
         request = urllib.request.Request(self.url + path, data, headers)
         try:
             with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
-                return json.load(answer)
+                text = answer.read().decode()
+                return json.loads(text) if answer.headers.get_content_subtype() == "json" else text
         except urllib.error.HTTPError as error:
             with error:
                 raise OSError(f"{path}: {error.code} {error.read()!r}; {self.log()}") from error
@@ -105,6 +106,10 @@ class HomeAssistant:
     def state(self, entity: str) -> str:
         """The state of an entity; KeyError as long as there is none."""
         return str(self.states()[entity]["state"])
+
+    def render(self, template: str) -> str:
+        """What a template says."""
+        return str(self.ask("/api/template", {"template": template}))
 
     def call(self, domain: str, service: str, **data: object) -> None:
         """Call a service."""
