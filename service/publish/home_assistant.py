@@ -17,6 +17,7 @@ from service.records.update import CONSTANT, Update
 SKILL_DAYS = 7
 """The window whose skill is shown: long enough to be steady, short enough to notice a change."""
 
+_NUMBER = {"state_class": "measurement", "suggested_display_precision": 2}
 _REGIMES = ("low", "transitional", "high", CONSTANT)
 _RUNNING = "{{ 'online' if value_json.state == 'running' else 'offline' }}"
 _PROBLEM = "{{ 'ON' if value_json.state in ('stalled', 'failed') else 'OFF' }}"
@@ -128,8 +129,7 @@ def _of_status() -> Iterator[_Entity]:
 
 
 def _of_update(update: Update) -> Iterator[_Entity]:
-    temperature = {"device_class": "temperature", "unit_of_measurement": "°C", "state_class": "measurement"}
-    plain = {"state_class": "measurement"}
+    temperature = {"device_class": "temperature", "unit_of_measurement": "°C"} | _NUMBER
     outputs = update.forecast.outputs
     for index, output in enumerate(outputs):
         of = "" if len(outputs) == 1 else f" {output.output}"
@@ -147,8 +147,8 @@ def _of_update(update: Update) -> Iterator[_Entity]:
             yield "sensor", f"{key}_{bound}", "forecast", settings | temperature
     if update.volatility.blocks:
         alpha = {"name": "Volatility", "value_template": "{{ value_json.volatility.median }}"}
-        yield "sensor", "volatility", "volatility", alpha | plain
-    yield "sensor", "gate", "gate", {"name": "Learning gate", "value_template": "{{ value_json.gate }}"} | plain
+        yield "sensor", "volatility", "volatility", alpha | _NUMBER
+    yield "sensor", "gate", "gate", {"name": "Learning gate", "value_template": "{{ value_json.gate }}"} | _NUMBER
     regime = {
         "name": "Regime",
         "device_class": "enum",
@@ -163,7 +163,7 @@ def _of_update(update: Update) -> Iterator[_Entity]:
             "unit_of_measurement": "W",
             "value_template": "{{ value_json.median }}",
         }
-        yield "sensor", "gain", "gain", gain | plain
+        yield "sensor", "gain", "gain", gain | _NUMBER | {"suggested_display_precision": 0}
 
 
 def _of_skill(skill: Skill) -> Iterator[_Entity]:
@@ -173,7 +173,7 @@ def _of_skill(skill: Skill) -> Iterator[_Entity]:
             f"((value_json.windows | selectattr('days', 'eq', {SKILL_DAYS}) | first).horizons"
             f" | selectattr('lead_s', 'eq', {horizon.lead}) | first)"
         )
-        shown = {"state_class": "measurement", "entity_category": "diagnostic"}
+        shown = _NUMBER | {"entity_category": "diagnostic"}
         against = {"name": f"Skill {ahead} ahead", "value_template": f"{{{{ {chosen}.skill_against_persistence }}}}"}
         yield "sensor", f"skill_{horizon.lead}", "skill", against | shown
         # K of a difference: with a device class it would be converted to degC as a temperature is.
