@@ -48,6 +48,7 @@ from service.config.load import load
 from service.config.networks import resolve
 from service.config.written import effective_toml
 from service.errors import ConfigError
+from service.fields import credentials as credential_models
 from service.fields import mqtt_broker as mqtt_broker_models
 from service.fields import zenoh_session as zenoh_session_models
 from service.publish import mqtt as publish_mqtt
@@ -245,7 +246,9 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
-    shared = {message_models.MessagesConfig, message_models.MessageChannelConfig}
+    # What several tables have is in the table of each.
+    messages = {message_models.MessagesConfig, message_models.MessageChannelConfig}
+    shared = messages | {credential_models.LoginConfig, credential_models.CertificatesConfig}
     whole = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel}
     described = {*whole, *shared, *TABLES.values()}
     for module in (

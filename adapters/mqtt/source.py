@@ -12,13 +12,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.messages.inbox import Inbox, Incoming, Share
-from adapters.messages.points import REPEAT, Channels, Dating, MessageChannel, probed
+from adapters.messages.inbox import Inbox, Incoming
+from adapters.messages.points import Channels, Dating, MessageChannel, probed
+from adapters.messages.takings import Takings
 from adapters.mqtt.background import Background
 from adapters.mqtt.broker import Broker, topic_problem
 from adapters.mqtt.client import Client, Will, connected
 from adapters.payload.payload import numbers_in, shown
-from adapters.reading import Batch, Probe, Reading
+from adapters.reading import Batch, Probe
 
 TIMES = ("payload", "arrival")
 """Where the time of a reading can come from."""
@@ -67,15 +68,18 @@ class MqttSource:
 
     def __init__(self, name: str, broker: Broker, channels: Sequence[MessageChannel], intake: Intake) -> None:
         self.name = name
-        self.dropped = 0
-        """How many messages were dropped because they came faster than they could be taken."""
         self._broker, self._intake = broker, intake
         self._listed = tuple(channels)
         self._channels = Channels(channels, intake.dating, intake.longest_stretch, "topic")
+        self._takings = Takings(name, self._channels)
         self._rebound = False
         """Whether `_listed` has changed since the last look."""
         self._link: _Link | None = None
-        self._drop_said = float("-inf")
+
+    @property
+    def dropped(self) -> int:
+        """How many messages were dropped because they came faster than they could be taken."""
+        return self._takings.dropped
 
     def check(self) -> list[str]:
         """Wrong topics, files that cannot be read, and a missing client library."""
@@ -105,7 +109,7 @@ class MqttSource:
             while True:
                 shares = await inbox.take(_LOOK)
                 if shares:
-                    yield Batch(self._readings(shares), time.time() - TRANSIT)
+                    yield Batch(self._takings.readings(shares), time.time() - TRANSIT)
                     # A flood must leave the loop to others as well.
                     await asyncio.sleep(0)
                 link.check()
@@ -178,28 +182,6 @@ class MqttSource:
         inbox.listen_to(self._channels.keys)
         now = self._topics()
         link.change({topic: qos for topic, qos in now.items() if topic not in before}, before - now.keys())
-
-    def _readings(self, shares: dict[str, Share]) -> list[Reading]:
-        readings: list[Reading] = []
-        for topic, share in shares.items():
-            if share.dropped:
-                self._note_drop(topic, share.dropped)
-                readings += self._channels.overrun(topic, time.time())
-            readings += self._channels.readings(topic, share.samples)
-        return readings
-
-    def _note_drop(self, topic: str, count: int) -> None:
-        self.dropped += count
-        if time.monotonic() >= self._drop_said:
-            self._drop_said = time.monotonic() + REPEAT
-            _log.warning(
-                "sources.%s: messages of %s come faster than they can be taken; the %d oldest were dropped, %d of this "
-                "source so far",
-                self.name,
-                topic,
-                count,
-                self.dropped,
-            )
 
     def _note_silence(self) -> None:
         for channel in self._channels.unheard():

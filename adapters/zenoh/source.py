@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.messages.inbox import Inbox, Incoming, Share
-from adapters.messages.points import REPEAT, Channels, Dating, MessageChannel, probed
-from adapters.reading import Batch, Probe, Reading
+from adapters.messages.inbox import Inbox, Incoming
+from adapters.messages.points import Channels, Dating, MessageChannel, probed
+from adapters.messages.takings import Takings
+from adapters.reading import Batch, Probe
 from adapters.zenoh.connection import Connection
 from adapters.zenoh.link import ZenohLink, key_problem
 
@@ -57,15 +58,18 @@ class ZenohSource:
 
     def __init__(self, name: str, connection: Connection, channels: Sequence[MessageChannel], intake: Intake) -> None:
         self.name = name
-        self.dropped = 0
-        """How many samples were dropped because they came faster than they could be taken."""
         self._connection, self._intake = connection, intake
         self._listed = tuple(channels)
         self._channels = Channels(channels, intake.dating, intake.longest_stretch)
+        self._takings = Takings(name, self._channels)
         self._rebound = False
         """Whether `_listed` has changed since the last look."""
         self._link: ZenohLink | None = None
-        self._drop_said = float("-inf")
+
+    @property
+    def dropped(self) -> int:
+        """How many samples were dropped because they came faster than they could be taken."""
+        return self._takings.dropped
 
     def check(self) -> list[str]:
         """Wrong key expressions, and files that cannot be read."""
@@ -96,7 +100,7 @@ class ZenohSource:
             while True:
                 shares = await inbox.take(_LOOK)
                 if shares:
-                    yield Batch(self._readings(shares), time.time() - TRANSIT)
+                    yield Batch(self._takings.readings(shares), time.time() - TRANSIT)
                     # A flood must leave the loop to others as well.
                     await asyncio.sleep(0)
                 if time.monotonic() < look_at:
@@ -171,28 +175,6 @@ class ZenohSource:
         for key in self._channels.keys:
             if key not in before:
                 link.subscribe(key, partial(inbox.put, key), self._intake.recover)
-
-    def _readings(self, shares: dict[str, Share]) -> list[Reading]:
-        readings: list[Reading] = []
-        for key, share in shares.items():
-            if share.dropped:
-                self._note_drop(key, share.dropped)
-                readings += self._channels.overrun(key, time.time())
-            readings += self._channels.readings(key, share.samples)
-        return readings
-
-    def _note_drop(self, key: str, count: int) -> None:
-        self.dropped += count
-        if time.monotonic() >= self._drop_said:
-            self._drop_said = time.monotonic() + REPEAT
-            _log.warning(
-                "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped, %d of this "
-                "source so far",
-                self.name,
-                key,
-                count,
-                self.dropped,
-            )
 
     def _probed(self, channel: MessageChannel, samples: list[Incoming], heard: set[str], seconds: float) -> Probe:
         nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"

@@ -261,7 +261,7 @@ def test_what_comes_faster_than_it_is_taken_is_dropped_from_the_oldest_on(
         await stream.aclose()  # type: ignore[attr-defined]
 
     asyncio.run(run())
-    assert "messages of home/room/T come faster than they can be taken" in caplog.text
+    assert "samples of home/room/T come faster than they can be taken" in caplog.text
 
 
 def test_other_channels_over_the_same_connection(running: Mosquitto, party: Party) -> None:
