@@ -161,9 +161,16 @@ class Publisher:
                     pause.reset()
                     await self._serve(client)
             except SourceError as error:
-                _log.error("[mqtt]: %s; trying again in %.0f s", error, pause.seconds)
-                await _within(self._closing, pause.seconds)
-                pause.grow()
+                reason = str(error)
+            except Exception as error:
+                # Whatever else goes wrong there must not end it for good.
+                reason = f"the publisher failed: {error!r}"
+                _log.debug("[mqtt]: %s", reason, exc_info=error)
+            else:
+                continue
+            _log.error("[mqtt]: %s; trying again in %.0f s", reason, pause.seconds)
+            await _within(self._closing, pause.seconds)
+            pause.grow()
 
     async def _serve(self, client: Client) -> None:
         """Publish on `client` until it is lost or we are closed."""

@@ -8,6 +8,7 @@ import logging
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.broker import Mosquitto, Party, broker
@@ -98,6 +99,25 @@ def test_without_a_broker_the_daemon_goes_on_and_stops(site: Mosquitto, caplog: 
     assert len(publishing._last) == len(TOPICS) - 1, "the newest of each topic waits, and nothing else"
     publishing.close()
     assert publishing._background.ended
+
+
+def test_what_nobody_expects_does_not_end_it(
+    site: Mosquitto, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    real, calls = mqtt.connected, []
+
+    def odd(*arguments: Any, **settings: Any) -> Any:
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise RuntimeError("odd")
+        return real(*arguments, **settings)
+
+    monkeypatch.setattr(mqtt, "connected", odd)
+    publishing = publisher(site.port)
+    with Party(site.port, AVAILABLE) as watching:
+        wait_until(lambda: watching.newest().get(AVAILABLE) == b"online")
+    publishing.close()
+    assert "[mqtt]: the publisher failed: RuntimeError('odd'); trying again in 1 s" in caplog.text
 
 
 def test_a_zone_that_is_removed_is_forgotten(site: Mosquitto) -> None:
