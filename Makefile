@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus overload soak audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt home-assistant overload soak audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -44,6 +44,11 @@ experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-
 load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
 	$(BIN)/python tests/integration/modbus_load.py --seconds 600
 
+load-mqtt: $(VENV)/.ready  ## 200 MQTT topics at 10 Hz for 10 minutes on a real broker: misses, processor, memory
+	$(BIN)/python tests/integration/mqtt_load.py --seconds 600
+
+home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the test against it
+
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
 
@@ -78,6 +83,10 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	  { echo "Python's venv module is missing; on Debian or Ubuntu: apt-get install python3-venv"; exit 2; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
+
+$(VENV)/home-assistant/installed: .ci/home-assistant | $(VENV)/.ready
+	@$(PYTHON) .ci/home-assistant $(VENV)/home-assistant && touch $@ || \
+	  echo "Home Assistant cannot be installed; the test against it is skipped"
 
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \

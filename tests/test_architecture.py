@@ -31,10 +31,11 @@ LEVELS = {
         {"arrays", "errors"},
     ),
     "adapters": (
-        {"csv", "http", "modbus", "zenoh"},
+        {"csv", "http", "modbus", "mqtt", "zenoh"},
+        {"messages"},
         {"payload"},
         {"edge", "stuck"},
-        {"reading", "units", "timestamps"},
+        {"reading", "units", "timestamps", "credentials"},
         {"errors"},
     ),
     "service": (
@@ -45,7 +46,7 @@ LEVELS = {
         {"config"},
         {"zone"},
         {"sources", "publish", "store"},
-        {"records", "fields", "errors"},
+        {"records", "fields", "errors", "pauses"},
     ),
     "replay": (
         {"commands", "measuring"},

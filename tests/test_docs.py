@@ -48,7 +48,10 @@ from service.config.load import load
 from service.config.networks import resolve
 from service.config.written import effective_toml
 from service.errors import ConfigError
+from service.fields import credentials as credential_models
+from service.fields import mqtt_broker as mqtt_broker_models
 from service.fields import zenoh_session as zenoh_session_models
+from service.publish import mqtt as publish_mqtt
 from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
 from service.records.status import STATES
@@ -60,7 +63,13 @@ from service.sources import (
     http as http_source_models,
 )
 from service.sources import (
+    messages as message_models,
+)
+from service.sources import (
     modbus as modbus_models,
+)
+from service.sources import (
+    mqtt as mqtt_models,
 )
 from service.sources import (
     zenoh as zenoh_models,
@@ -88,6 +97,10 @@ TABLES: dict[str, type[BaseModel]] = {
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
     "HTTP as a source": http_source_models.HttpSourceConfig,
     "`tls`": zenoh_session_models.TlsConfig,
+    "`[mqtt]`": publish_mqtt.MqttConfig,
+    "Brokers": mqtt_broker_models.BrokerConfig,
+    "`tls` of brokers": mqtt_broker_models.MqttTlsConfig,
+    "MQTT as a source": mqtt_models.MqttSourceConfig,
     "`timestamp`": csv.TimestampConfig,
     "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
@@ -95,6 +108,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
     "Channels of HTTP": http_source_models.HttpChannelConfig,
+    "Channels of MQTT": mqtt_models.MqttChannelConfig,
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
     "`solar`": network_models.SolarConfig,
@@ -224,7 +238,7 @@ def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]
 def own_fields(model: type[BaseModel]) -> set[str]:
     """The keys of a table, without those that every channel or every Zenoh session has in the same way."""
     own = set(model.model_fields)
-    for common in (source_models.ChannelConfig, zenoh_session_models.SessionConfig):
+    for common in (source_models.ChannelConfig, zenoh_session_models.SessionConfig, mqtt_broker_models.BrokerConfig):
         if issubclass(model, common) and model is not common:
             own -= set(common.model_fields) - set(model.__annotations__)
     return own
@@ -237,13 +251,21 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
-    described = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel, *TABLES.values()}
+    # What several tables have is in the table of each.
+    messages = {message_models.MessagesConfig, message_models.MessageChannelConfig}
+    shared = messages | {credential_models.LoginConfig, credential_models.CertificatesConfig}
+    whole = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel}
+    described = {*whole, *shared, *TABLES.values()}
     for module in (
         config_models,
         http_models,
         http_source_models,
+        message_models,
         modbus_models,
+        mqtt_broker_models,
+        mqtt_models,
         network_models,
+        publish_mqtt,
         source_models,
         zenoh_models,
         zenoh_session_models,

@@ -145,7 +145,7 @@ def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str
         known = suggestion(kind, SOURCE_KINDS, "the kinds are")
         problems.add((*place, "kind"), f"there is no source of kind {shown(kind)}; {known}")
     else:
-        return problems.read(SOURCE_KINDS[kind].table, table, place, context)
+        return problems.read(SOURCE_KINDS[kind].table, table, place, {**context, "source": name})
     return None
 
 

@@ -10,9 +10,9 @@ from math import inf, isfinite, nextafter
 
 from adapters.errors import SourceConfigError, SourceError
 from adapters.reading import Source
+from service.pauses import GrowingPause
 from service.sources.routing import Delivery, Router
 from service.zone.clock import Clock
-from service.zone.pauses import GrowingPause
 from service.zone.zone import Zone
 
 FIRST_PAUSE = 1.0

@@ -245,7 +245,7 @@ def encoding(value: object) -> str:
 
 
 def context(info: ValidationInfo) -> dict[str, Any]:
-    """What `load` knows beyond the table at hand: `folder` of the file and the `site` id."""
+    """What `load` knows beyond the table at hand: `folder` of the file, the `site` id, and the id of the `source`."""
     return info.context or {}
 
 

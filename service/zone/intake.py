@@ -11,13 +11,13 @@ from math import inf
 
 from adapters.reading import Reading
 from service.errors import ServiceError
+from service.pauses import GrowingPause
 from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.store.store import Store
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
 from service.zone.mailbox import Accepted, Mailbox
-from service.zone.pauses import GrowingPause
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0

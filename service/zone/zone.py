@@ -17,6 +17,7 @@ from math import inf
 from adapters.reading import Reading
 from estimator.types import ALPHA_LEVELS, ParameterSummary
 from service.errors import ServiceError, StateMismatch
+from service.pauses import GrowingPause
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
@@ -29,7 +30,6 @@ from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
-from service.zone.pauses import GrowingPause
 from service.zone.plumbing import Plumbing
 from service.zone.recovery import Recovery
 from service.zone.timeliness import Timeliness

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from adapters.edge import Edge
 from adapters.http.source import HttpChannel, HttpSource
+from adapters.messages.inbox import Incoming
+from adapters.messages.points import TIMES, Channels, Dating, MessageChannel, probed
 from adapters.payload import json_pointer
 from adapters.payload.line_protocol import UNITS_PER_SECOND, points
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, quality_word
 from adapters.payload.times import TIME_FORMATS, parse_time
 from adapters.reading import Quality, Reading
-from adapters.zenoh.inbox import Incoming
-from adapters.zenoh.points import TIMES, Channels, Dating, ZenohChannel, probed
 from service.web.readings import read
 from service.web.server.refusal import RequestRefused
 
@@ -57,14 +57,14 @@ def said(payload: bytes, form: PayloadFormat) -> list[Decoded | Rejected]:
 def become_readings(payload: bytes, form: PayloadFormat, stamp: float | None = None) -> None:
     """Through dating, stuck watch and edge to readings, and to what a person is shown."""
     incoming = Incoming("bms/T", payload, len(payload), stamp, NOW)
-    listed = [ZenohChannel(f"z/{k}", "bms/T", form, edge, 10.0) for k, edge in enumerate(EDGES)]
+    listed = [MessageChannel(f"z/{k}", "bms/T", form, edge, 10.0) for k, edge in enumerate(EDGES)]
     channels = Channels(listed, Dating(TIMES), 900.0)
     for reading in [*channels.readings("bms/T", [incoming]), *channels.readings("bms/T", [incoming])]:
         assert isinstance(reading, Reading)
         assert (reading.fault is None) == (reading.quality is not Quality.BAD)
         assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
     for channel in listed:
-        shown = probed(channel, Dating(TIMES), [incoming], 1.0)
+        shown = probed(channel, Dating(TIMES), [incoming], "nothing came")
         assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
 
 

@@ -1,4 +1,4 @@
-"""What samples mean to the channels of a Zenoh source: readings for the daemon, and probes for a person."""
+"""What samples mean to the channels of a source: readings for the daemon, and probes for a person."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from adapters.edge import PLAIN, Converter, Edge
-from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, shown
+from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
+from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
 from adapters.stuck import StuckWatch
 from adapters.timestamps import EARLIEST
-from adapters.zenoh.inbox import LONGEST_PAYLOAD, Incoming
 
 TIMES = ("payload", "zenoh", "arrival")
 """Where the time of a reading can come from."""
@@ -25,9 +25,9 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class ZenohChannel:
-    """Which key expression brings the raw values of channel `id` ("zone/channel"), how they are written, and what
-    becomes of them. A raw value that has not changed for `stuck_after` s is uncertain, for twice as long bad."""
+class MessageChannel:
+    """Which key expression or topic brings the raw values of channel `id` ("zone/channel"), how they are written, and
+    what becomes of them. A raw value that has not changed for `stuck_after` s is uncertain, for twice as long bad."""
 
     id: str
     key: str
@@ -71,8 +71,9 @@ class Dating:
 class _Watched:
     """A channel, and what has to be remembered of its last values."""
 
-    def __init__(self, channel: ZenohChannel, longest_stretch: float) -> None:
+    def __init__(self, channel: MessageChannel, longest_stretch: float, noun: str) -> None:
         self.channel = channel
+        self._noun = noun
         self.converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
         self.stuck = StuckWatch(channel.stuck_after)
         self.newest = float("-inf")
@@ -87,24 +88,27 @@ class _Watched:
         now = time.monotonic()
         if now >= self._said.get(rejected.fault, float("-inf")):
             self._said[rejected.fault] = now + REPEAT
-            _log.warning("%s (key %s): the payload %s", self.channel.id, key, rejected.sentence)
+            _log.warning("%s (%s %s): the payload %s", self.channel.id, self._noun, key, rejected.sentence)
 
 
 class Channels:
-    """The channels of a source by their key expressions."""
+    """The channels of a source by their key expressions or topics."""
 
-    def __init__(self, channels: Sequence[ZenohChannel], dating: Dating, longest_stretch: float) -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
-        self._dating, self._longest_stretch = dating, longest_stretch
+    def __init__(
+        self, channels: Sequence[MessageChannel], dating: Dating, longest_stretch: float, noun: str = "key"
+    ) -> None:
+        """`longest_stretch`: no power is made of counts that lie further apart, in s. `noun`: what `key` is called
+        where samples come from."""
+        self._dating, self._longest_stretch, self._noun = dating, longest_stretch, noun
         self._at: dict[str, list[_Watched]] = {}
         self.replace(channels)
 
-    def replace(self, channels: Sequence[ZenohChannel]) -> None:
+    def replace(self, channels: Sequence[MessageChannel]) -> None:
         """These are the channels from now on; what is remembered of those that stay is kept."""
         known = {watched.channel: watched for watched in self._all()}
         self._at = {}
         for channel in channels:
-            watched = known.get(channel) or _Watched(channel, self._longest_stretch)
+            watched = known.get(channel) or _Watched(channel, self._longest_stretch, self._noun)
             self._at.setdefault(channel.key, []).append(watched)
 
     @property
@@ -119,7 +123,8 @@ class Channels:
 
     def unheard(self) -> list[str]:
         """The channels on whose keys nothing has come since `start_again`, each with its key."""
-        return [f"{watched.channel.id} (key {watched.channel.key})" for watched in self._all() if not watched.heard]
+        quiet = [watched.channel for watched in self._all() if not watched.heard]
+        return [f"{channel.id} ({self._noun} {channel.key})" for channel in quiet]
 
     def readings(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
         """The readings that `samples` of the subscription to `key` bring."""
@@ -136,12 +141,18 @@ class Channels:
         return (watched for listed in self._at.values() for watched in listed)
 
     def _read(self, watched: _Watched, incoming: Incoming) -> Iterator[Reading]:
-        for when, entry in _dated(watched.channel.format, self._dating, incoming):
+        for when, entry, origin in _dated(watched.channel.format, self._dating, incoming):
             if isinstance(entry, Rejected):
                 watched.say(entry, incoming.key)
                 yield watched.converter.bad(when, entry.fault)
             elif when > watched.known_until:
-                watched.newest = max(watched.newest, when)
+                if incoming.retained and origin == "arrival":
+                    if watched.newest > float("-inf") or watched.channel.edge.counter:
+                        # It may be years old: what came since is newer, and power is made of known times alone.
+                        continue
+                    entry = entry._replace(quality=Quality.UNCERTAIN)
+                else:
+                    watched.newest = max(watched.newest, when)
                 reading = _reading(watched, when, entry)
                 if reading is not None:
                     yield reading
@@ -164,22 +175,21 @@ def _entries(form: PayloadFormat, incoming: Incoming) -> list[Decoded | Rejected
     return [Rejected(Fault.NOT_AVAILABLE, "is gone: the publisher has deleted the key")]
 
 
-def _dated(form: PayloadFormat, dating: Dating, incoming: Incoming) -> list[tuple[float, Decoded | Rejected]]:
-    """What `incoming` says in the order of its times (UTC s); what is refused is dated when it came."""
-    dated: list[tuple[float, Decoded | Rejected]] = []
+def _dated(form: PayloadFormat, dating: Dating, incoming: Incoming) -> list[tuple[float, Decoded | Rejected, str]]:
+    """What `incoming` says in the order of its times (UTC s), with their origin; what is refused is dated when it
+    came."""
+    dated: list[tuple[float, Decoded | Rejected, str]] = []
     for entry in _entries(form, incoming):
         when = entry if isinstance(entry, Rejected) else dating.date(entry, incoming)
-        dated.append((incoming.arrived, when) if isinstance(when, Rejected) else (when[0], entry))
-    return sorted(dated, key=lambda pair: pair[0])
+        dated.append((incoming.arrived, when, "arrival") if isinstance(when, Rejected) else (when[0], entry, when[1]))
+    return sorted(dated, key=lambda found: found[0])
 
 
-def probed(channel: ZenohChannel, dating: Dating, samples: Sequence[Incoming], seconds: float) -> Probe:
-    """What a person should know about what came for `channel` within `seconds`: `samples`, answers to a query among
-    them."""
+def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming], nothing: str) -> Probe:
+    """What a person should know about the `samples` that came for `channel`; `nothing` is the verdict without any."""
     place = f"{channel.key} {channel.format.kind}"
     if not samples:
-        verdict = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
-        return Probe(channel.id, place, "-", None, None, verdict)
+        return Probe(channel.id, place, "-", None, None, nothing)
     incoming = max(samples, key=lambda sample: sample.stamp or sample.arrived)
     raw = shown(incoming.payload or b"")
     entries = _entries(channel.format, incoming)
@@ -188,16 +198,22 @@ def probed(channel: ZenohChannel, dating: Dating, samples: Sequence[Incoming], s
     refused = next((entry for entry in (*entries, dated) if isinstance(entry, Rejected)), None)
     if refused is not None or decoded is None or dated is None or isinstance(dated, Rejected):
         sentence = "holds nothing" if refused is None else refused.sentence
-        return Probe(channel.id, place, raw, None, None, f"refused: the payload {sentence}")
+        numbers = numbers_in(incoming.payload or b"") if channel.format.kind == "json" else []
+        hints = [f"numbers in it: {', '.join(f'{pointer} {number:g}' for pointer, number in numbers)}"][: len(numbers)]
+        return Probe(channel.id, place, raw, None, None, f"refused: the payload {sentence}", tuple(hints))
     when, origin = dated
     moment = datetime.fromtimestamp(when, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
     hints = [f"dated {moment} by {_ORIGINS[origin]}"]
+    ageless = incoming.retained and origin == "arrival"
+    if ageless:
+        hints = ["retained: the broker had kept it, and its age is not known"]
+    known = None if ageless else when
     if channel.edge.counter:
         hints.append(f"the counter stands at {decoded.raw * channel.edge.scale + channel.edge.offset:g}")
-        return Probe(channel.id, place, raw, None, when, hints=tuple(hints))
+        return Probe(channel.id, place, raw, None, known, hints=tuple(hints))
     value = channel.edge.value(decoded.raw)
     verdict = _verdict(channel.edge, value, decoded.quality)
-    return Probe(channel.id, place, raw, value, when, verdict, tuple(hints))
+    return Probe(channel.id, place, raw, value, known, verdict, tuple(hints))
 
 
 _ORIGINS = {"payload": "its payload", "zenoh": "Zenoh's time stamp", "arrival": "its arrival"}

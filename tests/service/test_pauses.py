@@ -1,4 +1,4 @@
-from service.zone.pauses import GrowingPause
+from service.pauses import GrowingPause
 
 
 def test_pauses_double_up_to_the_longest_and_begin_anew_after_a_success():

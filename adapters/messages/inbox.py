@@ -1,4 +1,4 @@
-"""The way from Zenoh's threads into the event loop: bounded, and never in Zenoh's way."""
+"""The way from the threads of a client library into the event loop: bounded, and never in the library's way."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ LONGEST_PAYLOAD = 65_536
 
 
 class Incoming(NamedTuple):
-    """A sample as it came: its key, its payload, Zenoh's time stamp if it has one and when it came (UTC s).
+    """A sample as it came: its key or topic, its payload, Zenoh's time stamp if it has one and when it came (UTC s).
 
-    `payload` is None where `size` is more than LONGEST_PAYLOAD, or where the key was deleted (`size` 0).
+    `payload` is None where `size` is more than LONGEST_PAYLOAD, or where the key was deleted (`size` 0). `retained`:
+    a broker had kept it, and nobody knows for how long.
     """
 
     key: str
@@ -23,6 +24,7 @@ class Incoming(NamedTuple):
     size: int
     stamp: float | None
     arrived: float
+    retained: bool = False
 
 
 class Share(NamedTuple):
