@@ -31,10 +31,10 @@ LEVELS = {
         {"arrays", "errors"},
     ),
     "adapters": (
-        {"csv", "modbus", "zenoh"},
+        {"csv", "modbus", "zenoh", "bacnet"},
         {"payload"},
-        {"edge", "stuck"},
-        {"reading", "units", "timestamps"},
+        {"edge", "stuck", "rhythm"},
+        {"reading", "units", "timestamps", "scanning"},
         {"errors"},
     ),
     "service": (

@@ -10,13 +10,15 @@ from collections.abc import AsyncIterator, Sequence
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.modbus.client import Line, ModbusLink, NoAnswer, Refused
 from adapters.modbus.plan import Limits, Point, Request, halves, plan
 from adapters.modbus.points import Channels, ModbusChannel, probed
+from adapters.modbus.scan import scan
 from adapters.reading import Batch, Probe
+from adapters.scanning import Scan, Scanned
 
-__all__ = ["ModbusChannel", "ModbusSource"]
+__all__ = ["ModbusChannel", "ModbusSource", "Numbering"]
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent unit is asked again, in s."""
@@ -37,6 +39,13 @@ class _Silence(NamedTuple):
     until: float
 
 
+class Numbering(NamedTuple):
+    """What the operator's list of registers begins with, and the unit that it is about."""
+
+    first_register: int = 0
+    unit: int = 1
+
+
 class ModbusSource:
     """Modbus units behind one connection, polled every `poll` s; readings are dated when their answer arrives.
 
@@ -47,12 +56,19 @@ class ModbusSource:
     """
 
     def __init__(
-        self, name: str, line: Line, channels: Sequence[ModbusChannel], *, poll: float, limits: Limits
+        self,
+        name: str,
+        line: Line,
+        channels: Sequence[ModbusChannel],
+        *,
+        poll: float,
+        limits: Limits,
+        numbering: Numbering = Numbering(),  # noqa: B008 - a value, never changed
     ) -> None:
         self.name = name
         self.late = 0
         """How many polls began later than they should have by a whole `poll` or more."""
-        self._line, self._poll, self._limits = line, poll, limits
+        self._line, self._poll, self._limits, self._numbering = line, poll, limits, numbering
         self._listed = tuple(channels)
         self._channels = Channels(channels, _POLLS_IN_A_STRETCH * poll)
         self._rebound = False
@@ -113,6 +129,22 @@ class ModbusSource:
         finally:
             link.close()
         return probes
+
+    async def scan(self, wanted: Scan) -> Scanned:
+        """The registers that units have, and what might be in them."""
+        link = await self._open()
+        try:
+            return await scan(
+                link,
+                wanted,
+                unit=self._numbering.unit,
+                first_register=self._numbering.first_register,
+                limits=self._limits,
+            )
+        except SourceError as error:
+            raise type(error)(f"sources.{self.name}: {error}") from error
+        finally:
+            link.close()
 
     async def close(self) -> None:
         """Close the connection; safe to call twice."""

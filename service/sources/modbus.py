@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, Field, model_validator
 from adapters.modbus.client import TRANSPORTS, Line
 from adapters.modbus.codec import ORDERS, TYPES, Format
 from adapters.modbus.plan import REGISTERS_AT_MOST, TABLES, Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
+from adapters.modbus.source import ModbusChannel, ModbusSource, Numbering
 from service.fields.durations import format_duration
 from service.fields.tables import TABLE
 from service.fields.values import Duration, Flag, PositiveDuration, Text, Timeout, choice, number, whole
@@ -179,6 +179,7 @@ def _build(name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> Modbu
         [_channel(binding.id, binding.channel, binding.unit, table) for binding in bindings],
         poll=table.poll,
         limits=Limits(table.batch, table.max_registers, table.fill_gaps),
+        numbering=Numbering(table.first_register, table.unit_id),
     )
 
 
