@@ -87,8 +87,8 @@ class BacnetSource:
         if lost and not self._network.broadcasts:
             problems.append(
                 f"sources.{self.name}: nobody can be asked where device {lost[0]} is: give interface its prefix, such "
-                f'as interface = "{self._network.interface.split("/")[0]}/24", or give bbmd, or the address of each '
-                "device"
+                f'as interface = "{self._network.interface.split("/")[0]}/24", or give bbmd, or say at '
+                "which address each device is"
             )
         return problems
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import logging
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -46,8 +46,9 @@ REQUESTS = (WhoIsRequest, ReadPropertyRequest, ReadPropertyMultipleRequest, Subs
 HEARD = (IAmRequest, UnconfirmedCOVNotificationRequest)
 """The only requests of others that are taken notice of."""
 
-WAITING = 2000
-"""Datagrams that wait at most; what comes beyond is lost, as on the network itself."""
+WAITING, WAITING_FROM_ONE = 4000, 200
+"""Datagrams that wait at most, in all and from one address; what comes beyond is lost, as on the network itself. A flood
+from one address keeps no other from being heard."""
 
 _CONFIRMED = {request.service_choice for request in REQUESTS if issubclass(request, ConfirmedRequestPDU)}
 _UNCONFIRMED = {request.service_choice for request in REQUESTS if issubclass(request, UnconfirmedRequestPDU)}
@@ -168,6 +169,7 @@ class Datagrams(Server[PDU]):
         self._own: tuple[str, int] = address.addrTuple
         self._transports: list[asyncio.DatagramTransport] = []
         self._waiting: deque[tuple[bytes, tuple[str, int], Any]] = deque()
+        self._waiting_from: Counter[tuple[str, int]] = Counter()
         self._news = asyncio.Event()
         self._taking: asyncio.Task[None] | None = None
         self.broadcasts = address.addrBroadcastTuple != address.addrTuple
@@ -203,18 +205,22 @@ class Datagrams(Server[PDU]):
 
     def received(self, data: bytes, source: tuple[str, int], destination: Any) -> None:
         """Take in a datagram; never waits."""
-        if len(self._waiting) >= WAITING:
+        if len(self._waiting) >= WAITING or self._waiting_from[source] >= WAITING_FROM_ONE:
             self._note("overrun")
             return
         self._waiting.append((data, source, destination))
+        self._waiting_from[source] += 1
         self._news.set()
 
     async def _take(self) -> None:
         while True:
             await self._news.wait()
             self._news.clear()
+            self._waiting_from = +self._waiting_from
             while self._waiting:
-                await self.accept(*self._waiting.popleft())
+                data, source, destination = self._waiting.popleft()
+                self._waiting_from[source] -= 1
+                await self.accept(data, source, destination)
                 # Whatever comes, the rest of the process has its turn.
                 await asyncio.sleep(0)
 
@@ -251,6 +257,8 @@ class Datagrams(Server[PDU]):
                 await self._taking
         for transport in self._transports:
             transport.close()
+        # The sockets themselves are closed in the next turn of the loop.
+        await asyncio.sleep(0)
 
 
 class _Receiver(asyncio.DatagramProtocol):

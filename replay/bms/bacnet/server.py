@@ -159,6 +159,8 @@ class _SimulatedDevice(LoopbackDevice):
                 if made.presentValue != present:
                     made.presentValue = present
             if bool(made.statusFlags[1]) != missing:
+                made.reliability = "noSensor" if missing else "noFaultDetected"
+                # The library follows from reliability what they are, but tells nobody.
                 made.statusFlags = [0, int(missing), 0, 0]
 
     def _refuse(self, apdu: Any) -> None:
@@ -233,7 +235,6 @@ def _object(channel: Channel, kind: str, instance: int) -> Any:
     given: dict[str, Any] = {
         "objectIdentifier": (kind, instance),
         "objectName": channel.name,
-        "statusFlags": [0, 0, 0, 0],
         "eventState": "normal",
         "outOfService": False,
     }
