@@ -1,4 +1,4 @@
-"""The rhythm of polling: when the next poll is due, and how many came too late."""
+"""The rhythm of polling: when the next poll is due, and whether one took too long."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ class Rhythm:
     def __init__(self, every: float, now: float) -> None:
         """The first poll is due `now` (s on a clock that is never set)."""
         self._every, self._due = every, now
-        self.late = 0
-        """How many polls began later than they should have by a whole `every` or more."""
+        self.overrun = 0.0
+        """How many s the last poll took, if the next one begins later than it should have by a whole `every` or more;
+        otherwise 0."""
 
     def next(self, now: float) -> float:
         """When the poll after the one that ends `now` is due."""
-        self._due += self._every
+        began, self._due = self._due, self._due + self._every
         if now < self._due + self._every:
-            self._due = max(self._due, now)
+            self._due, self.overrun = max(self._due, now), 0.0
         else:
-            self.late += 1
-            self._due = now
+            self._due, self.overrun = now, now - began
         return self._due

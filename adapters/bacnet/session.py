@@ -64,7 +64,8 @@ class Session:
         self.silent: bool | None = None
         self.reason = ""
         """Why it is silent."""
-        self.rhythm = Rhythm(manner.poll, asyncio.get_running_loop().time())
+        self.late = 0
+        """How many polls began later than they should have by a whole `poll` or more."""
         self._source, self._instance, self._link = source, device, link
         self._channels, self._manner, self._deliver = channels, manner, deliver
         self._device: Device | None = None
@@ -82,7 +83,7 @@ class Session:
     async def follow(self) -> None:
         """Ask for ever; never raises for what a device does."""
         loop = asyncio.get_running_loop()
-        pause = 0.0
+        rhythm, pause = Rhythm(self._manner.poll, loop.time()), 0.0
         while True:
             try:
                 await self._look()
@@ -95,15 +96,9 @@ class Session:
             if self.silent:
                 _log.info("sources.%s: device %d answers again", self._source, self._instance)
             self.silent = False
-            late = self.rhythm.late
-            due = self.rhythm.next(loop.time())
-            if self.rhythm.late and not late:
-                _log.warning(
-                    "sources.%s: reading device %d took longer than poll, %g s; poll less often",
-                    self._source,
-                    self._instance,
-                    self._manner.poll,
-                )
+            due = rhythm.next(loop.time())
+            if rhythm.overrun:
+                self._note_late(rhythm.overrun)
             await asyncio.sleep(due - loop.time())
 
     def rebound(self) -> None:
@@ -217,6 +212,17 @@ class Session:
                 there.append(object)
             found.append((answer.time, there))
         return found
+
+    def _note_late(self, seconds: float) -> None:
+        self.late += 1
+        if self.late == 1:
+            _log.warning(
+                "sources.%s: reading device %d took %.1f s, poll is %.1f s; poll less often",
+                self._source,
+                self._instance,
+                seconds,
+                self._manner.poll,
+            )
 
     def _note_silence(self, reason: str) -> None:
         if not self.silent:

@@ -74,7 +74,7 @@ class BacnetSource:
     @property
     def late(self) -> int:
         """How many polls of a device began later than they should have by a whole `poll` or more."""
-        return self._late + sum(session.rhythm.late for session in self._sessions.values())
+        return self._late + sum(session.late for session in self._sessions.values())
 
     def check(self) -> list[str]:
         """Sentences about a library that is not installed, and about devices that cannot be found."""
@@ -197,7 +197,7 @@ class BacnetSource:
         devices = self._channels.devices
         for device in tasks.keys() - devices.keys():
             tasks.pop(device).cancel()
-            self._late += self._sessions.pop(device).rhythm.late
+            self._late += self._sessions.pop(device).late
         for device in devices:
             if device in tasks:
                 self._sessions[device].rebound()

@@ -47,8 +47,8 @@ HEARD = (IAmRequest, UnconfirmedCOVNotificationRequest)
 """The only requests of others that are taken notice of."""
 
 WAITING, WAITING_FROM_ONE = 4000, 200
-"""Datagrams that wait at most, in all and from one address; what comes beyond is lost, as on the network itself. A flood
-from one address keeps no other from being heard."""
+"""Datagrams that wait at most, in all and from one address; what comes beyond is lost, as on the network itself. A
+flood from one address keeps no other from being heard."""
 
 _CONFIRMED = {request.service_choice for request in REQUESTS if issubclass(request, ConfirmedRequestPDU)}
 _UNCONFIRMED = {request.service_choice for request in REQUESTS if issubclass(request, UnconfirmedRequestPDU)}

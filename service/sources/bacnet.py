@@ -161,21 +161,22 @@ def _rebind(source: BacnetSource, table: BacnetConfig, bindings: Sequence[Bindin
 
 
 def _channels(bindings: Sequence[Binding]) -> list[BacnetChannel]:
-    return [_channel(binding.id, binding.channel, binding.unit) for binding in bindings]
+    return [_channel(binding) for binding in bindings]
 
 
-def _channel(id: str, channel: BacnetChannelConfig, unit: str) -> BacnetChannel:
+def _channel(binding: Binding) -> BacnetChannel:
+    channel: BacnetChannelConfig = binding.channel
     assert channel.device is not None
     # What a device states is the unit of its own number, before scale and offset.
     untouched = channel.scale == 1.0 and channel.offset == 0.0
     return BacnetChannel(
-        id,
+        binding.id,
         channel.device,
         parse_object(channel.object),
         address=channel.at,
         unit=channel.unit if untouched and channel.compare_units else None,
         cov=bool(channel.cov),
-        edge=edge_of(channel, unit),
+        edge=edge_of(channel, binding.unit, usual=binding.usual),
         stuck_after=channel.stuck_after,
     )
 

@@ -258,8 +258,8 @@ def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(caplog):
         port = free_udp_port()
         peer = Peer(1201, port)
         peer.add()
-        channels = [channel(), channel("two", "analog-input,2")]
-        async with serving(peer), aclosing(source(port, channels).batches(None)) as stream:
+        bms = source(port, [channel(), channel("two", "analog-input,2")])
+        async with serving(peer), aclosing(bms.batches(None)) as stream:
             first = await anext(stream)
             assert values([first]) == {"z/T": 21.5, "z/two": Fault.REFUSED_BY_DEVICE}
             for _ in range(4):
