@@ -151,8 +151,6 @@ def _counted(channel: ModbusChannel, first: Answer, second: Answer | None) -> tu
         verdict = f"doubtful: it stands at a multiple of {_SWAPPED_STEP}, as counters with swapped words do"
     elif not isfinite(number) or number < 0 or 0 < number < _NEARLY_NOTHING:
         verdict = "doubtful: no counter stands there"
-    elif not _lived(channel, number):
-        verdict = "doubtful: it stands higher than it could in fifty years"
     elif second is not None and is_available(second.words, form):
         power = _power(channel, form, first, second)
         span = second.time - first.time
@@ -163,6 +161,8 @@ def _counted(channel: ModbusChannel, first: Answer, second: Answer | None) -> tu
             verdict = f"doubtful: it moved by {moved * edge.scale:g} within {span:.1f} s, which would be {power:.6g}"
         else:
             hints.append(f"it moved by {moved * edge.scale:g} within {span:.1f} s")
+    if verdict == "good" and not _lived(channel, number):
+        verdict = "doubtful: it stands higher than it could in fifty years"
     if verdict != "good":
         for order in other_orders(first.words, form):
             other = Format(form.type, order)
