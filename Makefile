@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus overload soak audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-bacnet overload soak audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -43,6 +43,10 @@ experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-
 
 load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
 	$(BIN)/python tests/integration/modbus_load.py --seconds 600
+
+load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 minutes, subscribed and polled: misses, processor, memory
+	$(BIN)/python tests/integration/bacnet_load.py --seconds 600
+	$(BIN)/python tests/integration/bacnet_load.py --seconds 600 --polled
 
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)

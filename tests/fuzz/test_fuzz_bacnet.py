@@ -1,4 +1,4 @@
-"""BACnet datagrams: whatever comes is counted or taken in, answers nothing that it should not, and poisons no reading."""
+"""BACnet datagrams: whatever comes is counted or taken in, makes it send nothing but refusals, poisons no reading."""
 
 from __future__ import annotations
 
