@@ -159,9 +159,9 @@ class _SimulatedDevice(LoopbackDevice):
                 if made.presentValue != present:
                     made.presentValue = present
             if bool(made.statusFlags[1]) != missing:
-                made.reliability = "noSensor" if missing else "noFaultDetected"
-                # The library follows from reliability what they are, but tells nobody.
+                # The first tells subscribers; what is read, the library makes of the second.
                 made.statusFlags = [0, int(missing), 0, 0]
+                made.reliability = "noSensor" if missing else "noFaultDetected"
 
     def _refuse(self, apdu: Any) -> None:
         faults, name = self._simulation.faults, self._plant.name

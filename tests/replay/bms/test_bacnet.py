@@ -15,6 +15,7 @@ from support.bacnet_plant import free_udp_port
 from support.bms_plant import Clock, simulation
 from support.waiting import PATIENCE
 
+import adapters.bacnet.session
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused
 from adapters.bacnet.network import Network
 from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property, parse_object
@@ -114,7 +115,9 @@ def test_faults_act_on_bacnet_too() -> None:
     look(job)
 
 
-def test_subscribers_are_told_of_changes_and_counters_are_polled() -> None:
+def test_subscribers_are_told_of_changes_and_counters_are_polled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
+
     async def main() -> None:
         plant = simulation(Clock(), pace=600.0)
         server = await BacnetServer.start(plant, 0)
