@@ -34,12 +34,13 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Manner:
-    """How devices are asked: every `poll` s, with subscriptions of `lifetime` s (None: without) under the number
-    `process`."""
+    """How a device is asked: every `poll` s, with subscriptions of `lifetime` s (None: without) under the number
+    `process`; `phase` s after the first time for the second, so that not all devices answer at once."""
 
     poll: float
     lifetime: float | None
     process: int
+    phase: float = 0.0
 
 
 class _Kept(NamedTuple):
@@ -83,7 +84,8 @@ class Session:
     async def follow(self) -> None:
         """Ask for ever; never raises for what a device does."""
         loop = asyncio.get_running_loop()
-        rhythm, pause = Rhythm(self._manner.poll, loop.time()), 0.0
+        rhythm = Rhythm(self._manner.poll, loop.time() - self._manner.poll + self._manner.phase)
+        pause = 0.0
         while True:
             try:
                 await self._look()

@@ -193,15 +193,16 @@ class BacnetSource:
         from adapters.bacnet.session import Manner, Session
 
         process = zlib.crc32(self.name.encode()) % LARGEST_PROCESS + 1
-        manner = Manner(self._polling.poll, self._polling.lifetime, process)
         devices = self._channels.devices
         for device in tasks.keys() - devices.keys():
             tasks.pop(device).cancel()
             self._late += self._sessions.pop(device).late
-        for device in devices:
+        poll, lifetime = self._polling.poll, self._polling.lifetime
+        for index, device in enumerate(devices):
             if device in tasks:
                 self._sessions[device].rebound()
                 continue
+            manner = Manner(poll, lifetime, process, phase=poll * (index + 1) / len(devices))
             session = Session(self.name, device, link, self._channels, manner, arrived.put)
             self._sessions[device] = session
             tasks[device] = asyncio.create_task(session.follow(), name=f"source {self.name} device {device}")
