@@ -31,6 +31,10 @@ class Edge:
         """`raw` in the network's unit (of a counter: in that unit times s)."""
         return (raw * self.scale + self.offset) * self.conversion.scale + self.conversion.offset
 
+    def change(self, raw: float) -> float:
+        """A change of the raw value by `raw` in the network's unit, without its sign."""
+        return abs(raw * self.scale * self.conversion.scale)
+
     def fault(self, value: float) -> Fault | None:
         """Why `value`, in the network's unit, cannot be believed, or None."""
         if not isfinite(value):

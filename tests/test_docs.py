@@ -53,12 +53,12 @@ from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
 from service.records.status import STATES
 from service.sources import (
+    bacnet as bacnet_models,
+)
+from service.sources import (
     channel as source_models,
 )
 from service.sources import csv
-from service.sources import (
-    bacnet as bacnet_models,
-)
 from service.sources import (
     modbus as modbus_models,
 )

@@ -34,6 +34,11 @@ class BacnetChannel:
     stuck_after: float | None = None
 
     @property
+    def is_temperature(self) -> bool:
+        """Whether it is known to be a temperature."""
+        return self.unit in ("degC", "K", "degF")
+
+    @property
     def place(self) -> str:
         """Where it stands, in the operator's words."""
         return f"device {self.device} {self.object}"
@@ -166,4 +171,6 @@ def probed(channel: BacnetChannel, seen: Seen, when: float, hints: Sequence[str]
     if fault is not None:
         lower, upper = edge.valid
         sentence = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+    elif not edge.is_usual(value):
+        sentence = f"doubtful: usually {edge.usual[0]:g} to {edge.usual[1]:g} here; if it is right, give valid"
     return Probe(channel.id, channel.place, shown, value, when, sentence, tuple(hints))

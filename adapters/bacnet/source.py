@@ -7,15 +7,15 @@ import logging
 import time
 import zlib
 from collections import Counter
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from adapters.bacnet.network import Network
-from adapters.bacnet.objects import OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
+from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
 from adapters.bacnet.points import BacnetChannel, Channels, Seen, probed
-from adapters.bacnet.values import Tagged, Unreadable, text, whole
+from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.reading import Batch, Probe
 
@@ -34,6 +34,9 @@ LARGEST_PROCESS = 0x3FFFFF
 _ROOM = 1000
 _LOOK = 0.5
 _DEVICES_SHOWN = 8
+_COARSE = 0.2
+"""A subscription that shows no smaller change than this, in K, hides what a model of a room lives on."""
+
 
 # Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
 _POLLS_IN_A_STRETCH = 10
@@ -252,12 +255,20 @@ async def _look(link: BacnetLink, device: Device, channel: BacnetChannel) -> Pro
         except Refused:
             return None
 
-    flags, units, name = await other(STATUS_FLAGS), await other(UNITS), await other(OBJECT_NAME)
-    hints = []
+    units, name = _read(whole, await other(UNITS)), _read(text, await other(OBJECT_NAME))
+    increment = _read(number, await other(COV_INCREMENT))
+    hints = [] if name is None else [f'the device calls it "{name}"']
+    if increment and channel.cov and channel.is_temperature and channel.edge.change(increment) > _COARSE:
+        hints.append(f"its COV increment is {increment:g}: a subscription shows no smaller change; cov = false polls")
+    return probed(channel, Seen(value, await other(STATUS_FLAGS), units), when, hints)
+
+
+_Read = TypeVar("_Read")
+
+
+def _read(read: Callable[[Tagged], _Read], value: Tagged | None) -> _Read | None:
+    """What `read` makes of `value`; None where it makes nothing of it."""
     try:
-        stated = None if units is None else whole(units)
-        if name is not None:
-            hints.append(f'the device calls it "{text(name)}"')
+        return None if value is None else read(value)
     except Unreadable:
-        stated = None
-    return probed(channel, Seen(value, flags, stated), when, hints)
+        return None

@@ -28,11 +28,6 @@ def unit_of(number: int) -> str | None:
     return _OURS.get(number)
 
 
-def number_of(unit: str) -> int:
-    """The number by which a device states `unit`; "no units" where BACnet has none for it."""
-    return next((number for number, ours in _OURS.items() if ours == unit), NO_UNITS)
-
-
 def differs(stated: int | None, unit: str) -> bool:
     """Whether a device that states `stated` means something else than `unit`. Devices whose units were never entered
     state none, and say nothing by it."""

@@ -46,7 +46,7 @@ def add_to(add: AddCommand) -> None:
         type=_bacnet,
         default=None,
         metavar="PORT",
-        help='UDP port of the BACnet/IP devices (BACnet\'s own: 47808), 0 for any free one, "off" for none (default off)',
+        help='UDP port of the BACnet/IP devices (such as 47808), 0 for any free one, "off" for none (default off)',
     )
     parser.add_argument(
         "--pace",

@@ -464,6 +464,7 @@ def test_probe_shows_what_each_channel_brings():
         peer.add("analog-input,2", 71.0, "degreesFahrenheit")
         peer.add("analog-input,3", 12.0, "kilowattHours")
         peer.add("analog-input,4", 99.0)
+        peer.add("analog-input,6", 1.8, covIncrement=0.5)
         peer.add("analog-input,5", 20.0, reliability="noSensor")
         meter = Edge(conversion=conversion("kWh", "W"), counter=True)
         channels = [
@@ -472,6 +473,7 @@ def test_probe_shows_what_each_channel_brings():
             channel("meter", "analog-input,3", unit="kWh", edge=meter),
             channel("hot", "analog-input,4"),
             channel("broken", "analog-input,5"),
+            channel("cold", "analog-input,6", edge=Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0))),
             channel("none", "analog-input,9"),
             channel("away", device=1299),
         ]
@@ -484,6 +486,8 @@ def test_probe_shows_what_each_channel_brings():
     assert probes["F"].verdict == ('wrong unit: the device states degF; write unit = "degF", or compare_units = false')
     assert probes["meter"].hints[0] == "the counter stands at 12"
     assert probes["hot"].verdict == "implausible: not within -60 to 80"
+    assert probes["cold"].verdict == "doubtful: usually 5 to 40 here; if it is right, give valid"
+    assert probes["cold"].hints[1].startswith("its COV increment is 0.5: a subscription shows no smaller change")
     assert probes["broken"].verdict == "reported bad: its status is fault"
     assert probes["none"].verdict.startswith("the device refuses it: object error unknown-object; check object")
     assert probes["away"].verdict.startswith("no device 1299 answers within 0.5 s; check device")

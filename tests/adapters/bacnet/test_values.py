@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from adapters.bacnet.objects import TYPES, ObjectId, parse_object
-from adapters.bacnet.units import differs, number_of, unit_of
+from adapters.bacnet.units import differs, unit_of
 from adapters.bacnet.values import Flags, Tagged, Unreadable, bits, flags, number, object_id, text, whole
 from adapters.reading import Quality
 
@@ -96,8 +96,6 @@ def test_objects_as_people_write_them():
 def test_units_as_the_configuration_writes_them():
     assert [unit_of(number) for number in (62, 64, 48, 19, 95)] == ["degC", "degF", "kW", "kWh", "1"]
     assert unit_of(60_000) is None
-    assert number_of("kW") == 48
-    assert number_of("m2") == 95
     assert not differs(62, "degC")
     assert not differs(None, "degC"), "a device that states nothing"
     assert not differs(95, "degC"), "a device whose units were never entered"
