@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ REFRESH = 600.0
 
 CONFIRM = 60.0
 """Objects with a subscription are read as well after this time: notifications get lost, and devices go away, in s."""
+
+_SUBSCRIBED_AT_ONCE = 10
 
 _OBJECT_OCTETS = 34
 """What the value and the status of an object take in an answer at most."""
@@ -122,7 +125,6 @@ class Session:
 
     async def _look(self) -> None:
         """Bring one reading of every channel."""
-        first = self._device is None or self._asking is None
         if self._device is None or self._asking is None:
             address = self._channels.devices.get(self._instance)
             self._device = await self._link.find(self._instance, address)
@@ -132,8 +134,6 @@ class Session:
             await self._read_units(self._asking)
             self._refused.clear()
             self._not_offered.clear()
-        if not first:
-            await self._subscribe(self._device)
         now = time.monotonic()
         objects = [object for object in self._channels.objects(self._instance) if object not in self._refused]
         to_read = [
@@ -154,6 +154,7 @@ class Session:
                 readings += self._channels.readings(self._instance, object, seen, when.get(object, told))
         if readings:
             await self._deliver(Batch(readings, max((told, *when.values()))))
+        await self._subscribe(self._device)
 
     async def _read_units(self, asking: Asking) -> None:
         """Ask for the units of every object; those that have none are of no concern."""
@@ -170,11 +171,12 @@ class Session:
         self._refresh = time.monotonic() + REFRESH
 
     async def _subscribe(self, device: Device) -> None:
-        """Subscribe to what can be subscribed to, and renew what is due."""
-        lifetime = self._manner.lifetime
-        if lifetime is None or not device.subscriptions:
+        """Subscribe to what can be subscribed to, and renew what is due; a part of it, so that readings do not wait."""
+        lifetime, poll = self._manner.lifetime, self._manner.poll
+        if lifetime is None or not device.subscriptions or poll >= CONFIRM:
             return
         objects = self._channels.objects(self._instance)
+        left = max(_SUBSCRIBED_AT_ONCE, math.ceil(len(objects) * poll / (lifetime / 4)))
         self._subscribed = {object: due for object, due in self._subscribed.items() if object in objects}
         before = len(self._not_offered)
         for object in objects:
@@ -182,6 +184,9 @@ class Session:
             left_out = object in self._refused or object in self._not_offered or object not in self._kept
             if left_out or time.monotonic() < due or not self._channels.may_subscribe(self._instance, object):
                 continue
+            if not left:
+                break
+            left -= 1
             try:
                 await self._link.subscribe(device, object, self._manner.process, lifetime)
             except Refused as error:
