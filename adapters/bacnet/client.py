@@ -23,7 +23,7 @@ from bacpypes3.constructeddata import SequenceOf
 from bacpypes3.pdu import Address, IPv4Address
 from bacpypes3.primitivedata import ObjectIdentifier
 
-from adapters.bacnet.network import PORT, Network
+from adapters.bacnet.network import Network
 from adapters.bacnet.objects import DEVICE, MAX_APDU, SERVICES_SUPPORTED, ObjectId, Property
 from adapters.bacnet.stack import Stack
 from adapters.bacnet.values import Tagged, Unreadable, bits, whole
@@ -149,9 +149,13 @@ class BacnetLink:
         answers: list[IAmRequest] = await self._who_is(lowest, highest, timeout=seconds)
         return [_found(answer) for answer in answers]
 
-    async def find(self, instance: int, address: str | None) -> Device:
-        """The device `instance`, at `address` or wherever it is. Raises NoAnswer or Refused."""
-        where = Address(address if ":" in address else f"{address}:{PORT}") if address else await self._locate(instance)
+    async def find(self, instance: int, address: Any = None) -> Device:
+        """The device `instance`, at `address` (as people write it, or of a Found) or wherever it is. Raises NoAnswer or
+        Refused."""
+        if isinstance(address, str):
+            where = Address(address if ":" in address else f"{address}:{self._network.port}")
+        else:
+            where = address or await self._locate(instance)
         device = ObjectId(DEVICE, instance)
         known = Device(instance, where, _SMALLEST_APDU, False, False)
         try:

@@ -43,7 +43,7 @@ async def scan(link: BacnetLink, wanted: Scan, *, broadcasts: bool) -> Scanned:
     remarks = [] if found else [f"no device from {lowest} to {highest} answers within {wanted.seconds:g} s"]
     for instance in sorted(found)[:MOST_DEVICES]:
         try:
-            device = await link.find(instance, str(found[instance].address))
+            device = await link.find(instance, found[instance].address)
             rows += await _rows(link, device, remarks)
         except (NoAnswer, Refused) as error:
             remarks.append(f"device {instance}: {error}")

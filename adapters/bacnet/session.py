@@ -73,6 +73,8 @@ class Session:
         self._source, self._instance, self._link = source, device, link
         self._channels, self._manner, self._deliver = channels, manner, deliver
         self._device: Device | None = None
+        self._at: str | None = None
+        """The address that the device was given last, if any."""
         self._asking: Asking | None = None
         self._refresh = 0.0
         self._units: dict[ObjectId, int] = {}
@@ -107,8 +109,10 @@ class Session:
             await asyncio.sleep(due - loop.time())
 
     def rebound(self) -> None:
-        """The channels have changed: look at units and subscriptions again."""
+        """The channels have changed: look at units and subscriptions again, and where the device is."""
         self._refresh = 0.0
+        if self._channels.devices.get(self._instance) != self._at:
+            self._device = None
 
     def heard(self, notification: Notification) -> bool:
         """Take in what a device tells; whether it was this one, and asked to."""
@@ -126,8 +130,8 @@ class Session:
     async def _look(self) -> None:
         """Bring one reading of every channel."""
         if self._device is None or self._asking is None:
-            address = self._channels.devices.get(self._instance)
-            self._device = await self._link.find(self._instance, address)
+            self._at = self._channels.devices.get(self._instance)
+            self._device = await self._link.find(self._instance, self._at)
             self._asking = Asking(self._link, self._device, _OBJECT_OCTETS)
             self._subscribed.clear()
         if time.monotonic() >= self._refresh:
@@ -177,12 +181,13 @@ class Session:
             return
         objects = self._channels.objects(self._instance)
         left = max(_SUBSCRIBED_AT_ONCE, math.ceil(len(objects) * poll / (lifetime / 4)))
-        self._subscribed = {object: due for object, due in self._subscribed.items() if object in objects}
+        allowed = {object for object in objects if self._channels.may_subscribe(self._instance, object)}
+        self._subscribed = {object: due for object, due in self._subscribed.items() if object in allowed}
         before = len(self._not_offered)
         for object in objects:
             due = self._subscribed.get(object, 0.0)
             left_out = object in self._refused or object in self._not_offered or object not in self._kept
-            if left_out or time.monotonic() < due or not self._channels.may_subscribe(self._instance, object):
+            if left_out or time.monotonic() < due or object not in allowed:
                 continue
             if not left:
                 break

@@ -118,7 +118,7 @@ class BacnetSource:
                     self._rebound = False
                     self._channels.replace(self._listed)
                     self._follow(link, arrived, tasks)
-                if arrived.empty() and all(session.silent for session in self._sessions.values()):
+                if arrived.empty() and self._sessions and all(session.silent for session in self._sessions.values()):
                     raise SourceUnavailable(self._nobody())
         finally:
             for task in tasks.values():

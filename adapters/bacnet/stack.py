@@ -247,7 +247,8 @@ class Datagrams(Server[PDU]):
         else:
             ip = destination if isinstance(destination, IPv4Address) else IPv4Address(destination)
             target = ip.addrTuple
-        self._transports[0].sendto(pdu.pduData, target)
+        if not self._transports[0].is_closing():
+            self._transports[0].sendto(pdu.pduData, target)
 
     async def close(self) -> None:
         """Close the sockets; safe to call twice."""

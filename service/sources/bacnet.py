@@ -52,7 +52,8 @@ def address(value: object) -> str:
     if routed and 1 <= int(routed["net"]) <= _LARGEST_NETWORK:
         return str(value)
     try:
-        return with_port(value)
+        with_port(value)
+        return str(value)
     except ValueError:
         raise ValueError(
             f'must be an IPv4 address such as "192.168.1.20", or behind a router the number of the network and the '

@@ -49,6 +49,10 @@ class Unsent:
         """Nothing that is sent in answer to a stranger carries anything but a refusal."""
         assert data[0] == 0x81
 
+    def is_closing(self) -> bool:
+        """Never."""
+        return False
+
     def close(self) -> None:
         """Nothing to close."""
 

@@ -53,6 +53,11 @@ async def collect(bms, enough):
     raise AssertionError("a live source does not end")
 
 
+async def exhaust(stream):
+    async for _ in stream:
+        pass
+
+
 def run(job):
     return asyncio.run(job)
 
@@ -363,6 +368,10 @@ def test_channels_change_while_it_is_at_work():
             for _ in range(5):
                 assert values([await anext(stream)]) == {"z/other": 2.0}
             assert len(one.asked) == asked, "a device without channels is left alone"
+            bms.rebind([channel("other", device=1202, address=one.where)])
+            async with asyncio.timeout(PATIENCE):
+                with pytest.raises(SourceUnavailable, match="is not device 1202"):
+                    await exhaust(stream)
 
     run(job())
 
