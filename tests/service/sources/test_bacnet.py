@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -142,3 +144,8 @@ def test_addresses_of_every_kind_are_taken(where: str, tmp_path: Path) -> None:
     tables = bacnet(tmp_path)
     air(at=where)(tables)
     assert listed(tmp_path, tables)["T_i"].address == where
+
+
+def test_the_library_is_imported_by_who_uses_it_only() -> None:
+    code = "import sys, service.sources.kinds, replay.bms.serving; sys.exit('bacpypes3' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False, timeout=180).returncode == 0
