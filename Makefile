@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt home-assistant overload soak audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -46,6 +46,10 @@ load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each se
 
 load-mqtt: $(VENV)/.ready  ## 200 MQTT topics at 10 Hz for 10 minutes on a real broker: misses, processor, memory
 	$(BIN)/python tests/integration/mqtt_load.py --seconds 600
+
+load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 minutes, subscribed and polled: misses, processor, memory
+	$(BIN)/python tests/integration/bacnet_load.py --seconds 600
+	$(BIN)/python tests/integration/bacnet_load.py --seconds 600 --polled
 
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the test against it
 

@@ -31,11 +31,11 @@ LEVELS = {
         {"arrays", "errors"},
     ),
     "adapters": (
-        {"csv", "http", "modbus", "mqtt", "zenoh"},
+        {"bacnet", "csv", "http", "modbus", "mqtt", "zenoh"},
         {"messages"},
         {"payload"},
-        {"edge", "stuck"},
-        {"reading", "units", "timestamps", "credentials"},
+        {"edge", "stuck", "rhythm"},
+        {"reading", "units", "timestamps", "credentials", "scanning"},
         {"errors"},
     ),
     "service": (

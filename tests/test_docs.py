@@ -56,6 +56,9 @@ from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
 from service.records.status import STATES
 from service.sources import (
+    bacnet as bacnet_models,
+)
+from service.sources import (
     channel as source_models,
 )
 from service.sources import csv
@@ -91,6 +94,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": publish_zenoh.ZenohConfig,
     "Recorded files": csv.CsvConfig,
+    "BACnet/IP": bacnet_models.BacnetConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
     "Zenoh sessions": zenoh_session_models.SessionConfig,
@@ -105,6 +109,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
     "Channels of recorded files": csv.CsvChannelConfig,
+    "Channels of BACnet/IP": bacnet_models.BacnetChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
     "Channels of HTTP": http_source_models.HttpChannelConfig,
@@ -257,6 +262,7 @@ def test_no_model_of_the_configuration_is_left_out() -> None:
     whole = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel}
     described = {*whole, *shared, *TABLES.values()}
     for module in (
+        bacnet_models,
         config_models,
         http_models,
         http_source_models,
@@ -401,6 +407,7 @@ def test_documented_defaults_of_live_sources_are_those_in_force() -> None:
     serial = modbus_models.SerialConfig.model_validate({"device": "/dev/ttyUSB0"})
     heard = zenoh_models.ZenohSourceConfig.model_validate({"connect": ["tcp/10.0.0.5:7447"]})
     described = {
+        "BACnet/IP": bacnet_models.BacnetConfig.model_validate({"interface": "192.168.1.10/24"}),
         "Modbus": source,
         "`serial`": serial,
         "Zenoh as a source": heard,

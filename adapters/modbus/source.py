@@ -10,13 +10,17 @@ from collections.abc import AsyncIterator, Sequence
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.modbus.client import Line, ModbusLink, NoAnswer, Refused
 from adapters.modbus.plan import Limits, Point, Request, halves, plan
-from adapters.modbus.points import Channels, ModbusChannel, probed
+from adapters.modbus.points import Channels, ModbusChannel
+from adapters.modbus.probing import probe_all
+from adapters.modbus.scan import scan
 from adapters.reading import Batch, Probe
+from adapters.rhythm import Rhythm
+from adapters.scanning import Scan, Scanned
 
-__all__ = ["ModbusChannel", "ModbusSource"]
+__all__ = ["ModbusChannel", "ModbusSource", "Numbering"]
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent unit is asked again, in s."""
@@ -27,6 +31,9 @@ REFUSAL = 600.0
 # Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
 _POLLS_IN_A_STRETCH = 10
 
+_BETWEEN_COUNTS = 5.0
+"""Between the two readings of a counter that is probed, at most, in s."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -35,6 +42,13 @@ class _Silence(NamedTuple):
 
     pause: float
     until: float
+
+
+class Numbering(NamedTuple):
+    """What the operator's list of registers begins with, and the unit that it is about."""
+
+    first_register: int = 0
+    unit: int = 1
 
 
 class ModbusSource:
@@ -47,12 +61,19 @@ class ModbusSource:
     """
 
     def __init__(
-        self, name: str, line: Line, channels: Sequence[ModbusChannel], *, poll: float, limits: Limits
+        self,
+        name: str,
+        line: Line,
+        channels: Sequence[ModbusChannel],
+        *,
+        poll: float,
+        limits: Limits,
+        numbering: Numbering = Numbering(),  # noqa: B008 - a value, never changed
     ) -> None:
         self.name = name
         self.late = 0
         """How many polls began later than they should have by a whole `poll` or more."""
-        self._line, self._poll, self._limits = line, poll, limits
+        self._line, self._poll, self._limits, self._numbering = line, poll, limits, numbering
         self._listed = tuple(channels)
         self._channels = Channels(channels, _POLLS_IN_A_STRETCH * poll)
         self._rebound = False
@@ -81,38 +102,41 @@ class ModbusSource:
         link = await self._open()
         try:
             loop = asyncio.get_running_loop()
-            due = loop.time()
+            rhythm = Rhythm(self._poll, loop.time())
             while True:
                 async for batch in self._round(link):
                     yield batch
-                due = self._next(due, loop.time())
+                due = rhythm.next(loop.time())
+                self._note_late(rhythm)
                 await asyncio.sleep(due - loop.time())
         finally:
             link.close()
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """Every channel, each by a request of its own."""
+        """Every channel, each by a request of its own; counters twice, `seconds` apart at most."""
         link = await self._open()
-        silent: dict[int, str] = {}
-        probes = []
         try:
-            for channel in self._listed:
-                if channel.unit not in silent:
-                    try:
-                        probes.append(probed(channel, await link.read(*channel.point)))
-                        continue
-                    except Refused as error:
-                        verdict = f"the device refuses it: {error}; check table and register"
-                    except NoAnswer as error:
-                        verdict = silent[channel.unit] = f"{error}; check unit_id and the device"
-                else:
-                    verdict = silent[channel.unit]
-                probes.append(Probe(channel.id, channel.place, "-", None, None, verdict))
+            return await probe_all(link, self._listed, min(seconds, _BETWEEN_COUNTS))
         except SourceUnavailable as error:
             raise SourceUnavailable(f"sources.{self.name}: {error}") from error
         finally:
             link.close()
-        return probes
+
+    async def scan(self, wanted: Scan) -> Scanned:
+        """The registers that units have, and what might be in them."""
+        link = await self._open()
+        try:
+            return await scan(
+                link,
+                wanted,
+                unit=self._numbering.unit,
+                first_register=self._numbering.first_register,
+                limits=self._limits,
+            )
+        except SourceError as error:
+            raise type(error)(f"sources.{self.name}: {error}") from error
+        finally:
+            link.close()
 
     async def close(self) -> None:
         """Close the connection; safe to call twice."""
@@ -177,20 +201,17 @@ class ModbusSource:
                 f"sources.{self.name}: {self._line.place} is connected but silent; check unit_id and the device"
             )
 
-    def _next(self, due: float, now: float) -> float:
-        """When the next poll is due (loop s). Polls keep their rhythm; those that were missed are not made up for."""
-        due += self._poll
-        if now < due + self._poll:
-            return max(due, now)
+    def _note_late(self, rhythm: Rhythm) -> None:
+        if not rhythm.overrun:
+            return
         self.late += 1
         if self.late == 1:
             _log.warning(
                 "sources.%s: a round took %.1f s, poll is %.1f s; poll less often or read in batches",
                 self.name,
-                now - due + self._poll,
+                rhythm.overrun,
                 self._poll,
             )
-        return now
 
     def _note_refusal(self, point: Point, reason: str) -> None:
         if point not in self._refusals:

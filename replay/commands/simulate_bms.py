@@ -16,7 +16,7 @@ SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
-    parser = add("simulate-bms", _simulate_bms, "Simulate a building behind a Modbus TCP server and a Zenoh publisher.")
+    parser = add("simulate-bms", _simulate_bms, "Simulate a building behind Modbus, Zenoh and BACnet servers.")
     parser.add_argument(
         "--zones", type=whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
     )
@@ -40,6 +40,13 @@ def add_to(add: AddCommand) -> None:
         default="tcp/127.0.0.1:7448",
         metavar="ENDPOINT",
         help='where the BMS listens for Zenoh, "off" for nowhere (default tcp/127.0.0.1:7448)',
+    )
+    parser.add_argument(
+        "--bacnet",
+        type=_bacnet,
+        default=None,
+        metavar="PORT",
+        help='UDP port of the BACnet/IP devices (such as 47808), 0 for any free one, "off" for none (default off)',
     )
     parser.add_argument(
         "--pace",
@@ -71,7 +78,13 @@ def add_to(add: AddCommand) -> None:
         "may be given several times",
     )
     parser.add_argument(
-        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building over Modbus"
+        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building"
+    )
+    parser.add_argument(
+        "--over",
+        choices=("modbus", "bacnet"),
+        default="modbus",
+        help="what the written configuration reads the building over (default modbus)",
     )
     parser.add_argument("--write-map", type=Path, metavar="PATH", help="write the register map as CSV")
 
@@ -83,12 +96,16 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
 
     if arguments.overrides and arguments.write_config is None:
         raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
+    if arguments.over == "bacnet" and arguments.bacnet is None:
+        raise ConfigError(["--over bacnet reads the BACnet devices; give --bacnet with their port too"])
     return simulate_bms(
         BmsOptions(
             zones=arguments.zones,
             port=arguments.port,
             control_port=arguments.control_port,
             zenoh=None if arguments.zenoh == "off" else arguments.zenoh,
+            bacnet=arguments.bacnet,
+            over=arguments.over,
             pace=arguments.pace,
             seed=arguments.seed,
             meters=arguments.devices,
@@ -99,6 +116,10 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
             overrides=arguments.overrides,
         )
     )
+
+
+def _bacnet(text: str) -> int | None:
+    return None if text == "off" else whole(0, 65535)(text)
 
 
 def _endpoint(text: str) -> str:

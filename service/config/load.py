@@ -42,6 +42,18 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
     return config
 
 
+def load_sources(path: Path, overrides: Sequence[str] = ()) -> dict[str, SourceConfig]:
+    """The [sources] tables alone of the file at `path`, for whoever has no zones yet. Raises ConfigError."""
+    raw = apply_overrides(_parsed(path), overrides)
+    problems = Problems(raw)
+    site = raw.get("site")
+    context = {"folder": path.resolve().parent, "site": site.get("id") if isinstance(site, dict) else None}
+    read = {name: _read_source(name, table, problems, context) for name, table in _raw_sources(raw, problems).items()}
+    if problems.sentences:
+        raise ConfigError(problems.sentences)
+    return {name: table for name, table in read.items() if table is not None}
+
+
 def _parsed(path: Path) -> dict[str, Any]:
     try:
         # A byte-order mark is what Windows editors put at the beginning.

@@ -17,6 +17,7 @@ from estimator.network.network import Network
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import NetworkConfig
+from service.config.usual import usual
 from service.fields.durations import DAY
 from service.fields.tables import TABLE
 from service.fields.values import (
@@ -131,7 +132,9 @@ class Config(BaseModel):
     def bindings(self, source: str) -> list[Binding]:
         """Every channel that `source` delivers to."""
         return [
-            Binding(f"{zone.id}/{channel}", table, zone.network.channel_unit(channel))
+            Binding(
+                f"{zone.id}/{channel}", table, zone.network.channel_unit(channel), usual(zone.network, channel, table)
+            )
             for zone in self.zones
             for channel, table in zone.channels.items()
             if table.source == source

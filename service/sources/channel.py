@@ -71,12 +71,14 @@ class SourceConfig(Protocol):
 
 
 class Binding(NamedTuple):
-    """What a source delivers to one channel: the id of its readings ("zone/channel"), and the network's unit for it."""
+    """What a source delivers to one channel: the id of its readings ("zone/channel"), the network's unit for it, and
+    the range in which its values usually lie."""
 
     id: str
     channel: Any
     """The channel's table, of the model that belongs to the kind of source."""
     unit: str
+    usual: tuple[float, float] = (-inf, inf)
 
 
 class SourceKind(NamedTuple):
@@ -96,9 +98,14 @@ class SourceKind(NamedTuple):
     rebind: Callable[[Any, Any, Sequence[Binding]], None] | None = None
 
 
-def edge_of(channel: ChannelConfig, unit: str, rollover: float | None = None) -> Edge:
-    """How raw values of `channel` become values in the network's `unit`; a counter that does not say otherwise starts
-    again at `rollover`."""
+def edge_of(
+    channel: ChannelConfig,
+    unit: str,
+    rollover: float | None = None,
+    usual: tuple[float, float] = (-inf, inf),
+) -> Edge:
+    """How raw values of `channel` become values in the network's `unit`, which `usual`ly lie in a range; a counter that
+    does not say otherwise starts again at `rollover`."""
     energy = channel.unit in ENERGIES and channel.unit != unit
     amounts = energy and channel.aggregate == "energy"
     return Edge(
@@ -108,4 +115,5 @@ def edge_of(channel: ChannelConfig, unit: str, rollover: float | None = None) ->
         (-inf, inf) if amounts else channel.valid or default_valid_range(unit),
         counter=energy and not amounts,
         rollover=channel.rollover or rollover,
+        usual=usual,
     )

@@ -394,7 +394,7 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
     assert "exception 2 (illegal data address); check table and register" in refused.verdict
     assert silent.verdict == silent_too.verdict == "no answer within 0.2 s; check unit_id and the device"
     assert asked == 1, "a silent unit is asked once"
-    assert meter.hints == ("the counter stands at 21.5",)
+    assert meter.hints == ("the counter stands at 21.5", "it moved by 0 within 1.0 s")
 
 
 def test_a_probe_marks_the_order_that_would_be_plausible():

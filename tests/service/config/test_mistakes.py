@@ -63,7 +63,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "no sources": (at(sources=None), "sources", ("is missing", "[sources.recording]")),
     "sources is a list": (at(sources=[1]), "sources", ("must be tables, not [1]",)),
     "source is no table": (at("sources", log="a.csv"), "sources.log", ("must be a table", 'not "a.csv"')),
-    "source without kind": (log(kind=None), "sources.log.kind", ("is missing", "one of: csv")),
+    "source without kind": (log(kind=None), "sources.log.kind", ("is missing", "one of: bacnet, csv")),
     "unknown kind": (log(kind="modbuss"), "sources.log.kind", ('no source of kind "modbuss"', "csv")),
     "kind is a list": (log(kind=["csv"]), "sources.log.kind", ("no source of kind", '["csv"]')),
     "bad source name": (
