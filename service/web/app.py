@@ -17,10 +17,11 @@ from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, Keys, NoKeys, RequireKey
-from service.web.guard import GatherBody, Guard
+from service.web.guard import Guard
 from service.web.limits import StreamLimits
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.problems import Problem, problem_response
+from service.web.server.bodies import GatherBody
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
 

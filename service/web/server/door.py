@@ -21,6 +21,7 @@ from service.fields.values import is_loopback
 from service.web.server.peers import peer_of, plain_address
 from service.web.server.protocol import UNIX, Protocol
 from service.web.server.refusal import RequestRefused, refusal
+from service.web.server.turns import Turns
 
 SPARE = 32
 """Connections beyond the limit that are still told so; more are closed at once."""
@@ -55,6 +56,7 @@ class Door:
         self._server = server
         self._state = state
         self._context = context
+        self._turns = Turns()
         self._peers: Counter[str] = Counter()
         self._greetings: set[asyncio.Task[None]] = set()
         self.cut_off: Counter[str] = Counter()
@@ -116,7 +118,7 @@ class Door:
         """Make the connection one of the server's, after the handshake if it is encrypted."""
         context, limits = self._context(), self._limits
         timeouts = {"ssl_handshake_timeout": limits.receive_timeout, "ssl_shutdown_timeout": limits.send_timeout}
-        protocol = Protocol(self._server, self._state, limits, lambda: self._leave(peer), app)
+        protocol = Protocol(self._server, self._state, limits, self._turns, lambda: self._leave(peer), app)
         try:
             await asyncio.get_running_loop().connect_accepted_socket(
                 lambda: protocol, connection, ssl=context, **(timeouts if context else {})
