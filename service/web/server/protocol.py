@@ -11,7 +11,7 @@ from http import HTTPStatus
 from typing import Any
 
 import h11
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.config import Config
 from uvicorn.protocols.http.flow_control import FlowControl
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -24,6 +24,9 @@ from service.web.server.turns import Account, Turns
 
 MIN_PROGRESS = 65_536
 """Bytes of an answer that a client must take within send_timeout."""
+
+PIECE = 65_536
+"""How much of an answer its transport is given at once."""
 
 READ_BYTES = 16_384
 """How much is read from a connection at once; more waits in the kernel, which makes the client wait."""
@@ -61,7 +64,7 @@ class Protocol(H11Protocol):
     """uvicorn's protocol with bounds on the time that a request takes to come in and an answer to go out, and on how
     long it holds the event loop.
 
-    `check` has to be called now and then; `lost` is called once at the end.
+    `check` has to be called now and then.
     """
 
     flow: _Flow
@@ -73,22 +76,26 @@ class Protocol(H11Protocol):
         state: ServerState,
         limits: LimitsConfig,
         turns: Turns,
+        grown: Callable[[], None],
         lost: Callable[[], None],
         app: ASGIApp | None,
     ) -> None:
-        """`turns` shares the loop between the connections; `app` answers instead of the configured one."""
+        """`turns` shares the loop between the connections; `app` answers instead of the configured one. `grown` is
+        called when a large answer begins to wait for its client, `lost` when the connection has ended."""
         super().__init__(config, state, {})
+        self.app = self._in_pieces(app or config.loaded_app)
         self.logger = _log
         self.conn = Parser(limits.headers, limits.body)
         self.account = Account()
         self._turns = turns
-        if app is not None:
-            self.app = app
         self._limits = limits
+        self._grown = grown
         self._lost = lost
         self._layers: list[asyncio.WriteTransport] = []
         self._receiving_since: float | None = None
         """When the request began that is not complete yet."""
+        self._owed = 0
+        """Bytes of the answer that the transport has not been given yet."""
         self._unsent = 0
         self._progress = 0.0
         """How much of the answer was waiting when the client last made progress, and when that was."""
@@ -143,7 +150,35 @@ class Protocol(H11Protocol):
     @property
     def unsent(self) -> int:
         """Bytes that wait for the client to take them."""
-        return sum(layer.get_write_buffer_size() for layer in self._layers)
+        return self._owed + sum(layer.get_write_buffer_size() for layer in self._layers)
+
+    def _in_pieces(self, app: ASGIApp) -> ASGIApp:
+        """`app`, whose answers are given to the transport as fast as the client takes them: the transport would copy
+        the rest."""
+
+        async def paced(scope: Scope, receive: Receive, send: Send) -> None:
+            async def in_pieces(message: Message) -> None:
+                body = message.get("body", b"")
+                if len(body) <= PIECE:
+                    await send(message)
+                    return
+                if not self.unsent:
+                    self._unsent, self._progress = 0, self.loop.time()
+                self._owed = len(body)
+                self._grown()
+                try:
+                    for begin in range(0, len(body), PIECE):
+                        more = begin + PIECE < len(body) or message.get("more_body", False)
+                        await send({**message, "body": body[begin : begin + PIECE], "more_body": more})
+                        self._owed -= PIECE
+                        if self.transport.is_closing():
+                            return
+                finally:
+                    self._owed = 0
+
+            await app(scope, receive, in_pieces)
+
+        return paced
 
     def check(self, now: float) -> str | None:
         """End the connection if the client is too slow; in what, or None."""

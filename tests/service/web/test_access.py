@@ -90,8 +90,7 @@ def routes(app: FastAPI) -> list[tuple[str, str]]:
     """Path and method of all there is, in the API's description and beside it."""
     described = [(path, method.upper()) for path, item in app.openapi()["paths"].items() for method in item]
     own = [route for route in app.routes if isinstance(route, Route)]
-    mounted = {route.path for route in app.routes if isinstance(route, Mount)}
-    assert mounted == {"/static"}
+    assert not [route for route in app.routes if isinstance(route, Mount)], "what is mounted cannot be listed"
     return described + [(route.path, method) for route in own for method in route.methods or ()]
 
 

@@ -22,6 +22,7 @@ from service.web.server import door as http_door
 from service.web.server import turns
 from service.web.server.parser import FREE_CHUNKS, Parser
 from service.web.server.peers import peer_of
+from service.web.server.protocol import PIECE
 from service.web.server.turns import Account, Turns
 
 QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
@@ -183,6 +184,39 @@ def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
             connections = server.open_connections
             assert 1 <= len(connections) <= 3, "the slowest were let go, no more than needed"
             assert sum(one.transport.get_write_buffer_size() for one in connections) <= 16 * 2**20
+            for client in deaf:
+                await client.close()
+
+    run(scenario())
+
+
+def test_a_large_answer_is_given_to_the_transport_in_pieces() -> None:
+    """The transport copies what it is given, and a TLS transport twice."""
+
+    async def scenario() -> None:
+        async with serving(small_app(), config()) as server:
+            deaf = await Client.to(server, limit=1024)
+            await deaf.send(b"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
+            (waiting,) = server.open_connections
+            assert waiting.transport.get_write_buffer_size() <= 3 * PIECE
+            await deaf.close()
+            await until(lambda: not server.open_connections)
+
+    run(scenario())
+
+
+def test_room_for_answers_is_made_before_the_next_one_is_taken_in() -> None:
+    """Between two sweeps a thousand answers could begin to wait."""
+
+    async def scenario() -> None:
+        limits = {"unsent": 2**20, "send_timeout": 170}
+        async with serving(small_app(), config(limits=limits)) as server:
+            deaf = [await Client.to(server, limit=1024) for _ in range(8)]
+            for client in deaf:
+                await client.send(b"GET /large?megabytes=24 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            await until(lambda: server.cut_off["slow to read"] == 7)
+            assert len([one for one in server.open_connections if not one.transport.is_closing()]) == 1
             for client in deaf:
                 await client.close()
 
