@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
 
@@ -55,7 +55,13 @@ def create_app(
     """
     # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none. Its route of the document
     # would write it anew for every client.
-    app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, openapi_url=None)
+    app = FastAPI(
+        title="Thermogate",
+        version=version,
+        description=_DESCRIPTION,
+        openapi_url=None,
+        dependencies=[Depends(api_problems.known_parameters)],
+    )
     api_problems.install(app)
     http = http or HttpConfig()
     app.state.stream_limits = StreamLimits(http.limits.streams_per_client, http.limits.streams)

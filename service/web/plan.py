@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from estimator.network.network import Network
 from service.fields.durations import format_duration
+from service.web.models import MAX_STEPS
 from service.web.problems import invalid
-
-MAX_STEPS = 2016
-"""A week of 5 min steps."""
 
 MAX_INTERVALS = 4032
 """Intervals in one fan: steps times levels; each is a root-finding over all particles."""

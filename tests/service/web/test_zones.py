@@ -208,7 +208,7 @@ def test_a_failing_journal_is_503_with_its_sentence(app: FastAPI) -> None:
         ("horizon=0s", "horizon 0s is not a whole number of the zone's periods of 5min; 5min would be"),
         ("horizon=12min", "horizon 12min is not a whole number of the zone's periods of 5min; 10min would be"),
         ("horizon=2017h", "at most 2016 are forecast at once, that is 7d"),
-        ("&".join(f"level=.{i:03}" for i in range(1, 34)), "at most 32 levels at a time, not 33"),
+        ("&".join(f"level=.{i:03}" for i in range(1, 34)), "takes at most 32 values"),
     ],
 )
 def test_mistakes_in_a_forecast_query(app: FastAPI, query: str, sentence: str) -> None:
