@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
 from service.daemon.instruments import instrument
+from service.daemon.kernel_cache import guard_kernel_cache
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
@@ -73,6 +74,7 @@ def run_daemon(
     if sys.__stderr__ is not None:
         faulthandler.enable(sys.__stderr__)
     favour_the_event_loop()
+    guard_kernel_cache()
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
 

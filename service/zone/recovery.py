@@ -11,6 +11,7 @@ import asyncio
 import logging
 import time
 import zlib
+from pickle import PickleError
 
 from service.errors import ServiceError
 from service.records.sample import Sample
@@ -23,7 +24,21 @@ from service.zone.worker import ZoneWorker
 
 SET_BACK = "the clock of this machine was set back; waiting for the next sample"
 
+_ENVIRONMENT = (OSError, MemoryError, ImportError, EOFError, PickleError, ServiceError)
+
 _log = logging.getLogger(__name__)
+
+
+def is_of_the_environment(error: BaseException) -> bool:
+    """Whether `error` is one of disk, memory, threads or compiler, for which no sample is to blame.
+
+    So is one that has such a cause.
+    """
+    if isinstance(error, _ENVIRONMENT) or "can't start new thread" in str(error):
+        return True
+    if type(error).__module__.partition(".")[0] in ("numba", "llvmlite"):
+        return True
+    return error.__cause__ is not None and is_of_the_environment(error.__cause__)
 
 
 class Recovery:

@@ -3,7 +3,7 @@
 A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
 zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
 into the journal, so that nothing is lost and no other zone waits. A sample on which the zone fails
-repeatedly is marked in the journal and passed over.
+repeatedly is marked in the journal and passed over, unless it is the environment that fails.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
 from service.zone.pauses import GrowingPause
 from service.zone.plumbing import Plumbing
-from service.zone.recovery import Recovery
+from service.zone.recovery import Recovery, is_of_the_environment
 from service.zone.timeliness import Timeliness
 from service.zone.worker import ZoneWorker
 
@@ -246,7 +246,7 @@ class Zone:
                 attempts = attempts + 1 if failed_on == self._at else 1
                 failed_on, self._at = self._at, None
                 self._fail(error, pause.seconds)
-                if failed_on is not None and attempts >= ATTEMPTS:
+                if failed_on is not None and attempts >= ATTEMPTS and not is_of_the_environment(error):
                     await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
                 if await self._intake.mailbox.closed_within(pause.seconds):
                     return
