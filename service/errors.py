@@ -27,6 +27,10 @@ class ReloadRefused(ServiceError):
         self.problems = list(problems)
 
 
+class TooManyQuestions(ServiceError):
+    """More is to be computed than there is room for; asking again later helps."""
+
+
 class KeyFileError(ServiceError):
     """The file of API keys cannot be read, written or trusted, or has no such key."""
 

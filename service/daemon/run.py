@@ -46,6 +46,7 @@ from service.web.keys import KeyRing
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
 from service.zone.plumbing import Plumbing
+from service.zone.questions import THREADS, Questions
 
 Result = TypeVar("Result")
 
@@ -105,7 +106,7 @@ class Daemon:
             loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
         pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
-        asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=stand_back)
+        asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
         sinks: list[Sink] = []
         try:
             for name in reset:
@@ -181,7 +182,8 @@ class Daemon:
         every = self._config.site.checkpoint_every
         streams = self._streams
         sinks: tuple[Sink, ...] = (metrics, *opened, streams)
-        plumbing = Plumbing(self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every)
+        questions = Questions(asking, self._stopped)
+        plumbing = Plumbing(self._config.site.id, store, pool, questions, self._stopped, metrics, sinks, every)
         self._runtime = runtime = Runtime(self._config, zones, plumbing)
         instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()

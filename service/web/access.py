@@ -17,6 +17,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
+from service.records.asker import Asker, asked_by, current_asker
 from service.records.view import ZoneView
 from service.web.keys import Key, Scope
 from service.web.limits import FailedAttempts
@@ -125,6 +126,9 @@ class RequireKey:
                 return
             client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
             connection.setdefault("state", {}).update(caller=caller, client=client)
+            asker = current_asker() or Asker()
+            asker.name = client
+            asked_by(asker)
             if caller.key is not None:
                 send = self._while_accepted(caller.key, send)
         await self._app(connection, receive, send)

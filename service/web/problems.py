@@ -14,11 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from service.errors import ServiceError
+from service.errors import ServiceError, TooManyQuestions
 from service.fields.problems import extended, own_sentence
 from service.web.server.refusal import MEDIA_TYPE, RequestRefused, few, problem_answer, refusal
 
 RETRY_SECONDS = 60
+SOON_SECONDS = 5
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
@@ -83,6 +84,7 @@ def known_parameters(request: Request) -> None:
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with a problem document."""
     app.add_exception_handler(RequestRefused, _refused)
+    app.add_exception_handler(TooManyQuestions, _too_many)
     app.add_exception_handler(ServiceError, _unavailable)
     app.add_exception_handler(RequestValidationError, _misread)
     app.add_exception_handler(HTTPException, _framework)
@@ -92,6 +94,10 @@ def install(app: FastAPI) -> None:
 async def _refused(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestRefused)
     return refusal(error)
+
+
+async def _too_many(request: Request, error: Exception) -> Response:
+    return problem_answer(HTTPStatus.TOO_MANY_REQUESTS, str(error), {"Retry-After": str(SOON_SECONDS)})
 
 
 async def _unavailable(request: Request, error: Exception) -> Response:

@@ -128,17 +128,17 @@ class Zone:
     async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
         """The standing forecast and `steps` beyond it, under `plan`."""
         rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
-        fan = partial(self._worker.fan, levels, rows, self._plumbing.stopping.is_set)
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, fan)
+        return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows))
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters."""
         worker = self._worker
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+        return await self._plumbing.asking.ask(lambda given_up: worker.parameters(levels))
 
     async def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth."""
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, self._worker.skill)
+        worker = self._worker
+        return await self._plumbing.asking.ask(lambda given_up: worker.skill())
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""

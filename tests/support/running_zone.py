@@ -12,6 +12,7 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Occasion
 from service.store.store import Store
 from service.zone.plumbing import Plumbing
+from service.zone.questions import Questions
 from service.zone.zone import Zone
 
 
@@ -56,7 +57,9 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9):
     sinks = [metrics] if announcer is None else [metrics, announcer]
     store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
-        yield Plumbing("site", store, pool, asking, threading.Event(), metrics, sinks, checkpoint_every)
+        stopping = threading.Event()
+        questions = Questions(asking, stopping)
+        yield Plumbing("site", store, pool, questions, stopping, metrics, sinks, checkpoint_every)
     finally:
         asking.shutdown()
         pool.shutdown()

@@ -18,6 +18,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
 from service.config.http import LimitsConfig
+from service.records.asker import Asker, asked_by
 from service.web.server.parser import Parser
 from service.web.server.refusal import MEDIA_TYPE
 from service.web.server.turns import Account, Turns
@@ -94,6 +95,8 @@ class Protocol(H11Protocol):
         self._layers: list[asyncio.WriteTransport] = []
         self._receiving_since: float | None = None
         """When the request began that is not complete yet."""
+        self._asker = Asker()
+        """Of the request that is being answered."""
         self._owed = 0
         """Bytes of the answer that the transport has not been given yet."""
         self._unsent = 0
@@ -136,6 +139,7 @@ class Protocol(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
         self._turns.leave(self)
+        self._asker.gone.set()
         self._lost()
 
     def resume_writing(self) -> None:
@@ -176,7 +180,12 @@ class Protocol(H11Protocol):
                 finally:
                     self._owed = 0
 
-            await app(scope, receive, in_pieces)
+            asker = self._asker = Asker()
+            asked_by(asker)
+            try:
+                await app(scope, receive, in_pieces)
+            finally:
+                self._asker = Asker()
 
         return paced
 
