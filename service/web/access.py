@@ -17,6 +17,7 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
+from service.errors import KeyFileError
 from service.records.asker import Asker, asked_by, current_asker
 from service.records.view import ZoneView
 from service.web.keys import Key, Scope
@@ -33,6 +34,8 @@ ZONES_PREFIX = "/zones"
 
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
+
+KEYS_RETRY_SECONDS = 10
 
 _REALM = 'Bearer realm="thermogate"'
 
@@ -68,7 +71,7 @@ class Keys(Protocol):
         """Whether reading needs a key."""
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is."""
+        """The active key that `secret` is. KeyFileError while nobody can say."""
 
     def accepts(self, key: Key) -> bool:
         """Whether `key`, found before, is still active."""
@@ -176,7 +179,10 @@ class RequireKey:
                 ["this needs an API key; send it as Authorization: Bearer tg_..., made with `thermogate keys create`"],
                 headers={"WWW-Authenticate": _REALM},
             )
-        key = self._keys.find(secret.strip())
+        try:
+            key = self._keys.find(secret.strip())
+        except KeyFileError as error:
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:
             return Caller.with_key(key)
         # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not

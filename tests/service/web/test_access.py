@@ -204,3 +204,18 @@ def test_failed_attempts_are_forgiven_in_time() -> None:
 )
 def test_a_peer_is_its_address(client: object, peer: str) -> None:
     assert peer_of({"type": "http", "client": client}) == peer
+
+
+def test_while_nobody_can_say_which_keys_are_good_none_is(app: FastAPI, file: Path) -> None:
+    secret = create_key(file, "one", "read")
+    assert status(app, "/zones", secret) == 200
+    content = file.read_bytes()
+    file.write_bytes(b"{")
+    answer = request(app, "GET", "/zones", headers=bearer(secret))
+    assert "cannot be read now" in problem(answer, 503)["detail"]
+    assert str(file) not in answer.text
+    assert int(answer.headers["retry-after"]) > 0
+    assert request(app, "GET", "/zones").status_code == 401
+    assert request(app, "GET", "/healthz").status_code == 200
+    file.write_bytes(content)
+    assert status(app, "/zones", secret) == 200
