@@ -200,7 +200,7 @@ class Daemon:
             metrics.registry,
             version=version("thermogate"),
             keys=keys,
-            problems=vitals.problems,
+            problems=lambda: [*vitals.problems(), *store.problems()],
             reload=self.reload,
             http=http,
             streams=streams,
@@ -227,7 +227,11 @@ class Daemon:
                 gc.freeze()
                 runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
-                watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(collect_garbage())]
+                watching += [
+                    asyncio.create_task(store.keep_within(limits)),
+                    asyncio.create_task(store.watch()),
+                    asyncio.create_task(collect_garbage()),
+                ]
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
                 ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]

@@ -76,6 +76,8 @@ class Zone:
         # Copied in one go: the event loop may change them while a worker thread asks.
         progress, intake = self._worker.progress, self._intake
         alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
+        if intake.live and alignment and (refusing := sorted(set(alignment.refusing))):
+            trouble = (*trouble, f"the device refuses {', '.join(refusing)}; the log says why")
         state, reason = state_and_reason(
             progress,
             has_forecast=self._worker.latest is not None,
