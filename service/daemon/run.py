@@ -31,7 +31,7 @@ from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
-from service.daemon.tasks import done_before, end
+from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
@@ -135,7 +135,7 @@ class Daemon:
             raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
         self._notifier.reloading()
         try:
-            new = await asyncio.to_thread(self._reread)
+            new = await abandonable(self._reread)
             if self._http is not None:
                 self._http.reload()
             changes = await runtime.reload(new)

@@ -7,9 +7,11 @@ one), checkpoints to the caller's pool.
 from __future__ import annotations
 
 import asyncio
+import errno
 import fcntl
 import logging
 import os
+import stat
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -25,7 +27,7 @@ from service.records.measures import Measure, Rows, single
 from service.records.sample import Sample
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint, CheckpointStore
-from service.store.durable_files import make_folder
+from service.store.durable_files import SPACE, make_folder
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
 
@@ -59,6 +61,7 @@ class Store:
         """Opens both and takes the lock. Raises ServiceError with the remedy where that fails."""
         self.path = state_dir
         self._lock: int | None = lock(state_dir)
+        _warn_of_onlookers(state_dir)
         try:
             if (state_dir / RESTORING).exists():
                 raise ServiceError(
@@ -274,6 +277,19 @@ class Store:
             self._journal.record(*self._recorded.popleft())
 
 
+def _warn_of_onlookers(folder: Path) -> None:
+    """Say so if accounts that are neither the daemon's nor of its group can look into `folder`."""
+    mode = stat.S_IMODE(folder.stat().st_mode)
+    if mode & stat.S_IRWXO:
+        _log.warning(
+            "every account of this machine can get into site.state_dir %s (mode %04o), and what is in it tells when "
+            "people are there; say: chmod o= %s",
+            folder,
+            mode,
+            folder,
+        )
+
+
 def _identity(path: Path) -> tuple[int, int] | None:
     """Which file `path` is; None if there is none."""
     try:
@@ -297,11 +313,13 @@ def lock(state_dir: Path) -> int:
     """An exclusive lock on `state_dir`, held until its descriptor is closed or the process ends."""
     try:
         make_folder(state_dir)
-        descriptor = os.open(state_dir / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(state_dir / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        with suppress(PermissionError):
+            # Whoever can open it can hold the lock.
+            os.fchmod(descriptor, 0o600)
     except OSError as error:
-        raise ServiceError(
-            f"site.state_dir {state_dir} cannot be written ({error.strerror}); choose another"
-        ) from error
+        remedy = SPACE if error.errno == errno.ENOSPC else "choose another"
+        raise ServiceError(f"site.state_dir {state_dir} cannot be written ({error.strerror}); {remedy}") from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from adapters.units import possible_range
 from estimator.network.network import Network
 from service.fields.durations import format_duration
 from service.web.models import MAX_STEPS
@@ -66,6 +67,16 @@ def full_plan(
             )
         else:
             plan[channel] = [float(value) for value in values]
+        mistakes += _impossible(channel, network.channel_unit(channel), plan[channel]) if channel in plan else []
     if mistakes:
         raise invalid(mistakes)
     return plan
+
+
+def _impossible(channel: str, unit: str, values: Sequence[float]) -> list[str]:
+    """A sentence if one of the `values` planned for `channel` is beyond what the arithmetic of a forecast survives."""
+    lower, upper = possible_range(unit)
+    wrong = next((value for value in values if not lower <= value <= upper), None)
+    if wrong is None:
+        return []
+    return [f"field 'inputs.{channel}' has {wrong:g}; planned values in {unit} lie from {lower:g} to {upper:g}"]
