@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ def guard_kernel_cache() -> None:
     if getattr(caching.Cache, "guarded", False):
         return
     caching.Cache.guarded = True
+    read = caching.IndexDataCacheFile._load_data
     load, save = caching.Cache.load_overload, caching.Cache.save_overload
 
     def load_or_compile(cache: Any, *arguments: Any) -> Any:
@@ -40,7 +40,9 @@ def guard_kernel_cache() -> None:
         try:
             try:
                 save(cache, *arguments)
-            except (EOFError, ValueError, pickle.PickleError) as error:
+            except OSError:
+                raise
+            except Exception as error:
                 # The index is read before it is written.
                 _set_aside(cache, error)
                 save(cache, *arguments)
@@ -50,23 +52,22 @@ def guard_kernel_cache() -> None:
                 "NUMBA_CACHE_DIR to another folder, or every start compiles them again"
             )
 
+    def read_if_sound(files: Any, name: str) -> Any:
+        content, mark, digest = Path(files._data_path(name)).read_bytes().rpartition(_MARK)
+        if mark and hashlib.sha256(content).digest() != digest:
+            raise ValueError("a checksum is wrong")
+        # What follows the content is of no concern to Numba.
+        return read(files, name)
+
     caching.Cache.load_overload, caching.Cache.save_overload = load_or_compile, save_if_possible
     caching.IndexDataCacheFile._save_data = _save_data
-    caching.IndexDataCacheFile._load_data = _load_data
+    caching.IndexDataCacheFile._load_data = read_if_sound
 
 
 def _save_data(files: Any, name: str, data: object) -> None:
     content = files._dump(data)
     with files._open_for_write(files._data_path(name)) as file:
         file.write(content + _MARK + hashlib.sha256(content).digest())
-
-
-def _load_data(files: Any, name: str) -> Any:
-    written = Path(files._data_path(name)).read_bytes()
-    content, mark, digest = written.rpartition(_MARK)
-    if mark and hashlib.sha256(content).digest() != digest:
-        raise ValueError("a checksum is wrong")
-    return pickle.loads(content if mark else written)
 
 
 def _set_aside(cache: Any, error: Exception) -> None:

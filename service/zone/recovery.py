@@ -11,7 +11,6 @@ import asyncio
 import logging
 import time
 import zlib
-from pickle import PickleError
 
 from service.errors import ServiceError
 from service.records.sample import Sample
@@ -24,7 +23,9 @@ from service.zone.worker import ZoneWorker
 
 SET_BACK = "the clock of this machine was set back; waiting for the next sample"
 
-_ENVIRONMENT = (OSError, MemoryError, ImportError, EOFError, PickleError, ServiceError)
+_ENVIRONMENT = (OSError, MemoryError, ImportError, EOFError, ServiceError)
+_OF_THE_COMPILER = ("numba", "llvmlite", "_pickle", "pickle")
+"""Packages whose errors are those of the compiler and its cache."""
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +37,7 @@ def is_of_the_environment(error: BaseException) -> bool:
     """
     if isinstance(error, _ENVIRONMENT) or "can't start new thread" in str(error):
         return True
-    if type(error).__module__.partition(".")[0] in ("numba", "llvmlite"):
+    if type(error).__module__.partition(".")[0] in _OF_THE_COMPILER:
         return True
     return error.__cause__ is not None and is_of_the_environment(error.__cause__)
 
