@@ -177,6 +177,8 @@ class Protocol(H11Protocol):
                         self._owed -= PIECE
                         if self.transport.is_closing():
                             return
+                        # The system may take megabytes at once, and other answers wait.
+                        await asyncio.sleep(0)
                 finally:
                     self._owed = 0
 
