@@ -155,7 +155,7 @@ def made_up_archive(folder: Path) -> str:
     with holes.open("wb") as file:
         file.truncate(20 * 10**9)
     manifest = (
-        '{"format":1,"site":"building-67","made":"2025-01-01T00:00:00+00:00","files":{"journal.sqlite3":'
+        '{"format":1,"site":"semi-synthetic","made":"2025-01-01T00:00:00+00:00","files":{"journal.sqlite3":'
         '{"size":20000000000,"sha256":"00"}}}'
     )
     (folder / "manifest.json").write_text(manifest)
