@@ -115,6 +115,12 @@ class Protocol(H11Protocol):
         self._layers = [transport] if encryption is None else [transport, encryption._transport]
         if encryption is None:
             transport.max_size = READ_BYTES
+        else:
+            # A quarter of a megabyte each, in the buffer for the socket and in that for what is not read yet.
+            encryption.max_size = READ_BYTES
+            encryption._ssl_buffer = bytearray(READ_BYTES)
+            encryption._ssl_buffer_view = memoryview(encryption._ssl_buffer)
+            transport.set_read_buffer_limits(high=READ_BYTES)
         self._receiving_since = self._progress = self.loop.time()
 
     def handle_events(self) -> None:
