@@ -11,7 +11,7 @@ class ConfigError(ServiceError):
     """A mistake in the configuration. `problems` holds one sentence per mistake, each beginning with its place."""
 
     def __init__(self, problems: list[str]) -> None:
-        self.problems = [_one_line(problem) for problem in problems]
+        self.problems = [one_line(problem) for problem in problems]
         super().__init__("\n".join(self.problems))
 
 
@@ -25,6 +25,10 @@ class ReloadRefused(ServiceError):
     def __init__(self, problems: Sequence[str]) -> None:
         super().__init__("; ".join(problems))
         self.problems = list(problems)
+
+
+class TooManyQuestions(ServiceError):
+    """More is to be computed than there is room for; asking again later helps."""
 
 
 class KeyFileError(ServiceError):
@@ -58,7 +62,7 @@ class StateMismatch(ServiceError):
         )
 
 
-def _one_line(sentence: str) -> str:
+def one_line(sentence: str) -> str:
     """`sentence` with what a file may hold and a terminal should not get written as Python writes it."""
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode() for character in sentence

@@ -25,13 +25,14 @@ from service.config.site import Config
 from service.daemon.exposure import check_exposure
 from service.daemon.ingest import Ingest
 from service.daemon.instruments import instrument
+from service.daemon.kernel_cache import guard_kernel_cache
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
-from service.daemon.tasks import done_before, end
+from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
@@ -46,6 +47,7 @@ from service.web.keys import KeyRing
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
 from service.zone.plumbing import Plumbing
+from service.zone.questions import THREADS, Questions
 
 Result = TypeVar("Result")
 
@@ -75,6 +77,7 @@ def run_daemon(
     if sys.__stderr__ is not None:
         faulthandler.enable(sys.__stderr__)
     favour_the_event_loop()
+    guard_kernel_cache()
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
 
@@ -110,7 +113,7 @@ class Daemon:
             loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
         pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
-        asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=stand_back)
+        asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
         sinks: list[Sink] = []
         try:
             for name in reset:
@@ -139,7 +142,7 @@ class Daemon:
             raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
         self._notifier.reloading()
         try:
-            new = await asyncio.to_thread(self._reread)
+            new = await abandonable(self._reread)
             if self._http is not None:
                 self._http.reload()
             changes = await runtime.reload(new)
@@ -187,7 +190,8 @@ class Daemon:
         every = self._config.site.checkpoint_every
         streams = self._streams
         sinks: tuple[Sink, ...] = (metrics, *opened, streams)
-        plumbing = Plumbing(self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every)
+        questions = Questions(asking, self._stopped)
+        plumbing = Plumbing(self._config.site.id, store, pool, questions, self._stopped, metrics, sinks, every)
         self._runtime = runtime = Runtime(self._config, zones, plumbing)
         instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()
@@ -204,7 +208,7 @@ class Daemon:
             metrics.registry,
             version=version("thermogate"),
             keys=keys,
-            problems=vitals.problems,
+            problems=lambda: [*vitals.problems(), *store.problems()],
             reload=self.reload,
             http=http,
             streams=streams,
@@ -232,7 +236,11 @@ class Daemon:
                 gc.freeze()
                 runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
-                watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(collect_garbage())]
+                watching += [
+                    asyncio.create_task(store.keep_within(limits)),
+                    asyncio.create_task(store.watch()),
+                    asyncio.create_task(collect_garbage()),
+                ]
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
                 ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]

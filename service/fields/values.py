@@ -252,6 +252,10 @@ def context(info: ValidationInfo) -> dict[str, Any]:
 def path(value: object, info: ValidationInfo) -> Path:
     """An absolute path; a relative one is taken from the configuration file's folder (`folder` of the context)."""
     given = Path(value if isinstance(value, Path) else text(value))
+    if "-----BEGIN" in str(given) or "\n" in str(given):
+        raise ValueError(
+            "is the content of a file; put it into a file that only the daemon can read, and give its path"
+        )
     try:
         return Path(context(info)["folder"], given.expanduser())
     except RuntimeError:

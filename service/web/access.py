@@ -17,6 +17,8 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
+from service.errors import KeyFileError
+from service.records.asker import Asker, asked_by, current_asker
 from service.records.view import ZoneView
 from service.web.keys import Key, Scope
 from service.web.limits import FailedAttempts
@@ -35,6 +37,8 @@ READINGS = "readings"
 
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
+
+KEYS_RETRY_SECONDS = 10
 
 _REALM = 'Bearer realm="thermogate"'
 
@@ -74,7 +78,7 @@ class Keys(Protocol):
         """Whether reading needs a key."""
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is."""
+        """The active key that `secret` is. KeyFileError while nobody can say."""
 
     def accepts(self, key: Key) -> bool:
         """Whether `key`, found before, is still active."""
@@ -143,6 +147,9 @@ class RequireKey:
                 return
             client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
             connection.setdefault("state", {}).update(caller=caller, client=client)
+            asker = current_asker() or Asker()
+            asker.name = client
+            asked_by(asker)
             if caller.key is not None:
                 send = self._while_accepted(caller.key, send)
         await self._app(connection, receive, send)
@@ -192,7 +199,10 @@ class RequireKey:
                 ["this needs an API key; send it as Authorization: Bearer tg_..., made with `thermogate keys create`"],
                 headers={"WWW-Authenticate": _REALM},
             )
-        key = self._keys.find(secret.strip())
+        try:
+            key = self._keys.find(secret.strip())
+        except KeyFileError as error:
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:
             return Caller.with_key(key)
         # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not

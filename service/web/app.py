@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
-from starlette.middleware.gzip import GZipMiddleware
 
 from service.config.http import HttpConfig
 from service.publish.events import Streams
@@ -17,12 +17,15 @@ from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
-from service.web.guard import GatherBody, Guard
+from service.web.guard import Guard
 from service.web.limits import StreamLimits
 from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.problems import Problem, problem_response
 from service.web.readings import Take, reading_routes
+from service.web.server.assets import Asset
+from service.web.server.bodies import GatherBody
+from service.web.server.compression import Compress
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
 
@@ -54,13 +57,20 @@ def create_app(
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
-    # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
-    app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
+    # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none. Its route of the document
+    # would write it anew for every client.
+    app = FastAPI(
+        title="Thermogate",
+        version=version,
+        description=_DESCRIPTION,
+        openapi_url=None,
+        dependencies=[Depends(api_problems.known_parameters)],
+    )
     api_problems.install(app)
     http = http or HttpConfig()
     app.state.stream_limits = StreamLimits(http.limits.streams_per_client, http.limits.streams)
     # The last one added is the first to see a request.
-    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.add_middleware(Compress)
     app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
     app.state.answers = Counter()
@@ -71,6 +81,8 @@ def create_app(
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]
+    document = Asset(lambda: json.dumps(app.openapi()).encode(), "application/json")
+    app.add_route("/openapi.json", document.answer, include_in_schema=False)
     return app
 
 

@@ -24,6 +24,10 @@ from service.fields.times import ZoneMissing, parse_time
 from service.publish.payloads import Envelope, FindingPayload, Number, Payload, StatusPayload
 
 MAX_LEVELS = 32
+MAX_INPUTS = 64
+MAX_STEPS = 2016
+"""A week of 5 min steps."""
+
 MAX_ROWS = 20_000
 PARAMETER_LEVELS = (0.025, 0.5, 0.975)
 
@@ -34,9 +38,7 @@ def _level(value: float) -> float:
     return value
 
 
-def _few(levels: list[float]) -> list[float]:
-    if len(levels) > MAX_LEVELS:
-        raise ValueError(f"at most {MAX_LEVELS} levels at a time, not {len(levels)}")
+def _distinct(levels: list[float]) -> list[float]:
     return list(dict.fromkeys(levels))
 
 
@@ -56,20 +58,30 @@ def _instant(value: object) -> datetime:
 
 def _values(value: object, read: ValidatorFunctionWrapHandler) -> object:
     # Both arms of the union would complain; one sentence per mistake is enough.
+    if isinstance(value, list) and len(value) > MAX_STEPS:
+        raise ValueError(f"give at most {MAX_STEPS} numbers, not {len(value)}")
     try:
         return read(value)
     except ValidationError:
         raise ValueError("give a finite number, or a list of finite numbers, in the network's unit") from None
 
 
-Level = Annotated[float, AfterValidator(_level)]
-Levels = Annotated[list[Level], AfterValidator(_few)]
+Level = Annotated[
+    float,
+    AfterValidator(_level),
+    WithJsonSchema({"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1, "examples": [0.95]}),
+]
+Levels = Annotated[list[Level], Field(max_length=MAX_LEVELS), AfterValidator(_distinct)]
 Horizon = Annotated[
-    float, BeforeValidator(parse_duration), WithJsonSchema({"type": "string", "examples": ["6h", "30min"]})
+    float,
+    BeforeValidator(parse_duration),
+    WithJsonSchema(
+        {"type": "string", "pattern": r"^\s*\d+(\.\d+)?(e[+-]?\d+)?\s*(s|min|h|d)\s*$", "examples": ["6h", "30min"]}
+    ),
 ]
 Instant = Annotated[datetime, BeforeValidator(_instant), WithJsonSchema({"type": "string", "format": "date-time"})]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Planned = Annotated[Finite | list[Finite], WrapValidator(_values)]
+Planned = Annotated[Finite | Annotated[list[Finite], Field(max_length=MAX_STEPS)], WrapValidator(_values)]
 
 
 class Query(BaseModel):
@@ -169,6 +181,7 @@ class ForecastRequest(BaseModel):
     levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")
     inputs: dict[str, Planned] = Field(
         default_factory=dict,
+        max_length=MAX_INPUTS,
         description=(
             "planned values per input channel, in the network's unit: one number for the whole horizon or one per "
             "step, of which the first holds from valid_time to valid_time + period_s; channels not named are held"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from mimetypes import guess_type
 from pathlib import Path
 
-from fastapi import FastAPI, Response
-from fastapi.responses import FileResponse
+from fastapi import FastAPI
 from plotly.offline import get_plotlyjs
-from starlette.staticfiles import StaticFiles
+
+from service.web.server.assets import Asset
 
 _STATIC = Path(__file__).parent / "static"
 _DAY_SECONDS = 86400
@@ -15,24 +16,22 @@ _DAY_SECONDS = 86400
 
 def install(app: FastAPI) -> None:
     """Add the pages and what they load to `app`."""
-
-    @app.get("/", include_in_schema=False)
-    async def live() -> FileResponse:
-        return FileResponse(_STATIC / "index.html")
-
-    @app.get("/static/plotly.min.js", include_in_schema=False)
-    def plotly() -> Response:
-        headers = {"Cache-Control": f"max-age={_DAY_SECONDS}"}
-        return Response(get_plotlyjs(), media_type="text/javascript", headers=headers)
-
+    _add(app, "/", _file(_STATIC / "index.html"))
+    headers = {"Cache-Control": f"max-age={_DAY_SECONDS}"}
+    _add(app, "/static/plotly.min.js", Asset(lambda: get_plotlyjs().encode(), "text/javascript", headers))
     install_documentation(app)
 
 
 def install_documentation(app: FastAPI) -> None:
     """Add the page at /docs and what it loads to `app`."""
+    _add(app, "/docs", _file(_STATIC / "docs.html"))
+    for path in sorted(path for path in _STATIC.rglob("*") if path.is_file()):
+        _add(app, f"/static/{path.relative_to(_STATIC).as_posix()}", _file(path))
 
-    @app.get("/docs", include_in_schema=False)
-    async def documentation() -> FileResponse:
-        return FileResponse(_STATIC / "docs.html")
 
-    app.mount("/static", StaticFiles(directory=_STATIC), name="static")
+def _file(path: Path) -> Asset:
+    return Asset(path.read_bytes, guess_type(path.name)[0] or "application/octet-stream")
+
+
+def _add(app: FastAPI, path: str, asset: Asset) -> None:
+    app.add_route(path, asset.answer, include_in_schema=False)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from adapters.units import possible_range
 from estimator.network.network import Network
 from service.fields.durations import format_duration
+from service.web.models import MAX_STEPS
 from service.web.problems import invalid
-
-MAX_STEPS = 2016
-"""A week of 5 min steps."""
 
 MAX_INTERVALS = 4032
 """Intervals in one fan: steps times levels; each is a root-finding over all particles."""
@@ -68,6 +67,16 @@ def full_plan(
             )
         else:
             plan[channel] = [float(value) for value in values]
+        mistakes += _impossible(channel, network.channel_unit(channel), plan[channel]) if channel in plan else []
     if mistakes:
         raise invalid(mistakes)
     return plan
+
+
+def _impossible(channel: str, unit: str, values: Sequence[float]) -> list[str]:
+    """A sentence if one of the `values` planned for `channel` is beyond what the arithmetic of a forecast survives."""
+    lower, upper = possible_range(unit)
+    wrong = next((value for value in values if not lower <= value <= upper), None)
+    if wrong is None:
+        return []
+    return [f"field 'inputs.{channel}' has {wrong:g}; planned values in {unit} lie from {lower:g} to {upper:g}"]

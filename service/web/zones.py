@@ -9,6 +9,7 @@ from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
+from fastapi.concurrency import run_in_threadpool
 
 from estimator.types import ParameterSummary
 from service.fields.times import utc
@@ -150,7 +151,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
         rows = await view.history(epoch(query.start), epoch(query.end), query.limit)
-        return _json(history_payload(site, view, rows))
+        # Thousands of rows would hold the event loop.
+        return await run_in_threadpool(lambda: _json(history_payload(site, view, rows)))
 
     return router
 

@@ -11,6 +11,7 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
 from service.store.store import Store
 from service.zone.clock import Clock
+from service.zone.questions import Questions
 
 
 class Plumbing(NamedTuple):
@@ -20,7 +21,7 @@ class Plumbing(NamedTuple):
     store: Store
     pool: Executor
     """Runs the estimator steps."""
-    asking: Executor
+    asking: Questions
     """Runs what REST asks for, so that no question keeps a zone waiting."""
     stopping: threading.Event
     """Set when the daemon begins to stop."""

@@ -193,7 +193,7 @@ class ZoneWorker:
         for ahead, mixture in enumerate(self.estimator.forecast(state, rows)):
             steps.append(FanStep(first + ahead * self.period, self._outputs(mixture, levels)))
             if given_up():
-                raise ServiceError("the forecast was given up because the daemon is stopping")
+                raise ServiceError("the forecast was given up because the daemon is stopping, or nobody waits for it")
         return Fan(update.time, update.forecast.issue_time, tuple(steps), update.forecast.inputs, update)
 
     def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:

@@ -3,7 +3,7 @@
 A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
 zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
 into the journal, so that nothing is lost and no other zone waits. A sample on which the zone fails
-repeatedly is marked in the journal and passed over.
+repeatedly is marked in the journal and passed over, unless it is the environment that fails.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
 from service.zone.plumbing import Plumbing
-from service.zone.recovery import Recovery
+from service.zone.recovery import Recovery, is_of_the_environment
 from service.zone.timeliness import Timeliness
 from service.zone.worker import ZoneWorker
 
@@ -77,6 +77,8 @@ class Zone:
         # Copied in one go: the event loop may change them while a worker thread asks.
         progress, intake = self._worker.progress, self._intake
         alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
+        if intake.live and alignment and (refusing := sorted(set(alignment.refusing))):
+            trouble = (*trouble, f"the device refuses {', '.join(refusing)}; the log says why")
         state, reason = state_and_reason(
             progress,
             has_forecast=self._worker.latest is not None,
@@ -129,17 +131,17 @@ class Zone:
     async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
         """The standing forecast and `steps` beyond it, under `plan`."""
         rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
-        fan = partial(self._worker.fan, levels, rows, self._plumbing.stopping.is_set)
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, fan)
+        return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows))
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters."""
         worker = self._worker
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+        return await self._plumbing.asking.ask(lambda given_up: worker.parameters(levels))
 
     async def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth."""
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, self._worker.skill)
+        worker = self._worker
+        return await self._plumbing.asking.ask(lambda given_up: worker.skill())
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
@@ -256,7 +258,7 @@ class Zone:
                 attempts = attempts + 1 if failed_on == self._at else 1
                 failed_on, self._at = self._at, None
                 self._fail(error, pause.seconds)
-                if failed_on is not None and attempts >= ATTEMPTS:
+                if failed_on is not None and attempts >= ATTEMPTS and not is_of_the_environment(error):
                     await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
                 if await self._intake.mailbox.closed_within(pause.seconds):
                     return

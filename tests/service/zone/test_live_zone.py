@@ -5,10 +5,11 @@ import logging
 from math import isnan
 
 import pytest
+from support.running_zone import make, plumbing
 from support.zone_samples import PERIOD, worker
 
 import service.daemon.feeding
-from adapters.reading import Quality, Reading
+from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
 from service.daemon.feeding import keep_time, watch_clock
 from service.zone.alignment import Alignment
@@ -219,3 +220,23 @@ def test_a_wall_clock_that_is_set_is_said_once(monkeypatch, caplog, jump, said):
         run(watch_clock(clock.clock))
     assert [record.args[0] for record in caplog.records] == ([] if said is None else [pytest.approx(jump)])
     assert said is None or said in caplog.text
+
+
+def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await zone.prepare()
+            network = zone.network
+            zone.align(Alignment(network, zone.period, {}, sources=["bms"]), live=True)
+            channel = network.channels[0]
+            now = shared.clock.wall()
+            refused = Reading(channel, now, float("nan"), Quality.BAD, Fault.REFUSED_BY_DEVICE)
+            await zone.deliver("bms", [refused], now)
+            assert f"the device refuses {channel}; the log says why" in zone.status().reason
+            begin = now // zone.period * zone.period
+            await zone.deliver("bms", [Reading(channel, begin, 20.0)], begin)
+            await zone.elapse(begin + 3 * zone.period)
+            assert "refuses" not in zone.status().reason
+
+    asyncio.run(scenario())
