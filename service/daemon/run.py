@@ -28,6 +28,7 @@ from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
+from service.daemon.questions import Questions
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
 from service.daemon.tasks import done_before, end
@@ -38,9 +39,11 @@ from service.publish.events import Streams
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
+from service.publish.zenoh import Publisher
+from service.records.outlook import WeatherBook
 from service.store.retention import Limits
 from service.store.store import Store
-from service.web.app import create_app
+from service.web.app import create_app, create_questions
 from service.web.keys import KeyRing
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
@@ -103,7 +106,7 @@ class Daemon:
             loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
         pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
-        asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=stand_back)
+        asking = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="asking", initializer=stand_back)
         sinks: list[Sink] = []
         try:
             for name in reset:
@@ -179,7 +182,9 @@ class Daemon:
         every = self._config.site.checkpoint_every
         streams = self._streams
         sinks: tuple[Sink, ...] = (metrics, *opened, streams)
-        plumbing = Plumbing(self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every)
+        plumbing = Plumbing(
+            self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every, weather=WeatherBook()
+        )
         self._runtime = runtime = Runtime(self._config, zones, plumbing)
         instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()
@@ -201,6 +206,10 @@ class Daemon:
             http=http,
             streams=streams,
         )
+        questions = Questions(create_questions(site.id, zones), loop)
+        for sink in opened:
+            if isinstance(sink, Publisher):
+                await asyncio.to_thread(sink.answer_with, questions.answer)
         self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
@@ -221,7 +230,7 @@ class Daemon:
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
-                runtime.start_feeds()
+                await runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
                 watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(collect_garbage())]
                 self._ready = f"serving on {server.url}"

@@ -29,6 +29,8 @@ OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 OPEN_PREFIX = "/static/"
 ADMIN_PREFIX = "/admin"
 ZONES_PREFIX = "/zones"
+FORECASTS_PATH = "/forecasts"
+"""Forecasts of several zones, each of which has to be one that the caller sees."""
 
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
@@ -158,7 +160,7 @@ class RequireKey:
         if administration and caller.scope != "admin":
             raise _lacking("admin")
         if caller.zones is not None:
-            if f"/{parts[1]}" != ZONES_PREFIX:
+            if f"/{parts[1]}" not in (ZONES_PREFIX, FORECASTS_PATH):
                 raise _lacking("all zones")
             if len(parts) > 3 and parts[2] not in caller.zones:
                 raise _unknown_zone(parts[2], sorted(caller.zones))

@@ -27,7 +27,11 @@ from service.errors import ConfigError
 
 # What is changed; where it must be reported; what must be said.
 MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
-    "unknown top-level key": (at(colour=1), "colour", ("not a known key", "site, log, http, zenoh, sources, zones")),
+    "unknown top-level key": (
+        at(colour=1),
+        "colour",
+        ("not a known key", "zenoh, sources, weather, zones"),
+    ),
     "misspelt table": (at(zenho={"enabled": False}), "zenho", ("not a known key", 'did you mean "zenoh"?')),
     "unknown key in a table": (at("site", stat_dir="x"), "site.stat_dir", ('did you mean "state_dir"?',)),
     "unknown key in a zone": (living(perod="5min"), f"{LIVING}.perod", ('did you mean "period"?',)),
