@@ -39,6 +39,10 @@ class CertificateError(ServiceError):
     """Certificate or key of the HTTP server cannot be used."""
 
 
+class NoModel(ServiceError):
+    """The estimator of a zone has no physics, and so no state-space model and no sampled futures."""
+
+
 class JournalError(ServiceError):
     """The journal cannot be opened or written."""
 

@@ -19,7 +19,7 @@ PACKAGES = {
 
 LEVELS = {
     "estimator": (
-        {"registry", "diagnosis"},
+        {"registry", "diagnosis", "statespace"},
         {"bank"},
         {"verification"},
         {"mixture"},
@@ -31,6 +31,7 @@ LEVELS = {
         {"arrays", "errors"},
     ),
     "adapters": (
+        {"weather"},
         {"bacnet", "csv", "http", "modbus", "mqtt", "zenoh"},
         {"messages"},
         {"payload"},

@@ -74,11 +74,13 @@ from service.sources import (
 from service.sources import (
     mqtt as mqtt_models,
 )
+from service.sources import weather as weather_models
 from service.sources import (
     zenoh as zenoh_models,
 )
 from service.web import models as api_models
 from service.web import problems as api_problems
+from service.web.control import models as control_models
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.worker import STARTED
 
@@ -106,6 +108,10 @@ TABLES: dict[str, type[BaseModel]] = {
     "`tls` of brokers": mqtt_broker_models.MqttTlsConfig,
     "MQTT as a source": mqtt_models.MqttSourceConfig,
     "`timestamp`": csv.TimestampConfig,
+    "Forecasts in files": weather_models.WeatherCsvConfig,
+    "Open-Meteo": weather_models.OpenMeteoConfig,
+    "Forecasts on Zenoh": weather_models.ZenohWeatherConfig,
+    "`forecast`": source_models.ForecastConfig,
     "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
     "Channels of recorded files": csv.CsvChannelConfig,
@@ -205,6 +211,9 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert mistakes.value.problems == block.after.splitlines()
     elif "site" in raw:
         assert load(with_recordings(block.text, tmp_path)).site.id == raw["site"]["id"]
+    elif raw.keys() == {"weather"}:
+        for table in raw["weather"].values():
+            weather_models.WEATHER_KINDS[table["kind"]].table.model_validate(table, context={"folder": tmp_path})
     elif raw.keys() == {"zenoh", "sources"}:
         context = {"folder": tmp_path}
         assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
@@ -273,6 +282,7 @@ def test_no_model_of_the_configuration_is_left_out() -> None:
         network_models,
         publish_mqtt,
         source_models,
+        weather_models,
         zenoh_models,
         zenoh_session_models,
     ):
@@ -396,7 +406,7 @@ def model_of(mark: str) -> tuple[type[BaseModel], bool]:
     """The model that a JSON example illustrates, and whether only what it adds to its base is shown."""
     match = re.fullmatch(r"model: (\w+)(, added fields)?", mark)
     assert match, f"a JSON example needs a comment <!-- model: Name -->, not {mark!r}"
-    for module in (payloads, api_models, api_problems):
+    for module in (payloads, api_models, api_problems, control_models):
         if hasattr(module, match[1]):
             return getattr(module, match[1]), match[2] is not None
     raise AssertionError(f"there is no payload {match[1]}")
@@ -432,7 +442,7 @@ def test_json_examples_have_the_fields_of_their_payloads(block: Block) -> None:
         assert example.keys() == model.model_fields.keys() - payloads.ForecastPayload.model_fields.keys()
         for step in example["fan"]:
             assert written(payloads.FanStepPayload, step) == step
-    elif model is api_models.ForecastRequest:
+    elif model in (api_models.ForecastRequest, control_models.SiteForecastRequest):
         model.model_validate(example)
         assert example.keys() == model.model_fields.keys()
     else:

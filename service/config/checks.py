@@ -115,6 +115,35 @@ def check_polled(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft]
                 )
 
 
+def check_weather(tables: Mapping[str, Any], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Every forecast that a channel names is there and in a unit that converts, and every table is named."""
+    used = set()
+    for draft in drafts:
+        for name, channel in draft.channels.items():
+            place, told = (*draft.place, "channels", name, "forecast"), channel.forecast
+            if told is None:
+                continue
+            used.add(told.source)
+            if told.source not in tables:
+                known = ", ".join(tables) or "none"
+                problems.add(
+                    (*place, "source"), f"there is no [weather.{told.source}] table; the forecasts are: {known}"
+                )
+            if draft.network is None or name not in draft.network.channels:
+                continue
+            if name not in draft.network.inputs:
+                problems.add(place, "is for inputs; what is measured in the zone is forecast by the zone, remove it")
+                continue
+            try:
+                unit = draft.network.channel_unit(name)
+                conversion(told.unit or unit, unit)
+            except SourceError as error:
+                problems.add((*place, "unit"), str(error))
+    for name in tables:
+        if name not in used:
+            problems.add(("weather", name), "is not used; remove it, or name it in the forecast of a channel")
+
+
 def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: Problems) -> None:
     """Warn of sources that no channel names, be that channel otherwise right or wrong."""
     used = set()
@@ -182,6 +211,10 @@ def _check_use_of_energy(place: Place, channel: ChannelConfig, unit: str, proble
         problems.add((*place, "valid"), "is a range of power, which amounts of energy do not have; remove it")
     if channel.rollover is not None and not (energy and channel.aggregate != "energy"):
         problems.add((*place, "rollover"), f"is for counters of energy, in one of {', '.join(ENERGIES)}; remove it")
+    if channel.installed is not None and unit not in ("W", "kW"):
+        problems.add(
+            (*place, "installed"), "is the largest power that can be planned, for a channel of power; remove it"
+        )
     if channel.nominal is not None and not (channel.unit == "%" and unit != "%"):
         problems.add((*place, "nominal"), 'is the power at 100 %, for a channel of power in the unit "%"; remove it')
 

@@ -30,6 +30,7 @@ from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
+from service.daemon.queries import Queries
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
 from service.daemon.tasks import abandonable, done_before, end
@@ -40,9 +41,11 @@ from service.publish.events import Streams
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
+from service.publish.zenoh import Publisher
+from service.records.outlook import WeatherBook
 from service.store.retention import Limits
 from service.store.store import Store
-from service.web.app import create_app
+from service.web.app import create_app, create_questions
 from service.web.keys import KeyRing
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
@@ -190,8 +193,17 @@ class Daemon:
         every = self._config.site.checkpoint_every
         streams = self._streams
         sinks: tuple[Sink, ...] = (metrics, *opened, streams)
-        questions = Questions(asking, self._stopped)
-        plumbing = Plumbing(self._config.site.id, store, pool, questions, self._stopped, metrics, sinks, every)
+        plumbing = Plumbing(
+            self._config.site.id,
+            store,
+            pool,
+            Questions(asking, self._stopped),
+            self._stopped,
+            metrics,
+            sinks,
+            every,
+            weather=WeatherBook(),
+        )
         self._runtime = runtime = Runtime(self._config, zones, plumbing)
         instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()
@@ -214,6 +226,10 @@ class Daemon:
             streams=streams,
             take=Ingest(lambda: runtime.feeds, lambda: runtime.is_posted_to).take,
         )
+        queries = Queries(create_questions(site.id, zones), loop)
+        for sink in opened:
+            if isinstance(sink, Publisher):
+                await asyncio.to_thread(sink.answer_with, queries.answer)
         self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
@@ -234,7 +250,7 @@ class Daemon:
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
-                runtime.start_feeds()
+                await runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
                 watching += [
                     asyncio.create_task(store.keep_within(limits)),

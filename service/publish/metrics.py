@@ -22,6 +22,7 @@ from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family
 from service.records.skill import Skill
 from service.records.status import STATES
+from service.records.trust import LEVELS as TRUST_LEVELS
 from service.records.update import Update
 from service.records.view import ZoneView
 
@@ -237,6 +238,9 @@ class _StatusCollector(Collector):
             "How long after its sample the newest forecast was published",
             labels=["zone"],
         )
+        trust = GaugeMetricFamily(
+            "thermogate_trust", "1 for the trust in the forecasts of a horizon", labels=["zone", "lead", "trust"]
+        )
         findings = GaugeMetricFamily(
             "thermogate_findings", "Findings about the zone's model by name", labels=["zone", "finding"]
         )
@@ -252,9 +256,13 @@ class _StatusCollector(Collector):
             overruns.add_metric([zone.id], status.overruns)
             if status.delay is not None:
                 delay.add_metric([zone.id], status.delay)
+            for one in zone.trust().horizons:
+                for level in TRUST_LEVELS:
+                    labels = [zone.id, format_duration(one.lead), level]
+                    trust.add_metric(labels, float(one.level == level))
             for name in STATES:
                 state.add_metric([zone.id, name], float(status.state == name))
-        return (faults, age, state, overruns, delay, findings)
+        return (faults, age, state, overruns, delay, findings, trust)
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: asking the zones is for scrapes, not for registration."""

@@ -15,6 +15,16 @@ from service.fields.tables import TABLE
 from service.fields.values import Duration, NonZero, Number, Positive, Range, Text
 
 
+class ForecastConfig(BaseModel):
+    """`forecast` of a channel: what a [weather.<name>] table foresees of it."""
+
+    model_config = TABLE
+
+    source: Text = Field(description="the name of the [weather.<name>] table")
+    series: Text = Field(description='the name of the series there, such as "temperature_2m"')
+    unit: Text | None = None
+
+
 class ChannelConfig(BaseModel):
     """What a channel says whatever its source is: network value = raw value * scale + offset, converted from `unit`.
 
@@ -34,6 +44,8 @@ class ChannelConfig(BaseModel):
         default=None, description="two numbers, the smallest and the largest believable value in the network's unit"
     )
     max_age: Duration | None = None
+    installed: Positive | None = None
+    forecast: ForecastConfig | None = None
 
     @property
     def address(self) -> str:

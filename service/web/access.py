@@ -31,6 +31,8 @@ OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 OPEN_PREFIX = "/static/"
 ADMIN_PREFIX = "/admin"
 ZONES_PREFIX = "/zones"
+FORECASTS_PATH = "/forecasts"
+"""Forecasts of several zones, each of which has to be one that the caller sees."""
 
 READINGS = "readings"
 """How every path ends where readings are posted; it needs a key, even where reading does not."""
@@ -185,7 +187,7 @@ class RequireKey:
         if not caller.may(needed):
             raise _lacking(needed)
         if caller.zones is not None:
-            if f"/{parts[1]}" != ZONES_PREFIX:
+            if f"/{parts[1]}" not in (ZONES_PREFIX, FORECASTS_PATH):
                 raise _lacking("all zones")
             if len(parts) > 3 and parts[2] not in caller.zones:
                 raise _unknown_zone(parts[2], sorted(caller.zones))

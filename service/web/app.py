@@ -17,6 +17,7 @@ from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
+from service.web.control.routes import control_routes
 from service.web.guard import Guard
 from service.web.limits import StreamLimits
 from service.web.models import PostedReadings
@@ -76,6 +77,7 @@ def create_app(
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
+    app.include_router(control_routes(site, zones))
     app.include_router(reading_routes(site, zones, take, http.limits.body))
     app.include_router(stream_routes(site, zones, streams or Streams()))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
@@ -83,6 +85,15 @@ def create_app(
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]
     document = Asset(lambda: json.dumps(app.openapi()).encode(), "application/json")
     app.add_route("/openapi.json", document.answer, include_in_schema=False)
+    return app
+
+
+def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
+    """The routes that read zones, without what guards them: for questions that come another way."""
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    api_problems.install(app)
+    app.include_router(zone_routes(site, zones))
+    app.include_router(control_routes(site, zones))
     return app
 
 

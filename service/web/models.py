@@ -98,7 +98,7 @@ class ForecastQuery(Query):
         description="probability content of a prediction interval, between 0 and 1; may be repeated",
         examples=[[0.5, 0.95]],
     )
-    horizon: Horizon | None = Field(default=None, description="how far beyond valid_time to forecast, inputs held")
+    horizon: Horizon | None = Field(default=None, description="how far beyond valid_time to forecast, inputs foreseen")
 
 
 class ParametersQuery(Query):
@@ -184,7 +184,7 @@ class ForecastRequest(BaseModel):
         max_length=MAX_INPUTS,
         description=(
             "planned values per input channel, in the network's unit: one number for the whole horizon or one per "
-            "step, of which the first holds from valid_time to valid_time + period_s; channels not named are held"
+            "step, of which the first holds from valid_time to valid_time + period_s; channels not named are foreseen"
         ),
     )
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from adapters.units import possible_range
 from estimator.network.network import Network
 from service.fields.durations import format_duration
+from service.web.control.planning import Limits, beyond
 from service.web.models import MAX_STEPS
 from service.web.problems import invalid
 
@@ -48,9 +48,9 @@ def steps_in(horizon: float, period: float, levels: int) -> int:
 
 
 def full_plan(
-    inputs: Mapping[str, float | Sequence[float]], network: Network, steps: int, period: float
+    inputs: Mapping[str, float | Sequence[float]], network: Network, steps: int, period: float, limits: Limits
 ) -> dict[str, list[float]]:
-    """`steps` values for every channel of `inputs`; RequestRefused with one sentence per mistake."""
+    """`steps` values for every channel of `inputs`, within `limits`; RequestRefused with one sentence per mistake."""
     mistakes = []
     plan = {}
     for channel, values in inputs.items():
@@ -67,16 +67,9 @@ def full_plan(
             )
         else:
             plan[channel] = [float(value) for value in values]
-        mistakes += _impossible(channel, network.channel_unit(channel), plan[channel]) if channel in plan else []
+    for channel, planned in plan.items():
+        if (why := beyond(planned, channel, network, limits)) is not None:
+            mistakes.append(f"field 'inputs.{channel}' {why}")
     if mistakes:
         raise invalid(mistakes)
     return plan
-
-
-def _impossible(channel: str, unit: str, values: Sequence[float]) -> list[str]:
-    """A sentence if one of the `values` planned for `channel` is beyond what the arithmetic of a forecast survives."""
-    lower, upper = possible_range(unit)
-    wrong = next((value for value in values if not lower <= value <= upper), None)
-    if wrong is None:
-        return []
-    return [f"field 'inputs.{channel}' has {wrong:g}; planned values in {unit} lie from {lower:g} to {upper:g}"]

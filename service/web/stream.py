@@ -64,7 +64,7 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
 
     async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
         with streams.opened(view.id) as opened:
-            current = Announcement(site, view.id, view.status(), view.latest())
+            current = Announcement(site, view.id, view.status(), view.latest(), trust=view.trust())
             opened.put([*missed, *events_of(current)])
             async for data in opened.read():
                 yield data

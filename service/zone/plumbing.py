@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
+from service.records.outlook import WeatherBook
 from service.store.store import Store
 from service.zone.clock import Clock
 from service.zone.questions import Questions
@@ -31,3 +32,5 @@ class Plumbing(NamedTuple):
     checkpoint_every: float
     """Wall-clock s between two checkpoints of a zone."""
     clock: Clock = Clock()
+    weather: WeatherBook = WeatherBook()
+    """What forecasts of the weather say."""

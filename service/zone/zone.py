@@ -10,21 +10,27 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from math import inf
+from typing import TypeVar
 
 from adapters.reading import Reading
+from estimator.arrays import Array
+from estimator.statespace.simulate import Simulation
 from estimator.types import ALPHA_LEVELS, ParameterSummary
 from service.errors import ServiceError, StateMismatch
 from service.pauses import GrowingPause
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
+from service.records.model import CompactFan, ZoneModel
+from service.records.outlook import NO_SURROUNDINGS, Outlook, Surroundings, Weather
 from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
+from service.records.trust import Trust, untrusted
 from service.records.update import Update
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
@@ -39,15 +45,27 @@ ATTEMPTS = 3
 
 _HOUR = 3600
 
+Answer = TypeVar("Answer")
+
 _log = logging.getLogger(__name__)
 
 
 class Zone:
     """A running zone; also what REST, metrics and the publisher see of it (`service.records.view.ZoneView`)."""
 
-    def __init__(self, name: str, estimator: str, fingerprint: str, worker: ZoneWorker, plumbing: Plumbing) -> None:
+    def __init__(
+        self,
+        name: str,
+        estimator: str,
+        fingerprint: str,
+        worker: ZoneWorker,
+        plumbing: Plumbing,
+        surroundings: Surroundings = NO_SURROUNDINGS,
+    ) -> None:
         """`worker` has seen nothing yet; `fingerprint` is what stored state of the zone belongs to."""
         self.id = name
+        self.surroundings = surroundings
+        """What is known of its inputs; a reload may change it while the zone goes on."""
         self.estimator = estimator
         self._plumbing = plumbing
         self._worker = worker
@@ -68,6 +86,8 @@ class Zone:
         that is not known."""
         self._skilled: int | None = None
         """The hour in which skill and heat loss were last announced."""
+        self._trusted: tuple[str, ...] = ()
+        """The trust in every horizon as it was last announced."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -131,17 +151,52 @@ class Zone:
     async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
         """The standing forecast and `steps` beyond it, under `plan`."""
         rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
-        return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows))
+        return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows, weather=self._weather))
+
+    def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+        """The newest update, and the inputs of the next `steps` steps as far as they are foreseen."""
+        return self._worker.outlook(steps, self._weather)
+
+    async def compact_fan(
+        self, update: Update, levels: Sequence[float], rows: Array, scenarios: int
+    ) -> CompactFan | None:
+        """The forecast from `update` on under the inputs `rows`."""
+        return await self._plumbing.asking.ask(partial(self._worker.compact_fan, update, levels, rows, scenarios))
+
+    async def room(self, update: Update) -> Simulation | None:
+        """The zone's physics, to be simulated with its neighbours."""
+        return await self._asked(partial(self._worker.room, update))
+
+    async def model(self, periods: int, count: int) -> ZoneModel | None:
+        """State-space matrices at a step of several `periods`."""
+        return await self._asked(partial(self._worker.model, periods, count))
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters."""
-        worker = self._worker
-        return await self._plumbing.asking.ask(lambda given_up: worker.parameters(levels))
+        return await self._asked(partial(self._worker.parameters, levels))
 
     async def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth."""
-        worker = self._worker
-        return await self._plumbing.asking.ask(lambda given_up: worker.skill())
+        return await self._asked(self._worker.skill)
+
+    def trust(self) -> Trust:
+        """How far the zone's forecasts can be relied on now."""
+        return self._trust_in(self.status())
+
+    def _trust_in(self, status: ZoneStatus) -> Trust:
+        """The trust of the zone that is in `status`."""
+        known = self._worker.known.trust
+        if status.state in ("stalled", "failed"):
+            return untrusted(known, f"the zone is {status.state}: {status.reason}")
+        return known
+
+    @property
+    def _weather(self) -> Weather:
+        return Weather(self.surroundings.weather, self._plumbing.weather)
+
+    async def _asked(self, question: Callable[[], Answer]) -> Answer:
+        """The answer to a question, found on a thread for questions so that no zone waits for it."""
+        return await self._plumbing.asking.ask(lambda given_up: question())
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
@@ -335,7 +390,12 @@ class Zone:
         if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
             self._skilled, skill = update.time // _HOUR, self._worker.skill()
             heat_loss = self._worker.heat_loss(ALPHA_LEVELS)
-        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill, heat_loss)
+        status = self.status()
+        trust = self._trust_in(status)
+        levels = tuple(one.level for one in trust.horizons)
+        news = trust if skill is not None or levels != self._trusted else None
+        self._trusted = levels
+        announcement = Announcement(self._plumbing.site, self.id, status, update, occasion, skill, heat_loss, news)
         for sink in self._plumbing.sinks:
             try:
                 sink.publish(announcement)

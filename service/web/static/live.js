@@ -51,6 +51,7 @@ function makeCard(id) {
     plot: element("div", { className: "plot", hidden: true }),
     skill: element("table", { className: "skill", hidden: true }),
     skillHour: "",
+    trust: element("p", { className: "faults", hidden: true }),
     findings: element("ul", { className: "findings", hidden: true }),
     faults: element("p", { className: "faults muted" }),
   };
@@ -63,6 +64,7 @@ function makeCard(id) {
     card.key,
     card.plot,
     card.skill,
+    card.trust,
     card.findings,
     card.faults,
   );
@@ -142,6 +144,14 @@ async function refreshSkill(card, summary) {
   );
 }
 
+// How far a controller may rely on the forecasts.
+async function refreshTrust(card, summary) {
+  const horizons = (await get(`zones/${summary.id}/trust`))?.horizons ?? [];
+  card.trust.hidden = !horizons.length;
+  card.trust.textContent = `Trust: ${horizons.map((one) => `${lead(one.lead_s)} ${one.trust}`).join(", ")}`;
+  card.trust.title = horizons.filter((one) => one.reason).map((one) => `${lead(one.lead_s)}: ${one.reason}`).join("\n");
+}
+
 function lead(seconds) {
   return seconds % 3600 === 0 ? `${seconds / 3600} h` : `${Math.round(seconds / 60)} min`;
 }
@@ -171,6 +181,7 @@ async function refreshZone(summary) {
     get(`zones/${summary.id}/forecast`),
     refreshRows(card, summary),
     refreshSkill(card, summary),
+    refreshTrust(card, summary),
   ]);
   showStatus(card, summary, zone.status);
   showNumbers(card, forecast);
