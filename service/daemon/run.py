@@ -23,7 +23,6 @@ from typing import Any, TypeVar
 
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
-from service.daemon.ingest import Ingest
 from service.daemon.instruments import instrument
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.daemon.logs import configure_logging, sweep_log
@@ -33,6 +32,7 @@ from service.daemon.process import collect_garbage, favour_the_event_loop, stand
 from service.daemon.queries import Queries
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
+from service.daemon.supply.ingest import Ingest
 from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable

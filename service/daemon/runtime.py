@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from service.config.fitting import fingerprint, make_alignment, make_worker, surroundings
 from service.config.site import Config, ZoneConfig
-from service.daemon.feeding import keep_time, watch_clock
-from service.daemon.feeds import Feed, Tally
 from service.daemon.reload import Changes, compare, obstacles
+from service.daemon.supply.feeding import keep_time, watch_clock
+from service.daemon.supply.feeds import Feed, Tally
+from service.daemon.supply.weather import WeatherFeeds
 from service.daemon.tasks import end
-from service.daemon.weather import WeatherFeeds
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
 from service.sources.http import KIND as HTTP_KIND

@@ -174,7 +174,8 @@ def _compare_log(connection: sqlite3.Connection, path: Path, written: list[int])
 def _check_size(path: Path) -> None:
     """JournalError for a file that is shorter than its own header says (SQLite's file format, 1.3), unless the missing
     pages are in the write-ahead log: SQLite would find out when it comes to them, which may be with the next sample."""
-    if not path.exists():
+    if not path.exists() or path.with_name(f"{path.name}-journal").exists():
+        # Where a rollback journal lies beside it, SQLite first takes back what was being written.
         return
     with path.open("rb") as file:
         header = file.read(100)

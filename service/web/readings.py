@@ -23,13 +23,10 @@ from service.records.view import ZoneView
 from service.web.access import Writer, find_zone
 from service.web.models import PostedReading, PostedReadings, ReadingsPayload, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
-from service.web.server.refusal import RequestRefused
+from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 
 MAX_VALUES = 20_000
 """Values in one request."""
-
-MAX_ERRORS = 20
-"""Mistakes that one answer lists."""
 
 AT_ONCE = 8
 """Requests that are taken at the same time; the journal writes one after the other."""
@@ -201,8 +198,8 @@ def _from_json(document: object) -> Iterator[Posted]:
             mistakes += [
                 sentence_of(detail | {"loc": ("body", "readings", place, *detail["loc"])}) for detail in error.errors()
             ]
-            if len(mistakes) >= MAX_ERRORS:
-                raise invalid([*mistakes[:MAX_ERRORS], "more was not looked at"]) from None
+            if len(mistakes) > MOST_SENTENCES:
+                raise invalid(mistakes) from None
             continue
         if not mistakes:
             when = None if found.time is None else found.time.timestamp()

@@ -20,6 +20,7 @@ from service.records.sample import Sample
 from service.store.store import Store
 from service.web.app import create_app
 from service.zone.plumbing import Plumbing
+from service.zone.questions import Questions
 from service.zone.worker import WorkerSettings, ZoneWorker
 from service.zone.zone import Zone
 
@@ -85,8 +86,10 @@ def site_of(
     """The application over zones by id, and the zones."""
     metrics, store = Metrics({}), Store(folder)
     with ThreadPoolExecutor(2) as pool:
+        stopping = threading.Event()
+        questions = Questions(pool, stopping)
         shared = Plumbing(
-            "htwg", store, pool, pool, threading.Event(), metrics, (metrics,), 1e9, weather=book or WeatherBook()
+            "htwg", store, pool, questions, stopping, metrics, (metrics,), 1e9, weather=book or WeatherBook()
         )
         zones = {
             name: Zone(name, room.estimator, "mark", worker_of(room), shared, room.surroundings)

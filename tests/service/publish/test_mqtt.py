@@ -44,7 +44,8 @@ def publisher(port: int, prefix: str | None = None) -> Publisher:
 def everything(name: str = "living", step: int = 2) -> Announcement:
     """An announcement with all there is to tell but a gain, which its estimator does not know."""
     zone = running(name)
-    return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, asyncio.run(zone.skill()))
+    skill, trust = asyncio.run(zone.skill()), zone.trust()
+    return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, skill, trust=trust)
 
 
 def test_who_comes_late_has_everything_at_once(site: Mosquitto) -> None:

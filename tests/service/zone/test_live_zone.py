@@ -8,10 +8,10 @@ import pytest
 from support.running_zone import make, plumbing
 from support.zone_samples import PERIOD, worker
 
-import service.daemon.feeding
+import service.daemon.supply.feeding
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
-from service.daemon.feeding import keep_time, watch_clock
+from service.daemon.supply.feeding import keep_time, watch_clock
 from service.zone.alignment import Alignment
 from service.zone.clock import Clock
 from service.zone.health import state_and_reason
@@ -174,7 +174,7 @@ class SetClock:
     def __init__(self, monkeypatch, *, steps):
         self.now, self.beside, self.steps, self.jumps = 1000.0, 50.0, steps, {}
         self.clock = Clock(lambda: self.now, lambda: self.beside)
-        monkeypatch.setattr(service.daemon.feeding.asyncio, "sleep", self.sleep)
+        monkeypatch.setattr(service.daemon.supply.feeding.asyncio, "sleep", self.sleep)
 
     async def sleep(self, seconds):
         if self.steps == 0:
@@ -204,7 +204,7 @@ def run(coroutine):
 
 def test_every_live_zone_is_told_the_time_and_a_failure_does_not_stop_it(monkeypatch, caplog):
     SetClock(monkeypatch, steps=4)
-    names = [f"z{k}" for k in range(2 * service.daemon.feeding.TOGETHER + 1)]
+    names = [f"z{k}" for k in range(2 * service.daemon.supply.feeding.TOGETHER + 1)]
     zones = {name: Noting(name) for name in names} | {"r": Noting("r", due=False)}
     run(keep_time(zones))
     assert {zone.asked for name, zone in zones.items() if name != "r"} == {4}

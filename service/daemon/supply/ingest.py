@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
-from service.daemon.feeds import Feed
+from service.daemon.supply.feeds import Feed
 from service.records.receipt import NOTHING
 from service.web.readings import RETRY_SECONDS, Taken
 from service.web.server.refusal import RequestRefused

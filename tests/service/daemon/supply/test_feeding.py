@@ -7,10 +7,10 @@ from math import inf
 
 import pytest
 
-import service.daemon.feeding
+import service.daemon.supply.feeding
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Batch, Reading
-from service.daemon.feeding import feed
+from service.daemon.supply.feeding import feed
 from service.sources.routing import Router
 
 
@@ -62,9 +62,9 @@ def pauses(monkeypatch):
     async def sleep(seconds):
         slept.append(seconds)
 
-    monkeypatch.setattr(service.daemon.feeding.asyncio, "sleep", sleep)
-    monkeypatch.setattr(service.daemon.feeding.random, "uniform", lambda lower, upper: upper)
-    assert service.daemon.feeding.LONGEST_PAUSE <= 30.0
+    monkeypatch.setattr(service.daemon.supply.feeding.asyncio, "sleep", sleep)
+    monkeypatch.setattr(service.daemon.supply.feeding.random, "uniform", lambda lower, upper: upper)
+    assert service.daemon.supply.feeding.LONGEST_PAUSE <= 30.0
     return slept
 
 
@@ -121,7 +121,7 @@ def test_pauses_are_bounded_and_short_again_after_progress(pauses):
 
 
 def test_pauses_differ_so_that_many_daemons_do_not_come_back_at_once(pauses, monkeypatch):
-    monkeypatch.setattr(service.daemon.feeding.random, "uniform", random.Random(5).uniform)
+    monkeypatch.setattr(service.daemon.supply.feeding.random, "uniform", random.Random(5).uniform)
     down = SourceUnavailable("sources.bms: down")
     run(Scripted(*[([], down)] * 40, ([], None)))
     assert all(15.0 <= pause <= 30.0 for pause in pauses[5:])
@@ -152,7 +152,7 @@ def test_a_zone_that_fails_does_not_keep_the_others_from_their_readings(pauses, 
                 raise RuntimeError("out of order")
             await super().deliver(source, readings, now)
 
-    ids = [f"z{index}" for index in range(2 * service.daemon.feeding.TOGETHER)]
+    ids = [f"z{index}" for index in range(2 * service.daemon.supply.feeding.TOGETHER)]
     zones = {zone: Failing() if zone == "z0" else Recorder() for zone in ids}
     together = Batch([Reading(f"{zone}/T_i", 1.0, 20.0) for zone in ids], 1.0)
     source = Scripted(([together], None), ([together], None))

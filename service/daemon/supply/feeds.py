@@ -14,7 +14,7 @@ from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
 from adapters.reading import Batch, Source
 from service.config.site import Config
-from service.daemon.feeding import feed
+from service.daemon.supply.feeding import feed
 from service.daemon.tasks import end
 from service.records.receipt import NOTHING, Receipt
 from service.sources.routing import Router

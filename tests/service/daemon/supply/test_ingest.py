@@ -15,8 +15,8 @@ from support.config_samples import sound, write
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Reading
 from service.config.load import load
-from service.daemon.feeds import Feed, Tally
-from service.daemon.ingest import Ingest
+from service.daemon.supply.feeds import Feed, Tally
+from service.daemon.supply.ingest import Ingest
 from service.errors import ServiceError
 from service.records.receipt import Receipt
 from service.web.server.refusal import RequestRefused
