@@ -51,6 +51,7 @@ LEVELS = {
         {"commands", "measuring"},
         {"experiments"},
         {"bms"},
+        {"energyplus"},
         {"simulated"},
         {"recorded"},
         {"scores"},
