@@ -15,7 +15,7 @@ _FIRST_DAY = "2025-01-06"
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     parser = add(
-        "simulate-energyplus", _simulate, "Record a building that EnergyPlus simulates, with the truth beside it."
+        "simulate-energyplus", simulate, "Record a building that EnergyPlus simulates, with the truth beside it."
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the files")
     parser.add_argument("--building", default="house", metavar="NAME", help="house, timber or office (default house)")
@@ -35,7 +35,8 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=1, metavar="N", help="of the people (default 1)")
 
 
-def _simulate(arguments: argparse.Namespace) -> int:
+def simulate(arguments: argparse.Namespace) -> int:
+    """Write the files that the arguments ask for; 0. ReplayError where that cannot be done."""
     import numpy as np
     from tqdm import tqdm
 

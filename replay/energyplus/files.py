@@ -8,7 +8,6 @@ from typing import Any
 
 import tomli_w
 
-from estimator.arrays import Array
 from replay.energyplus.buildings import Building
 from replay.energyplus.epjson import STEP
 from replay.energyplus.heat_loss import HeatLoss
@@ -17,7 +16,7 @@ from replay.recorded.tables import cells, utc_stamps, write_table
 
 RECORDING, TRUTH, HEAT_LOSS, CONFIGURATION = "recording.csv", "truth.csv", "heat-loss.json", "zones.toml"
 
-_OUTDOORS, _SUN, _SOUTH = "outdoor_temperature", "irradiance", "irradiance_south"
+_OUTDOORS, _SUN, _SOUTH = "outdoor_degC", "irradiance_W_m2", "irradiance_south_W_m2"
 
 
 def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Path:
@@ -26,14 +25,15 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
     building, stamps = recording.building, utc_stamps(recording.times)
     columns = {"time": stamps, _OUTDOORS: cells(recording.outdoor, 2)}
     columns |= {_SUN: cells(recording.irradiance, 1), _SOUTH: cells(recording.facade, 1)}
-    truth = {"time": stamps, "wind": cells(recording.wind, 2)}
+    truth = {"time": stamps, "wind_m_s": cells(recording.wind, 2)}
     for index, room in enumerate(building.rooms):
         columns[_temperature(room.name)] = cells(recording.air[:, index], 2)
-        columns[f"{room.name}_set_point"] = cells(recording.set_points[:, index], 1)
+        columns[f"{room.name}_set_point_degC"] = cells(recording.set_points[:, index], 1)
         columns[_heating(room.name)] = cells(recording.heating[:, index], 1)
-        truth |= {f"{room.name}_{name}": cells(values, 4) for name, values in _temperatures(recording, index).items()}
+        truth[f"{room.name}_degC"] = cells(recording.exact[:, index], 4)
+        truth[f"{room.name}_persons"] = cells(recording.persons[:, index], 0)
         truth |= {
-            f"{room.name}_{name}": cells(values[:, index], 2)
+            f"{room.name}_{name}_W": cells(values[:, index], 2)
             for name, values in (*recording.truth._asdict().items(), ("gain", recording.truth.gain))
         }
     write_table(directory / RECORDING, columns, list(columns.values()))
@@ -44,16 +44,12 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
     return path
 
 
-def _temperatures(recording: Recording, index: int) -> dict[str, Array]:
-    return {"air": recording.exact[:, index], "persons": recording.persons[:, index]}
-
-
 def _temperature(room: str) -> str:
-    return f"{room}_temperature"
+    return f"{room}_degC"
 
 
 def _heating(room: str) -> str:
-    return f"{room}_heating"
+    return f"{room}_heating_W"
 
 
 def _as_json(building: Building, loss: HeatLoss) -> dict[str, Any]:

@@ -15,13 +15,13 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.energyplus.buildings import Building
-from replay.energyplus.plant import STEP, Plant, Readings
+from replay.energyplus.plant import STEP, Inputs, Plant, Readings
 from replay.energyplus.weather import WeatherFile, write_steady
 from replay.localtime import DAY
 
 _COOL, _WARM = 19.0, 23.0  # degC
 _BAND = 2.0  # K
-_DAYS = 40
+_DAYS = 10
 _AVERAGED = round(DAY / STEP)
 
 
@@ -57,15 +57,16 @@ def heat_loss(building: Building, weather: WeatherFile, *, outdoor: float, wind:
 def _settled(building: Building, weather: WeatherFile, held: Array) -> tuple[Array, Array]:
     """Mean power [W] and temperature over outdoors [K] of every room (N,) on the last day."""
     rated = np.array([room.heater for room in building.rooms])
+
+    def keep(now: Readings) -> Inputs:
+        power = np.clip((held - now.air) / _BAND, 0.0, 1.0) * rated
+        return Inputs(power, *np.zeros((len(Inputs._fields) - 1, len(rated))))
+
     powers, excess = [], []
-    with Plant(building, weather) as plant:
-
-        def keep(now: Readings) -> Array:
-            return np.asarray(np.clip((held - now.air) / _BAND, 0.0, 1.0) * rated)
-
+    with Plant(building, weather, warm_up=keep) as plant:
         for _ in range(_DAYS * _AVERAGED):
-            power = keep(plant.now)
-            now = plant.step(plant.idle()._replace(heating=power))
-            powers.append(power)
+            inputs = keep(plant.now)
+            now = plant.step(inputs)
+            powers.append(inputs.heating)
             excess.append(now.air - now.outdoor)
     return np.mean(powers[-_AVERAGED:], axis=0), np.mean(excess[-_AVERAGED:], axis=0)
