@@ -67,7 +67,7 @@ class Engine:
         self._library = library()
         self._variables, self._actuators, self._warm_up = tuple(variables), tuple(actuators), warm_up
         self._handles: tuple[list[int], list[int]] | None = None
-        self._read: SimpleQueue[Values | Exception] = SimpleQueue()
+        self._read: SimpleQueue[Values | BaseException] = SimpleQueue()
         self._set: SimpleQueue[Values | None] = SimpleQueue()
         self._stopping = self._ended = False
         self._folder = tempfile.TemporaryDirectory(prefix="thermogate-energyplus-")
@@ -95,7 +95,7 @@ class Engine:
 
     def _next(self) -> Values:
         read = self._read.get()
-        if isinstance(read, Exception):
+        if isinstance(read, BaseException):
             self._ended = True
             raise read
         return read
@@ -129,7 +129,7 @@ class Engine:
             return
         try:
             self._exchange(state)
-        except Exception as error:
+        except BaseException as error:
             self._read.put(error)
             self._stop(state)
 

@@ -46,7 +46,7 @@ def verdicts(outcomes: Sequence[Outcome]) -> list[Verdict]:
         *(verdict for outcome in outcomes for verdict in _coverage(outcome)),
         *_against_the_rbpf(outcomes),
         *(verdict for outcome in outcomes for verdict in _over_seeds(outcome)),
-        *(verdict for outcome in outcomes for verdict in _against_the_truth(outcome)),
+        *(verdict for outcome in outcomes for verdict in against_the_truth(outcome)),
     ]
 
 
@@ -111,7 +111,7 @@ def _over_seeds(outcome: Outcome) -> list[Verdict]:
     ]
 
 
-def _against_the_truth(outcome: Outcome) -> list[Verdict]:
+def against_the_truth(outcome: Outcome) -> list[Verdict]:
     """Of the physical models that a user would take."""
     name, known = outcome.recording.name, outcome.learned
     return [

@@ -38,8 +38,7 @@ def two_days():
     return lived(HOUSE, 576, heating="planned")
 
 
-@pytest.mark.parametrize("name", BUILDINGS)
-@pytest.mark.parametrize("heating", HEATINGS)
+@pytest.mark.parametrize(("name", "heating"), [*zip(BUILDINGS, HEATINGS, strict=True)])
 def test_the_balance_of_the_air_closes_in_every_step(name: str, heating: str) -> None:
     """What enters the air in [t_k, t_k+1) is what it holds more at t_k+1 than at t_k."""
     rows = lived(BUILDINGS[name], 150, heating=heating)
