@@ -70,13 +70,13 @@ def heat_loss_by_day(outcome: Outcome, known: Known) -> Plot:
         runs = outcome.learned.get(label, ())
         if runs and np.isfinite(runs[0].by_day).any():
             line = {"color": colour, "width": 4 if label == BANK else 2}
-            figure.add_trace(go.Scatter(x=runs[0].days, y=runs[0].by_day[:, 1], name=label, line=line))
+            figure.add_trace(go.Scatter(x=runs[0].days, y=runs[0].by_day, name=label, line=line))
     figure.add_hline(y=known.heat_loss, line={"dash": "dot", "color": "#1b2430"})
-    figure.update_layout(xaxis_title="days", yaxis={"title": "heat loss, W/K", "type": "log"})
+    figure.update_layout(xaxis_title="days", yaxis={"title": "heat loss to outdoors, W/K", "type": "log"})
     return Plot(
         f"{outcome.recording.name}: heat loss learned",
         figure,
-        "Medians of the first seed. The dotted line is that of EnergyPlus.",
+        "Of the median parameters, first seed. The dotted line is that of EnergyPlus.",
     )
 
 

@@ -56,7 +56,7 @@ _log = logging.getLogger(__name__)
 
 class Known(NamedTuple):
     """What only a simulator knows of a room: the unmeasured heat without the sun (K,) [W], the mean over the step that
-    ends at each row, and the heat loss to all boundaries [W/K]."""
+    ends at each row, and the heat loss to outdoors [W/K]."""
 
     gain: Array
     heat_loss: float
@@ -180,11 +180,11 @@ def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
     return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
 
 
-def _energyplus(name: str, room: str, heating: str, folder: Path | None) -> Recording:
+def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None) -> Recording:
     """Room `room` of a building of EnergyPlus, with the network that a zone with its channels gets by default."""
     building = building_named(name)
     index = [known.name for known in building.rooms].index(room)
-    life = record(building, "denver", begin=_FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
+    life = record(building, weather, begin=_FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
     columns = {"T_out": life.outdoor, "u_heat": life.heating[:, index], "I_sol": life.irradiance}
     beside = building.neighbours(index)
     columns |= {f"T_adj_{building.rooms[other].name}": life.air[:, other] for other in beside}
@@ -192,8 +192,9 @@ def _energyplus(name: str, room: str, heating: str, folder: Path | None) -> Reco
     series = unbroken_series(life.air[:, index], [columns[channel] for channel in network.inputs], round(STEP))
     loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
     ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
-    what = f"{building.what} in Denver, simulated by EnergyPlus: its room '{room}', heating {heating}; the network auto"
-    known = Known(ended, float(loss.total[index]))
+    where = f"its room '{room}', heating {heating}, weather {weather}"
+    what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
+    known = Known(ended, float(loss.outdoors[index]))
     return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known)
 
 
@@ -214,9 +215,9 @@ RECORDINGS: Mapping[str, Reader] = {
     "building 67": _building_67,
     "Ecolar spring": partial(_ecolar, "spring"),
     "Ecolar autumn": partial(_ecolar, "autumn"),
-    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off"),
-    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned"),
-    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional"),
+    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago"),
+    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver"),
+    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago"),
 }
 
 FILES = (FLEXHOUSE, DARKGREYBOX, ARMADILLO, WEATHER)

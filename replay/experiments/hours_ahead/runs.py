@@ -11,6 +11,9 @@ import numpy as np
 from estimator import registry
 from estimator.arrays import Array
 from estimator.bank.bank import Bank
+from estimator.network.assembly import assemble
+from estimator.network.discretise import heat_loss
+from estimator.network.network import Network
 from estimator.types import Estimator, Mixture
 from estimator.verification.scores import crps
 from replay.experiments.hours_ahead.forecasts import no_forecasts
@@ -43,9 +46,10 @@ class HoursRun(NamedTuple):
 
 def hours_job(label: str, run: HoursRun) -> Job:
     """The job of `run`. Its arrays are those of `Forecasts` (K, H); of what is learned the .025, .5 and .975 quantiles:
-    `parameters` (n_theta, 3) at the end, `heat_loss` (D, 3) [W/K] at `heat_loss_rows` (D,), one each day, and `gain`
-    (K, 3) [W] with `on` (K,), the probability that there is one; `seconds` (); of a bank also `members` (E,), and
-    `weights` (n, E, H) at `weight_rows` (n,) and `weight_leads` (H,)."""
+    `parameters` (n_theta, 3) at the end and `gain` (K, 3) [W], with `on` (K,), the probability that there is one;
+    `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at `heat_loss_rows` (D,);
+    `seconds` (); of a bank also `members` (E,), and `weights` (n, E, H) at `weight_rows` (n,) and `weight_leads` (H,).
+    """
     fitting = STARTS * STEPS_A_START if run.fitted else 0
     return Job(label, run.filter.seed, run_hours, run, fitting + len(run.filter.series.times))
 
@@ -67,6 +71,14 @@ def run_hours(run: HoursRun, tick: Tick) -> Arrays:
     return keeper.arrays() | {"parameters": parameters, "seconds": np.array(time.perf_counter() - began)}
 
 
+def _to_first_boundary(network: Network, theta: Array) -> float:
+    """The part of the steady-state heat loss [W/K] of a model with `theta` (n_theta,) that goes to the outdoors."""
+    matrices = assemble(network, theta[:, None])
+    node = network.nodes.index(network.measured[0])
+    share = np.linalg.solve(matrices.internal[0], matrices.inputs[0])[node, 0]
+    return float(share * heat_loss(matrices, node)[0])
+
+
 class _Keeper:
     """The forecasts that `estimator` makes along `series`."""
 
@@ -79,7 +91,7 @@ class _Keeper:
         self._weights: dict[int, Array] = {}
         self._a_day = max(1, round(DAY / estimator.period))
         self._gain, self._on = np.full((len(series.times), 3), np.nan), np.full(len(series.times), np.nan)
-        self._heat_loss: dict[int, Array] = {}
+        self._heat_loss: dict[int, float] = {}
 
     def verify(self, row: int, state: Any) -> Any:
         """`state` after the forecasts for `row` have come true."""
@@ -111,13 +123,14 @@ class _Keeper:
             self._gain[step.row] = step.posterior.disturbance.gain
             self._on[step.row] = step.posterior.disturbance.probability_on
         if self._estimator.physical and step.row % self._a_day == 0:
-            self._heat_loss[step.row] = self._estimator.parameters(step.state, _LEVELS).heat_loss
+            median = self._estimator.parameters(step.state, _LEVELS).parameters[:, 1]
+            self._heat_loss[step.row] = _to_first_boundary(self._estimator.network, median)
 
     def arrays(self) -> Arrays:
         """The forecasts, what was learned, and the weights of a bank."""
         arrays: Arrays = self._kept._asdict()
         arrays |= {"gain": self._gain, "on": self._on}
-        arrays["heat_loss"] = np.array([*self._heat_loss.values()]).reshape(-1, len(_LEVELS))
+        arrays["heat_loss"] = np.array([*self._heat_loss.values()], dtype=np.float64)
         arrays["heat_loss_rows"] = np.array([*self._heat_loss], dtype=np.int64)
         if isinstance(self._estimator, Bank):
             shape = (0, len(self._estimator.names), len(self._estimator.leads))

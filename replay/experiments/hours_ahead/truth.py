@@ -29,9 +29,9 @@ class Learned(NamedTuple):
     days: Array
     """(D,): days since the beginning."""
     by_day: Array
-    """(D, 3): heat loss [W/K] then, .025, .5 and .975 quantiles."""
+    """(D,): heat loss to outdoors [W/K] then."""
     heat_loss: float
-    """The median at the end of LEARNING over the true heat loss."""
+    """That at the end of LEARNING over the true one."""
     gain_error: float
     hourly_error: float
     gain_coverage: float
@@ -45,7 +45,7 @@ def learned(known: Known, times: Seconds, arrays: Arrays) -> Learned:
     gain, truth = arrays["gain"][later], known.gain[later]
     lower, middle, upper = gain.T
     days = since[arrays["heat_loss_rows"]]
-    reached = arrays["heat_loss"][days >= LEARNING, 1]
+    reached = arrays["heat_loss"][days >= LEARNING]
     an_hour = max(1, round(HOUR / float(times[1] - times[0])))
     inside = (lower <= truth) & (truth <= upper)
     return Learned(
