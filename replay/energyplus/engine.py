@@ -101,10 +101,22 @@ class Engine:
         return read
 
     def _run(self, model: Model, weather: Path) -> None:
-        """The life of the thread."""
+        """The life of the thread. Whatever ends it, the caller learns of it."""
         folder = Path(self._folder.name)
+        try:
+            self._simulate(model, weather, folder)
+        except BaseException as error:
+            self._read.put(error)
+        else:
+            self._read.put(EnergyPlusError(_said(folder / "eplusout.err")))
+
+    def _simulate(self, model: Model, weather: Path, folder: Path) -> None:
+        """EnergyPlus from its beginning to its end."""
         source = folder / "in.epJSON"
-        source.write_text(json.dumps(model), encoding="utf-8")
+        try:
+            source.write_text(json.dumps(model), encoding="utf-8")
+        except OSError as error:
+            raise EnergyPlusError(f"{source}: cannot be written ({error.strerror}); make room, or set TMPDIR") from None
         words = ("energyplus", "-w", str(weather), "-d", str(folder), str(source))
         arguments = (ctypes.c_char_p * len(words))(*(word.encode() for word in words))
         # Kept here: ctypes does not hold it.
@@ -119,7 +131,6 @@ class Engine:
                 self._library.energyplus(state, len(words), arguments)
             finally:
                 self._library.stateDelete(state)
-        self._read.put(EnergyPlusError(_said(folder / "eplusout.err")))
 
     def _begin_step(self, state: int) -> None:
         """Called by EnergyPlus, which would swallow an exception."""

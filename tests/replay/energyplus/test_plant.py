@@ -1,7 +1,10 @@
 """The live plant against EnergyPlus itself: balances, sampling, several at once, and what goes wrong."""
 
+import errno
+import os
 import threading
 from datetime import date
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -149,6 +152,15 @@ def test_a_failing_warm_up_is_reported_to_the_caller() -> None:
 
     with pytest.raises(RuntimeError, match="no controller today"):
         Plant(TIMBER, warm_up=broken)
+
+
+def test_a_disk_that_cannot_be_written_is_reported_to_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(EnergyPlusError, match=r"in.epJSON: cannot be written \(No space left on device\); make room"):
+        Plant(TIMBER)
 
 
 def test_weather_that_is_none_is_refused_in_one_sentence(tmp_path) -> None:
