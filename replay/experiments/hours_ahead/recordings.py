@@ -32,6 +32,7 @@ from replay.experiments.series.filtering import Series
 from replay.experiments.series.networks import zone_of
 from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.localtime import DAY, HOUR
+from replay.scores.intervals import Mask
 from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
 from service.config.load import load
@@ -56,9 +57,10 @@ _log = logging.getLogger(__name__)
 
 class Known(NamedTuple):
     """What only a simulator knows of a room: the unmeasured heat without the sun (K,) [W], the mean over the step that
-    ends at each row, and the heat loss to outdoors [W/K]."""
+    ends at each row, whether that step was `dark` (K,), and the heat loss to outdoors [W/K]."""
 
     gain: Array
+    dark: Mask
     heat_loss: float
 
 
@@ -78,7 +80,7 @@ class Recording(NamedTuple):
     def first_days(self, days: int) -> Recording:
         """The first `days` of it."""
         first = self.series.times < self.series.times[0] + days * DAY
-        known = self.known and self.known._replace(gain=self.known.gain[first])
+        known = self.known and Known(self.known.gain[first], self.known.dark[first], self.known.heat_loss)
         return self._replace(series=self.series.rows(first), known=known)
 
 
@@ -194,7 +196,8 @@ def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path |
     ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
     where = f"its room '{room}', heating {heating}, weather {weather}"
     what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
-    known = Known(ended, float(loss.outdoors[index]))
+    dark = np.concatenate([[False], life.irradiance[:-1] == 0.0])
+    known = Known(ended, dark, float(loss.outdoors[index]))
     return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known)
 
 

@@ -25,6 +25,7 @@ _LEARNED = {
     "heat loss over the true one": "heat_loss",
     "rms error of the gain over its rms": "gain_error",
     "the same of hourly means": "hourly_error",
+    "the same without sun": "dark_error",
     "coverage of the gain's 95 % interval": "gain_coverage",
     "area under the ROC curve of P(on)": "on",
 }

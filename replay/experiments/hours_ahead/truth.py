@@ -21,9 +21,10 @@ ON = 150.0
 class Learned(NamedTuple):
     """What was known after LEARNING; NaN where it was not known, or the recording is shorter.
 
-    The error of the gain is its rms over the rms of the true gain, at every step (`gain_error`) and as means over an
-    hour (`hourly_error`); `gain_coverage` is the share of true gains in the 95 % interval, and `on` the area under the
-    ROC curve of the probability that a gain is on.
+    The error of the gain is its rms over the rms of the true gain: at every step (`gain_error`), as means over an hour
+    (`hourly_error`), and at the steps without sun (`dark_error`), where no aperture can be wrong. `gain_coverage` is
+    the share of true gains in the 95 % interval, and `on` the area under the ROC curve of the probability that a gain
+    is on.
     """
 
     days: Array
@@ -34,6 +35,7 @@ class Learned(NamedTuple):
     """That at the end of LEARNING over the true one."""
     gain_error: float
     hourly_error: float
+    dark_error: float
     gain_coverage: float
     on: float
 
@@ -42,6 +44,7 @@ def learned(known: Known, times: Seconds, arrays: Arrays) -> Learned:
     """What a run with `arrays` (see `hours_job`) over samples at `times` (K,) has learned of what is `known`."""
     since = times - times[0]
     later = since >= LEARNING
+    dark = later & known.dark
     gain, truth = arrays["gain"][later], known.gain[later]
     lower, middle, upper = gain.T
     days = since[arrays["heat_loss_rows"]]
@@ -54,6 +57,7 @@ def learned(known: Known, times: Seconds, arrays: Arrays) -> Learned:
         float(reached[0]) / known.heat_loss if len(reached) else np.nan,
         _relative_error(middle, truth),
         _relative_error(_means(middle, an_hour), _means(truth, an_hour)),
+        _relative_error(arrays["gain"][dark, 1], known.gain[dark]),
         float(inside.mean()) if later.any() and np.isfinite(middle).all() else np.nan,
         area_under_roc(arrays["on"][later], np.abs(truth) > ON) if later.any() else np.nan,
     )

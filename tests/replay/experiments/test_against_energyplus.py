@@ -22,10 +22,11 @@ from replay.experiments.hours_ahead.verdicts import against_the_truth
 from replay.experiments.request import Request
 from replay.experiments.semi_synthetic.case import simulated_case
 from replay.experiments.series.filtering import FilterRun
-from replay.localtime import HOUR
+from replay.localtime import DAY, HOUR
 
 TIMES = 1800 * np.arange(28 * 48, dtype=np.int64)
 LATER = TIMES >= LEARNING
+NIGHT = TIMES % DAY < 6 * HOUR
 
 
 def arrays(gain: np.ndarray, on: np.ndarray, loss: np.ndarray) -> dict[str, np.ndarray]:
@@ -40,11 +41,14 @@ def test_errors_are_relative_to_the_truth_after_three_weeks() -> None:
     median = np.where(LATER, truth + 100.0, 1e6)
     gain = np.column_stack([median - 150.0, median, median + 150.0])
     loss = np.array([100.0] * 21 + [80.0] + [2.0] * 6)
-    found = learned(Known(truth, 100.0), TIMES, arrays(gain, (truth > ON).astype(float), loss))
+    # In the night it is right.
+    gain[NIGHT] = truth[NIGHT, None]
+    found = learned(Known(truth, NIGHT, 100.0), TIMES, arrays(gain, (truth > ON).astype(float), loss))
     assert found.heat_loss == pytest.approx(0.8), "the first value after three weeks"
-    assert found.gain_error == pytest.approx(100.0 / np.sqrt(np.mean(truth[LATER] ** 2)))
+    assert found.gain_error == pytest.approx(100.0 * np.sqrt(0.75) / np.sqrt(np.mean(truth[LATER] ** 2)))
     hourly = truth[LATER].reshape(-1, 2).mean(axis=1)
-    assert found.hourly_error == pytest.approx(100.0 / np.sqrt(np.mean(hourly**2)))
+    assert found.hourly_error == pytest.approx(100.0 * np.sqrt(0.75) / np.sqrt(np.mean(hourly**2)))
+    assert found.dark_error == 0.0
     assert (found.gain_coverage, found.on) == (1.0, 1.0)
     assert found.days.tolist() == list(range(28))
 
@@ -53,13 +57,13 @@ def test_what_was_not_known_is_not_a_number() -> None:
     truth = np.full(len(TIMES), 100.0)
     unknown = arrays(np.full((len(TIMES), 3), np.nan), np.full(len(TIMES), np.nan), np.empty(0))
     unknown["heat_loss_rows"] = np.empty(0, dtype=np.int64)
-    found = learned(Known(truth, 100.0), TIMES, unknown)
-    assert np.isnan([found.heat_loss, found.gain_error, found.hourly_error, found.gain_coverage, found.on]).all()
+    found = learned(Known(truth, NIGHT, 100.0), TIMES, unknown)
+    assert np.isnan(found[2:]).all()
     # A recording that is too short teaches nothing, whatever its estimator says.
     short = slice(5 * 48)
     early = arrays(np.zeros((5 * 48, 3)), np.zeros(5 * 48), np.ones(5)) | {"heat_loss_rows": 48 * np.arange(5)}
-    found = learned(Known(truth[short], 100.0), TIMES[short], early)
-    assert np.isnan([found.heat_loss, found.gain_error, found.hourly_error, found.gain_coverage, found.on]).all()
+    found = learned(Known(truth[short], NIGHT[short], 100.0), TIMES[short], early)
+    assert np.isnan(found[2:]).all()
 
 
 @needs_energyplus
@@ -99,7 +103,7 @@ def test_tables_and_verdicts_follow_from_what_was_learned() -> None:
     series = simulated_case(network, Request(days=24), 1).series
     series = series.rows(np.arange(len(series.times)) % 18 == 0)
     series = series._replace(starts=np.arange(len(series.times)) == 0)
-    known = Known(np.full(len(series.times), 500.0), 140.0)
+    known = Known(np.full(len(series.times), 500.0), np.arange(len(series.times)) % 2 == 0, 140.0)
     recording = Recording("known", "a building whose truth is known", False, network, 3 * HOUR, series, known)
     leads = tuple(leads_of(recording.period).values())
     runs = {
@@ -110,8 +114,8 @@ def test_tables_and_verdicts_follow_from_what_was_learned() -> None:
     found = outcome(recording, planned, [run_hours(run, lambda steps: None) for run in runs.values()])
     rows = {row[1]: row for row in against_truth([found]).rows}
     assert rows["EKF"][0] == "known"
-    assert rows["EKF"][3:] == (None,) * 4, "it has no model of the gain"
-    ratio, error, _, coverage, _ = rows[MKF][2:]
+    assert rows["EKF"][3:] == (None,) * 5, "it has no model of the gain"
+    ratio, error, _, _, coverage, _ = rows[MKF][2:]
     assert ratio.mean > 0
     assert 0 <= coverage.mean <= 1
     loss, gain = against_the_truth(found)
