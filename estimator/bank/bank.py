@@ -68,7 +68,6 @@ class Bank:
         """Steps ahead of the horizons at which weights and widths are learned."""
         hours = np.array(self.leads) * period / _HOUR
         self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
-        self._rates = options.learning_rate / np.sqrt(np.maximum(hours, 1.0))
         self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
 
     @property
@@ -210,7 +209,7 @@ class Bank:
         prior = self._prior
         if state.lost.any() and not state.lost.all():
             prior = np.where(state.lost[:, None] > 0.0, np.finfo(float).tiny, prior)
-        return weights(state.costs, prior, self._rates)
+        return weights(state.costs, prior, self.options.learning_rate)
 
     def _mixed(self, state: BankState, parts: Sequence[Mixture], horizon: int) -> Mixture:
         """The weighted mixture of the members' `parts`, scaled about its mean."""

@@ -42,17 +42,16 @@ DEFAULT_MEMBERS: dict[str, Mapping[str, object]] = {
     "jump": {"estimator": "mkf", "preset": "jump"},
     "drift": {"estimator": "mkf", "preset": "drift"},
     "free": {"estimator": "mkf", "preset": "free"},
-    "middle": {"estimator": "mkf", "preset": "middle"},
-    "output-error-0.3": {"estimator": "mkf", "preset": "output-error-0.3"},
-    "output-error-0.6": {"estimator": "mkf", "preset": "output-error-0.6"},
+    "steady": {"estimator": "mkf", "preset": "steady"},
+    "output-error": {"estimator": "mkf", "preset": "output-error"},
     "rbpf": {"estimator": "rbpf", "particles": 2000},
-    "arx": {"estimator": "arx"},
+    "arx": {"estimator": "arx", "past_outputs": 12, "past_inputs": 6},
     "daily": {"estimator": "daily"},
 }
 """Members that trust different things; the first one with a volatility publishes it, see `BankOptions.voice`."""
 
 
-_VARIANT_MEMBER = "output-error-0.3"
+_VARIANT_MEMBER = "steady"
 """The default member that each variant of an automatic network gets a copy of: over the hours that it serves, a missing
 path shows most."""
 
@@ -73,10 +72,10 @@ class BankOptions:
     members: Mapping[str, Member] = field(default_factory=dict)
     voice: str = ""
     """The member whose volatility and gate are published."""
-    discount: float = 0.998
+    discount: float = 0.995
     """What an hour leaves of an old cost."""
     learning_rate: float = 0.2
-    """How much an hour's cost, in units of the mixture's, moves the log of a weight, up to an hour ahead."""
+    """How much an hour's cost, in units of the mixture's, moves the log of a weight."""
     coverage: float = 0.95
     """Level of the interval whose coverage is kept."""
     feedback: float = 0.02

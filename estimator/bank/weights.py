@@ -8,8 +8,7 @@ w of forecasts X_e that is, by the gradient of the CRPS,
 
 so that a member earns trust by being good and by being unlike the others: the weights approach the best mixture, not
 the best member (exponentiated gradient, CRPS learning: Berrisch and Ziel 2021). Its unit is what the mixture itself
-costs, so that the rate suits every building; it is bounded, so that one surprise does not decide; and forecasts of
-longer leads overlap and tell less, so that r falls with the square root of the lead.
+costs, so that the rate suits every building, and it is bounded, so that one surprise does not decide.
 """
 
 from __future__ import annotations
@@ -62,9 +61,9 @@ def with_cost(costs: Costs, horizon: int, cost: Array, whole: float, hours: floa
     return Costs(excess, sums, total)
 
 
-def weights(costs: Costs, prior: Array, rates: Array) -> Array:
-    """Weights (E, H) of the members from the `prior` (E, H) and the learning `rates` (H,) [per hour]."""
-    raw = np.log(prior) - rates * costs.excess
+def weights(costs: Costs, prior: Array, rate: float) -> Array:
+    """Weights (E, H) of the members from the `prior` (E, H) and the learning `rate` [per hour]."""
+    raw = np.log(prior) - rate * costs.excess
     raw = np.exp(raw - raw.max(axis=0))
     normalised: Array = raw / raw.sum(axis=0)
     return normalised

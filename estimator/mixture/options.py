@@ -96,9 +96,15 @@ PRESETS: dict[str, Mapping[str, object]] = {
     "jump": _JUMP,
     "drift": _DRIFT,
     "free": _PLAIN | {"process_sd": 0.05, "parameter_sd": 0.01, "measurement_sd": 0.05},
-    "middle": _PLAIN | {"process_sd": 0.02, "parameter_sd": 0.003, "measurement_sd": 0.15},
-    "output-error-0.3": _PLAIN | {"process_sd": 0.005, "parameter_sd": 0.003, "measurement_sd": 0.3},
-    "output-error-0.6": _PLAIN | {"process_sd": 0.005, "parameter_sd": 0.003, "measurement_sd": 0.6},
+    "steady": _PLAIN
+    | {
+        "gain": "always",
+        "gain_walk_sd": 0.003,
+        "process_sd": 0.005,
+        "parameter_sd": 0.003,
+        "measurement_sd": 0.3,
+    },
+    "output-error": _PLAIN | {"process_sd": 0.005, "parameter_sd": 0.003, "measurement_sd": 0.6},
 }
 """What differs from the defaults above, at a period of 10 minutes."""
 

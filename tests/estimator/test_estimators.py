@@ -26,7 +26,7 @@ SMALL = {
 }
 VARIANTS = [(name, SMALL.get(name, {})) for name in ESTIMATORS]
 VARIANTS += [(name, SMALL.get(name, {}) | {"preset": "paper"}) for name in ("rbpf", "ekf", "ukf")]
-VARIANTS += [("mkf", SMALL["mkf"] | {"preset": preset}) for preset in ("drift", "free", "output-error-0.6")]
+VARIANTS += [("mkf", SMALL["mkf"] | {"preset": preset}) for preset in ("drift", "free", "steady", "output-error")]
 
 
 def make(name, options, preset="ecolar-6r4c"):

@@ -12,7 +12,7 @@ from estimator.particle.kalman import unpack
 from estimator.registry import build
 from replay.simulated.simulate import simulate
 
-PRESETS = ("jump", "drift", "free", "output-error-0.6")
+PRESETS = ("jump", "drift", "free", "steady", "output-error")
 
 
 def two_rooms():
@@ -184,7 +184,7 @@ def test_it_finds_an_unmeasured_gain_and_the_noise_of_the_sensor():
 
 def test_parameters_come_close_to_the_truth_and_their_intervals_hold_it():
     data, net = record(1000, seed=2, process_sd=0.01), building()
-    estimator = build("mkf", net, PERIOD, {"preset": "middle", "measurement_sd": 0.05, "process_sd": 0.01})
+    estimator = build("mkf", net, PERIOD, {"preset": "output-error", "measurement_sd": 0.05, "process_sd": 0.01})
     state = estimator.start(4, data.outputs[0], data.inputs[0])
     for u, y in zip(data.inputs[:-1], data.outputs[1:], strict=True):
         state = estimator.update(estimator.predict(state, u), y).state

@@ -34,7 +34,7 @@ def test_the_mixture_filter_and_its_oracle_agree_on_every_variant(variant):
     net = family(automatic(("I_sol",)))[variant]
     rows = []
     for implementation in ("compiled", "reference"):
-        options = {"preset": "output-error-0.3", "particles": 8, "implementation": implementation}
+        options = {"preset": "output-error", "particles": 8, "implementation": implementation}
         estimator = build("mkf", net, 600.0, options)
         inputs = np.array([5.0, 800.0, 150.0])
         state = estimator.start(3, np.array([20.0]), inputs)
