@@ -35,6 +35,7 @@ from service.daemon.tasks import done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
+from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
@@ -181,7 +182,8 @@ class Daemon:
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         streams = self._streams
-        sinks: tuple[Sink, ...] = (metrics, *opened, streams)
+        changes = Changes()
+        sinks: tuple[Sink, ...] = (metrics, *opened, streams, changes)
         plumbing = Plumbing(
             self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every, weather=WeatherBook()
         )
@@ -205,6 +207,8 @@ class Daemon:
             reload=self.reload,
             http=http,
             streams=streams,
+            changes=changes,
+            time_zone=site.time_zone,
         )
         questions = Questions(create_questions(site.id, zones), loop)
         for sink in opened:
@@ -245,6 +249,7 @@ class Daemon:
                 await runtime.stop_feeds()
                 # An open stream would keep the server from stopping; the clients come back after a pause.
                 streams.end()
+                changes.end()
                 await asyncio.gather(runtime.drain(), server.stop(serving))
         finally:
             for task in (stop, *watching):

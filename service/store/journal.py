@@ -16,6 +16,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from service.errors import JournalError
 from service.records.history import HistoryRow
 from service.records.sample import Sample
@@ -27,6 +30,7 @@ from service.store.journal_rows import (
     history_row,
     link_of,
     sample_row,
+    sound_rows,
     to_history,
     to_sample,
 )
@@ -39,6 +43,9 @@ _PENDING_LIMIT = 1000
 _ROWS_AT_ONCE = 250
 """SQLite takes 32,766 values in a statement; the widest row has 18."""
 _EARLIEST = -(2**63)
+
+SERIES_ROWS = 4000
+"""Rows that a chart reads at once, before other work of the journal's thread has its turn."""
 
 _COLUMNS = ", ".join(HistoryRow._fields)
 _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
@@ -168,6 +175,46 @@ class Journal:
         query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
         rows = (self._sound(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
         return [row for row in rows if row is not None]
+
+    def history_columns(
+        self, zone: str, start: int, end: int, every: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
+        """History rows with `start` <= time < `end` at multiples of `every` s, oldest first: times (n,), and all
+        columns (n, 17), NaN where there is no value. Last comes where the next page begins; None: there is none.
+
+        Damaged rows are left out, as in `history`.
+        """
+        if any(row[0] == zone for row in self._pending):
+            self.flush()
+        query = (
+            f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
+            "ORDER BY time LIMIT ?"
+        )
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+        table, sound = sound_rows(zone, rows, self._unchecked.get(zone, _EARLIEST))
+        for index in np.flatnonzero(~sound):
+            *row, checksum = rows[index]
+            self._sound(zone, row, checksum)
+        return table[sound, 0].astype(np.int64), table[sound], following
+
+    def input_columns(
+        self, zone: str, start: int, end: int, every: int, width: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
+        """The `width` inputs of accepted samples, as `history_columns`: times (n,), inputs (n, width), the next page.
+
+        A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
+        """
+        query = (
+            "SELECT time, inputs FROM samples WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
+            "ORDER BY time LIMIT ?"
+        )
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+        whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
+        times = np.array([time for time, _ in whole], dtype=np.int64)
+        inputs = np.frombuffer(b"".join(blob for _, blob in whole), dtype="<f8").reshape(len(whole), width)
+        return times, inputs.astype(np.float64), following
 
     def forget(self, zone: str) -> None:
         """Set aside all of `zone`: its rows stay in the file under a name that no zone can have.

@@ -12,6 +12,7 @@ from prometheus_client import CollectorRegistry
 from starlette.middleware.gzip import GZipMiddleware
 
 from service.config.http import HttpConfig
+from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
@@ -21,6 +22,9 @@ from service.web.control.routes import control_routes
 from service.web.guard import GatherBody, Guard
 from service.web.limits import StreamLimits
 from service.web.operations import Problems, Reload, operation_routes
+from service.web.page.outlook import Outlooks
+from service.web.page.overview import overview_routes
+from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
@@ -42,12 +46,15 @@ def create_app(
     reload: Reload | None = None,
     http: HttpConfig | None = None,
     streams: Streams | None = None,
+    changes: Changes | None = None,
+    time_zone: str | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
     `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
     answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
-    where the zones announce what happens; without it a stream tells what there is and no more.
+    where the zones announce what happens, and `changes` where that they did; without them a stream tells what there is
+    and no more. `time_zone` is the site's (IANA), for the page.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
@@ -65,6 +72,9 @@ def create_app(
     app.include_router(zone_routes(site, zones))
     app.include_router(control_routes(site, zones))
     app.include_router(stream_routes(site, zones, streams or Streams()))
+    changes = changes or Changes()
+    app.include_router(series_routes(site, zones))
+    app.include_router(overview_routes(site, time_zone, zones, changes, Outlooks(zones, changes.note)))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]
