@@ -19,9 +19,14 @@ class Watcher:
     """What changed since one client last looked."""
 
     def __init__(self) -> None:
-        self.ended = False
+        self._over = asyncio.Event()
         self._changed: dict[str, None] = {}
         self._news = asyncio.Event()
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing will change any more."""
+        return self._over.is_set()
 
     def note(self, zone: str) -> None:
         """`zone` has news, or is gone."""
@@ -30,8 +35,14 @@ class Watcher:
 
     def end(self) -> None:
         """Nothing will change any more."""
-        self.ended = True
+        self._over.set()
         self._news.set()
+
+    async def rest(self, seconds: float) -> None:
+        """Let news gather for so long, or until the end."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._over.wait()
 
     async def changed(self) -> list[str]:
         """The zones with news, longest ago first, once there are any; none after KEEP_ALIVE s without."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -86,8 +85,7 @@ def overview_routes(
                 for first in range(0, len(changed), ROWS_AT_ONCE):
                     change = _change(changed[first : first + ROWS_AT_ONCE], shown)
                     yield format_sse_event(event="rows", data_str=to_json(change).decode())
-                if not watcher.ended:
-                    await asyncio.sleep(PAUSE)
+                await watcher.rest(PAUSE)
 
     def _change(names: Sequence[str], shown: dict[str, int]) -> OverviewChange:
         """The rows of `names`; `shown` is of which time the client has the sparkline of each zone."""

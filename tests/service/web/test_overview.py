@@ -70,7 +70,7 @@ async def read_rows(client: Client) -> OverviewChange:
 
 async def follow(server: Any, path: str = "/overview/stream") -> Client:
     client = await Client.to(server, limit=2**24)
-    await client.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+    await client.send(f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n".encode())
     return client
 
 
@@ -107,6 +107,25 @@ def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
             while "living" not in (await read_rows(client)).removed:
                 pass
             await client.close()
+
+    asyncio.run(run())
+
+
+def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(overview, "PAUSE", 1e6)
+
+    async def run() -> None:
+        changes = Changes()
+        app = create_app("htwg", zones, CollectorRegistry(), changes=changes)
+        async with serving(app, config()) as server:
+            client = await follow(server)
+            await read_rows(client)
+            changes.close()
+            assert (await client.ended()).endswith(b"0\r\n\r\n"), "also while news gathers"
+            late = await follow(server)
+            assert (await late.ended()).endswith(b"0\r\n\r\n")
+            await client.close()
+            await late.close()
 
     asyncio.run(run())
 
