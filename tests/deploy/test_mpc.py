@@ -32,9 +32,9 @@ def mpc() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
-    """A room that has learned for three days, and one that has just begun."""
+    """A room that has learned for more than a day, and one that has just begun."""
     limits = Surroundings({"u_heat": (0.0, 4000.0)})
-    office = Room("ekf", "tite", 864, limits, 21.0, heated=True)
+    office = Room("ekf", "tite", 480, limits, 21.0, heated=True)
     rooms = {"office": office, "new": Room("ekf", samples=3)}
     with site_of(tmp_path_factory.mktemp("site"), rooms) as (made, _):
         yield made
