@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -78,6 +78,16 @@ attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of w
 
 fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it
 	$(BIN)/python tests/fuzz/run.py --inputs $(FUZZ_INPUTS) --out var/fuzz
+
+SCREENSHOTS ?=
+
+screenshots: $(VENV)/.ready  ## the pictures of the page in the documentation, from what `make run` shows; needs chromium; 3 min
+	$(BIN)/python tests/browser/screenshots.py $(SCREENSHOTS)
+
+STREAM ?= 3600
+
+page: $(VENV)/.ready  ## weight, paint, scrolling, and memory over STREAM=3600 s of a thousand streaming zones; needs chromium
+	$(BIN)/python tests/browser/evidence.py --stream $(STREAM)
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info

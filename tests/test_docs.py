@@ -81,6 +81,7 @@ from service.sources import (
 from service.web import models as api_models
 from service.web import problems as api_problems
 from service.web.control import models as control_models
+from service.web.page import payloads as page_models
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.worker import STARTED
 
@@ -406,7 +407,7 @@ def model_of(mark: str) -> tuple[type[BaseModel], bool]:
     """The model that a JSON example illustrates, and whether only what it adds to its base is shown."""
     match = re.fullmatch(r"model: (\w+)(, added fields)?", mark)
     assert match, f"a JSON example needs a comment <!-- model: Name -->, not {mark!r}"
-    for module in (payloads, api_models, api_problems, control_models):
+    for module in (payloads, api_models, page_models, api_problems, control_models):
         if hasattr(module, match[1]):
             return getattr(module, match[1]), match[2] is not None
     raise AssertionError(f"there is no payload {match[1]}")

@@ -30,6 +30,7 @@ from service.fields.values import (
     Period,
     PositiveDuration,
     Text,
+    TimeZone,
     context,
     whole,
 )
@@ -49,6 +50,7 @@ class SiteConfig(BaseModel):
     checkpoint_every: PositiveDuration = 300.0
     keep_history: PositiveDuration = 400 * DAY
     max_journal: JournalSize = 2 * 10**9
+    time_zone: TimeZone | None = None
 
 
 def default_seed(site: str, zone: str) -> int:

@@ -37,6 +37,7 @@ from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
+from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
@@ -192,7 +193,8 @@ class Daemon:
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         streams = self._streams
-        sinks: tuple[Sink, ...] = (metrics, *opened, streams)
+        changes = Changes()
+        sinks: tuple[Sink, ...] = (metrics, *opened, streams, changes)
         plumbing = Plumbing(
             self._config.site.id,
             store,
@@ -225,6 +227,8 @@ class Daemon:
             http=http,
             streams=streams,
             take=Ingest(lambda: runtime.feeds, lambda: runtime.is_posted_to).take,
+            changes=changes,
+            time_zone=site.time_zone,
         )
         queries = Queries(create_questions(site.id, zones), loop)
         for sink in opened:
@@ -269,6 +273,7 @@ class Daemon:
                 await runtime.stop_feeds()
                 # An open stream would keep the server from stopping; the clients come back after a pause.
                 streams.end()
+                changes.end()
                 await asyncio.gather(runtime.drain(), server.stop(serving))
         finally:
             for task in (stop, *watching):

@@ -13,6 +13,7 @@ from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.model import CompactFan, ZoneModel
 from service.records.outlook import Outlook, Surroundings
+from service.records.series import Series
 from service.records.skill import Skill
 from service.records.status import ZoneStatus
 from service.records.trust import Trust
@@ -73,3 +74,6 @@ class ZoneView(Protocol):
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """The newest `limit` rows with `start` <= time < `end` (UTC seconds; None: open), oldest first."""
+
+    async def series(self, start: int, end: int, points: int) -> Series:
+        """The history with `start` <= time < `end` (UTC seconds) in at most `points` buckets, with the inputs."""

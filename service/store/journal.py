@@ -16,6 +16,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from adapters.reading import Reading
 from service.errors import JournalError
 from service.records.history import HistoryRow
@@ -29,6 +32,7 @@ from service.store.journal_rows import (
     link_of,
     reading_row,
     sample_row,
+    sound_rows,
     to_history,
     to_reading,
     to_sample,
@@ -45,6 +49,9 @@ _EARLIEST = -(2**63)
 
 REMEMBERED = 3600
 """Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
+
+SERIES_ROWS = 4000
+"""Rows that a chart reads at once, before other work of the journal's thread has its turn."""
 
 _COLUMNS = ", ".join(HistoryRow._fields)
 _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
@@ -203,6 +210,46 @@ class Journal:
         query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
         rows = (self._sound(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
         return [row for row in rows if row is not None]
+
+    def history_columns(
+        self, zone: str, start: int, end: int, every: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
+        """History rows with `start` <= time < `end` at multiples of `every` s, oldest first: times (n,), and all
+        columns (n, 17), NaN where there is no value. Last comes where the next page begins; None: there is none.
+
+        Damaged rows are left out, as in `history`.
+        """
+        if any(row[0] == zone for row in self._pending):
+            self.flush()
+        query = (
+            f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
+            "ORDER BY time LIMIT ?"
+        )
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+        table, sound = sound_rows(zone, rows, self._unchecked.get(zone, _EARLIEST))
+        for index in np.flatnonzero(~sound):
+            *row, checksum = rows[index]
+            self._sound(zone, row, checksum)
+        return table[sound, 0].astype(np.int64), table[sound], following
+
+    def input_columns(
+        self, zone: str, start: int, end: int, every: int, width: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
+        """The `width` inputs of accepted samples, as `history_columns`: times (n,), inputs (n, width), the next page.
+
+        A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
+        """
+        query = (
+            "SELECT time, inputs FROM samples WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
+            "ORDER BY time LIMIT ?"
+        )
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+        whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
+        times = np.array([time for time, _ in whole], dtype=np.int64)
+        inputs = np.frombuffer(b"".join(blob for _, blob in whole), dtype="<f8").reshape(len(whole), width)
+        return times, inputs.astype(np.float64), following
 
     def forget(self, zone: str) -> None:
         """Set aside all of `zone`: its rows stay in the file under a name that no zone can have.

@@ -10,8 +10,11 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
@@ -89,6 +92,36 @@ def to_reading(row: ReadingRow) -> Reading:
 
 def _reading_checksum(zone: str, time: float, channel: str, value: float, quality: str) -> int:
     return zlib.crc32(struct.pack("<2d", time, value), zlib.crc32(f"{zone}\0{channel}\0{quality}".encode()))
+
+
+def sound_rows(
+    zone: str, rows: Sequence[Sequence[Any]], unchecked_until: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """History rows with their checksums last, as a table (n, 17), and which of them are sound (n,).
+
+    Rows up to `unchecked_until` may be without a checksum.
+    """
+    width = len(HistoryRow._fields)
+    table, sound = np.full((len(rows), width), np.nan), np.zeros(len(rows), dtype=np.bool_)
+    if not rows:
+        return table, sound
+    try:
+        table = np.array([row[:width] for row in rows], dtype=np.float64)
+    except (ValueError, TypeError):
+        # A cell that is no number; the other rows are read one by one.
+        for index, row in enumerate(rows):
+            if all(cell is None or isinstance(cell, int | float) for cell in row[:width]):
+                table[index] = np.array(row[:width], dtype=np.float64)
+    # As `history_checksum` has it: neither the sign of zero nor the kind of NaN counts.
+    packed = np.where(np.isnan(table), np.nan, table + 0.0).astype("<f8").tobytes()
+    seed, size = zlib.crc32(zone.encode()), _NUMBERS.size
+    for index, row in enumerate(rows):
+        checksum = row[width]
+        computed = zlib.crc32(memoryview(packed)[index * size : (index + 1) * size], seed)
+        sound[index] = isinstance(row[0], int) and (
+            checksum == computed or (checksum is None and row[0] <= unchecked_until)
+        )
+    return table, sound
 
 
 def _to_blob(values: Array) -> bytes:

@@ -27,11 +27,13 @@ from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.measures import Measure, Rows, single
 from service.records.sample import Sample
+from service.records.series import Series
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint, CheckpointStore
 from service.store.durable_files import SPACE, make_folder
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
+from service.store.series import Buckets, Page, Stretch, history_page, inputs_page, joined, series_of
 
 _PAGE = 500
 
@@ -231,6 +233,20 @@ class Store:
     async def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, as `Journal.history`."""
         return await self._run(self._journal.history, zone, start, end, limit)
+
+    async def series(self, wanted: Stretch) -> Series:
+        """The history and the inputs of a stretch, thinned out; other work of the journal comes in between."""
+        history = await self._pages(history_page, wanted)
+        return series_of(history, await self._pages(inputs_page, wanted), wanted.bucket)
+
+    async def _pages(self, page: Page, wanted: Stretch) -> Buckets:
+        """All pages of a stretch, joined."""
+        found: list[Buckets] = []
+        start: int | None = wanted.start
+        while start is not None:
+            buckets, start = await self._run(page, self._journal, wanted, start)
+            found.append(buckets)
+        return joined(found)
 
     def close(self) -> None:
         """Flush and close the journal and release the lock; safe to call twice."""

@@ -31,6 +31,8 @@ OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 OPEN_PREFIX = "/static/"
 ADMIN_PREFIX = "/admin"
 ZONES_PREFIX = "/zones"
+OVERVIEW_PREFIX = "/overview"
+"""Like the list of zones, answered with those that the caller sees."""
 FORECASTS_PATH = "/forecasts"
 """Forecasts of several zones, each of which has to be one that the caller sees."""
 
@@ -187,9 +189,9 @@ class RequireKey:
         if not caller.may(needed):
             raise _lacking(needed)
         if caller.zones is not None:
-            if f"/{parts[1]}" not in (ZONES_PREFIX, FORECASTS_PATH):
+            if f"/{parts[1]}" not in (ZONES_PREFIX, OVERVIEW_PREFIX, FORECASTS_PATH):
                 raise _lacking("all zones")
-            if len(parts) > 3 and parts[2] not in caller.zones:
+            if f"/{parts[1]}" == ZONES_PREFIX and len(parts) > 3 and parts[2] not in caller.zones:
                 raise _unknown_zone(parts[2], sorted(caller.zones))
         return caller
 

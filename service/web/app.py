@@ -12,6 +12,7 @@ from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
 
 from service.config.http import HttpConfig
+from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
@@ -22,6 +23,9 @@ from service.web.guard import Guard
 from service.web.limits import StreamLimits
 from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
+from service.web.page.outlook import Outlooks
+from service.web.page.overview import overview_routes
+from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
 from service.web.readings import Take, reading_routes
 from service.web.server.assets import Asset
@@ -48,13 +52,15 @@ def create_app(
     http: HttpConfig | None = None,
     streams: Streams | None = None,
     take: Take | None = None,
+    changes: Changes | None = None,
+    time_zone: str | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
     `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
     answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
-    where the zones announce what happens; without it a stream tells what there is and no more. `take` takes what is
-    posted.
+    where the zones announce what happens, and `changes` where that they did; without them a stream tells what there is
+    and no more. `take` takes what is posted. `time_zone` is the site's (IANA), for the page.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
@@ -80,6 +86,9 @@ def create_app(
     app.include_router(control_routes(site, zones))
     app.include_router(reading_routes(site, zones, take, http.limits.body))
     app.include_router(stream_routes(site, zones, streams or Streams()))
+    changes = changes or Changes()
+    app.include_router(series_routes(site, zones))
+    app.include_router(overview_routes(site, time_zone, zones, changes, Outlooks(zones, changes.note)))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]

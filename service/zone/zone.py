@@ -28,10 +28,12 @@ from service.records.model import CompactFan, ZoneModel
 from service.records.outlook import NO_SURROUNDINGS, Outlook, Surroundings, Weather
 from service.records.receipt import Receipt
 from service.records.sample import Sample
+from service.records.series import Series
 from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
 from service.records.trust import Trust, untrusted
 from service.records.update import Update
+from service.store.series import Stretch, bucket_of
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
@@ -201,6 +203,13 @@ class Zone:
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
         return await self._plumbing.store.history(self.id, start, end, limit)
+
+    async def series(self, start: int, end: int, points: int) -> Series:
+        """The history of [start, end), UTC s, thinned out."""
+        period = int(self.period)
+        bucket = bucket_of(start, end, period, points)
+        stretch = Stretch(self.id, start, end, period, bucket, len(self.network.inputs))
+        return await self._plumbing.store.series(stretch)
 
     async def restore(self) -> int | None:
         """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.

@@ -14,7 +14,7 @@ from estimator.network.assembly import assemble
 from replay.bms.energyplus.building import PlantRooms
 from replay.bms.energyplus.world import EnergyPlusWorld
 from replay.bms.simulation import Simulation
-from replay.bms.written_config import configuration
+from replay.bms.written_config import configuration, over_modbus
 from replay.energyplus.buildings import BUILDINGS
 from replay.energyplus.plant import STEP
 
@@ -181,7 +181,7 @@ def test_the_boxes_of_the_written_networks_follow_from_floor_area_and_pace(pace:
 
 @needs_energyplus
 def test_the_written_configuration_reads_its_rooms(plant: Simulation) -> None:
-    written = configuration(plant, 5020)
+    written = configuration(plant, over_modbus(5020))
     assert [zone["id"] for zone in written["zones"]] == ["ground", "upper"]
     assert [*written["zones"][0]["channels"]] == ["T_air", "T_out", "T_upper", "u_heat", "I_sol"]
     assert written["zones"][0]["channels"]["T_upper"]["source"] == "upper"

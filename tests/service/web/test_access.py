@@ -71,7 +71,7 @@ def test_with_a_key_in_force_everything_else_is_closed(app: FastAPI, file: Path)
         assert status(app, path, secret) == 200, path
     for path in OPEN_PATHS:
         assert get(app, path).status_code == 200, path
-    assert get(app, "/static/live.js").status_code == 200
+    assert get(app, "/static/main.js").status_code == 200
     assert status(app, "/nowhere", secret) == 404
 
 
