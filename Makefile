@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus overload soak audit fuzz clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -44,6 +44,15 @@ experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-
 load-modbus: $(VENV)/.ready  ## 50 Modbus devices x 100 registers polled each second for 10 minutes: misses, processor, memory
 	$(BIN)/python tests/integration/modbus_load.py --seconds 600
 
+load-mqtt: $(VENV)/.ready  ## 200 MQTT topics at 10 Hz for 10 minutes on a real broker: misses, processor, memory
+	$(BIN)/python tests/integration/mqtt_load.py --seconds 600
+
+load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 minutes, subscribed and polled: misses, processor, memory
+	$(BIN)/python tests/integration/bacnet_load.py --seconds 600
+	$(BIN)/python tests/integration/bacnet_load.py --seconds 600 --polled
+
+home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the test against it
+
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
 
@@ -64,8 +73,21 @@ overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 mi
 soak: $(VENV)/.bench  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
 	$(BIN)/python -m replay.measuring.soak --picture var/soak/soak.svg $(SOAK)
 
+attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; ten minutes
+	$(BIN)/python tests/attack/run.py
+
 fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it
 	$(BIN)/python tests/fuzz/run.py --inputs $(FUZZ_INPUTS) --out var/fuzz
+
+SCREENSHOTS ?=
+
+screenshots: $(VENV)/.ready  ## the pictures of the page in the documentation, from what `make run` shows; needs chromium; 3 min
+	$(BIN)/python tests/browser/screenshots.py $(SCREENSHOTS)
+
+STREAM ?= 3600
+
+page: $(VENV)/.ready  ## weight, paint, scrolling, and memory over STREAM=3600 s of a thousand streaming zones; needs chromium
+	$(BIN)/python tests/browser/evidence.py --stream $(STREAM)
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info
@@ -79,9 +101,18 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+$(VENV)/home-assistant/installed: .ci/home-assistant | $(VENV)/.ready
+	@$(PYTHON) .ci/home-assistant $(VENV)/home-assistant && touch $@ || \
+	  echo "Home Assistant cannot be installed; the test against it is skipped"
+
 $(VENV)/.bench: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \
 	  echo "the extra 'bench' cannot be installed; what needs it is left out"
+
+# For CI and for whoever wants them: without it, the tests of buildings of EnergyPlus are skipped.
+$(VENV)/.energyplus: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,energyplus]' && touch $@ || \
+	  echo "the extra 'energyplus' cannot be installed; its buildings are left out"
 
 $(VENV)/.fuzz: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]' && touch $@ || \

@@ -15,7 +15,8 @@ class Edge:
 
     Raw value times `scale` plus `offset` is in the channel's own unit; `conversion` takes it to the network's, in which
     `valid` bounds what is believed. A `counter` counts energy: the difference of two readings over the time between
-    them is the value. `rollover` is the raw value at which it starts again from 0, None if it never does.
+    them is the value. `rollover` is the raw value at which it starts again from 0, None if it never does. What lies
+    outside `usual` is believed as well, but a person who sets the channel up is told.
     """
 
     scale: float = 1.0
@@ -24,16 +25,25 @@ class Edge:
     valid: tuple[float, float] = (-inf, inf)
     counter: bool = False
     rollover: float | None = None
+    usual: tuple[float, float] = (-inf, inf)
 
     def value(self, raw: float) -> float:
         """`raw` in the network's unit (of a counter: in that unit times s)."""
         return (raw * self.scale + self.offset) * self.conversion.scale + self.conversion.offset
+
+    def change(self, raw: float) -> float:
+        """A change of the raw value by `raw` in the network's unit, without its sign."""
+        return abs(raw * self.scale * self.conversion.scale)
 
     def fault(self, value: float) -> Fault | None:
         """Why `value`, in the network's unit, cannot be believed, or None."""
         if not isfinite(value):
             return Fault.NOT_FINITE
         return None if self.valid[0] <= value <= self.valid[1] else Fault.OUT_OF_RANGE
+
+    def is_usual(self, value: float) -> bool:
+        """Whether `value`, in the network's unit, is what one would expect."""
+        return self.fault(value) is None and self.usual[0] <= value <= self.usual[1]
 
 
 PLAIN = Edge()

@@ -46,6 +46,16 @@ class Mixture(NamedTuple):
         return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
 
 
+def mixture_moments(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
+    """Mean (n,) and covariance (n, n) of a mixture of N Gaussians: `weights` (N,), `means` (n, N), `covariances`
+    (N, n, n)."""
+    shares = weights / weights.sum()
+    mean = (means * shares).sum(axis=1)
+    apart = means - mean[:, None]
+    covariance = np.einsum("k,kij->ij", shares, covariances) + (apart * shares) @ apart.T
+    return np.asarray(mean, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
+
+
 class Disturbance(NamedTuple):
     """What an estimator knows of what it cannot measure, at the levels .025, .5 and .975."""
 
@@ -109,6 +119,46 @@ class ParameterSummary(NamedTuple):
     """(n_levels,) in W/K, seen from the first measured node to all boundaries in steady state."""
 
 
+class ModelDraws(NamedTuple):
+    """K linear models that a state stands for. Powers are in W, temperatures in degC, variances are per period.
+
+    The unmeasured gain enters the first measured node. Over a period it is switched off or stays (`gain_stays`), heats
+    the node, and then decays; G is 1 where the estimator has such a gain and 0 where it has none.
+    """
+
+    network: Network
+    """Of these models: a bank's member may have another one than the bank."""
+    member: str
+    """Which member of a bank this is; empty where there is no bank."""
+    share: float
+    """What that member weighs in the bank's forecast a few hours ahead, 0 to 1; 1 where there is no bank."""
+    point: Array
+    """(n_theta,): exponential of the posterior mean of the log parameters."""
+    mean: Array
+    """(n_x + G,): posterior mean of temperatures and gain."""
+    covariance: Array
+    """(n_x + G, n_x + G): their posterior covariance."""
+    weights: Array
+    """(K,): they add up to 1."""
+    theta: Array
+    """(n_theta, K)."""
+    state: Array
+    """(n_x + G, K): temperatures and gain of each draw."""
+    spread: Array
+    """(n_x + G, K): standard deviations of what each draw's state leaves open."""
+    gain_decay: Array
+    """(G, K): what is left of the gain after a period."""
+    gain_stays: float
+    """Probability that a gain that is on stays on over a period."""
+    process_variance: Array
+    """(n_x + G, K)."""
+    measurement_variance: Array
+    """(n_y, K): sigma_y^2 [K^2]."""
+    point_is_fan: bool
+    """Whether the model at `point`, started at `mean`, is the one whose simulation is the mean of the fan; otherwise
+    the weighted mean over the draws is, within their sampling error."""
+
+
 class Estimator(Protocol):
     """An online estimator of one zone. Every method is pure: the states passed in are never changed."""
 
@@ -156,6 +206,12 @@ class Estimator(Protocol):
 
     def unfold(self, issue: Any, plan: Array) -> Iterator[Mixture]:
         """What `issue` forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
+
+    def draws(self, state: Any, count: int) -> ModelDraws | None:
+        """At most `count` linear models that `state` stands for; None for an estimator without physics.
+
+        Asking changes nothing in what the estimator will draw.
+        """
 
     def verified(self, state: Any, lead: int, errors: Array) -> Any:
         """`state` after the errors (n_y,) [K] of a forecast `lead` steps ahead became known; NaN: not measured."""

@@ -11,7 +11,7 @@ class ConfigError(ServiceError):
     """A mistake in the configuration. `problems` holds one sentence per mistake, each beginning with its place."""
 
     def __init__(self, problems: list[str]) -> None:
-        self.problems = [_one_line(problem) for problem in problems]
+        self.problems = [one_line(problem) for problem in problems]
         super().__init__("\n".join(self.problems))
 
 
@@ -27,12 +27,20 @@ class ReloadRefused(ServiceError):
         self.problems = list(problems)
 
 
+class TooManyQuestions(ServiceError):
+    """More is to be computed than there is room for; asking again later helps."""
+
+
 class KeyFileError(ServiceError):
     """The file of API keys cannot be read, written or trusted, or has no such key."""
 
 
 class CertificateError(ServiceError):
     """Certificate or key of the HTTP server cannot be used."""
+
+
+class NoModel(ServiceError):
+    """The estimator of a zone has no physics, and so no state-space model and no sampled futures."""
 
 
 class JournalError(ServiceError):
@@ -58,7 +66,7 @@ class StateMismatch(ServiceError):
         )
 
 
-def _one_line(sentence: str) -> str:
+def one_line(sentence: str) -> str:
     """`sentence` with what a file may hold and a terminal should not get written as Python writes it."""
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode() for character in sentence

@@ -19,7 +19,7 @@ PACKAGES = {
 
 LEVELS = {
     "estimator": (
-        {"registry", "diagnosis"},
+        {"registry", "diagnosis", "statespace"},
         {"bank"},
         {"verification"},
         {"mixture"},
@@ -31,10 +31,12 @@ LEVELS = {
         {"arrays", "errors"},
     ),
     "adapters": (
-        {"csv", "modbus", "zenoh"},
+        {"weather"},
+        {"bacnet", "csv", "http", "modbus", "mqtt", "zenoh"},
+        {"messages"},
         {"payload"},
-        {"edge", "stuck"},
-        {"reading", "units", "timestamps"},
+        {"edge", "stuck", "rhythm"},
+        {"reading", "units", "timestamps", "credentials", "scanning"},
         {"errors"},
     ),
     "service": (
@@ -45,13 +47,14 @@ LEVELS = {
         {"config"},
         {"zone"},
         {"sources", "publish", "store"},
-        {"records", "fields", "errors"},
+        {"records", "fields", "errors", "pauses"},
     ),
     "replay": (
         {"commands", "measuring"},
         {"reports"},
         {"experiments"},
         {"bms"},
+        {"energyplus"},
         {"simulated"},
         {"recorded"},
         {"scores"},

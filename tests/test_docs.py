@@ -48,22 +48,40 @@ from service.config.load import load
 from service.config.networks import resolve
 from service.config.written import effective_toml
 from service.errors import ConfigError
+from service.fields import credentials as credential_models
+from service.fields import mqtt_broker as mqtt_broker_models
 from service.fields import zenoh_session as zenoh_session_models
+from service.publish import mqtt as publish_mqtt
 from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
 from service.records.status import STATES
+from service.sources import (
+    bacnet as bacnet_models,
+)
 from service.sources import (
     channel as source_models,
 )
 from service.sources import csv
 from service.sources import (
+    http as http_source_models,
+)
+from service.sources import (
+    messages as message_models,
+)
+from service.sources import (
     modbus as modbus_models,
 )
+from service.sources import (
+    mqtt as mqtt_models,
+)
+from service.sources import weather as weather_models
 from service.sources import (
     zenoh as zenoh_models,
 )
 from service.web import models as api_models
 from service.web import problems as api_problems
+from service.web.control import models as control_models
+from service.web.page import payloads as page_models
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.worker import STARTED
 
@@ -79,17 +97,30 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": publish_zenoh.ZenohConfig,
     "Recorded files": csv.CsvConfig,
+    "BACnet/IP": bacnet_models.BacnetConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
     "Zenoh sessions": zenoh_session_models.SessionConfig,
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
+    "HTTP as a source": http_source_models.HttpSourceConfig,
     "`tls`": zenoh_session_models.TlsConfig,
+    "`[mqtt]`": publish_mqtt.MqttConfig,
+    "Brokers": mqtt_broker_models.BrokerConfig,
+    "`tls` of brokers": mqtt_broker_models.MqttTlsConfig,
+    "MQTT as a source": mqtt_models.MqttSourceConfig,
     "`timestamp`": csv.TimestampConfig,
+    "Forecasts in files": weather_models.WeatherCsvConfig,
+    "Open-Meteo": weather_models.OpenMeteoConfig,
+    "Forecasts on Zenoh": weather_models.ZenohWeatherConfig,
+    "`forecast`": source_models.ForecastConfig,
     "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
     "Channels of recorded files": csv.CsvChannelConfig,
+    "Channels of BACnet/IP": bacnet_models.BacnetChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
+    "Channels of HTTP": http_source_models.HttpChannelConfig,
+    "Channels of MQTT": mqtt_models.MqttChannelConfig,
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
     "`solar`": network_models.SolarConfig,
@@ -181,6 +212,9 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert mistakes.value.problems == block.after.splitlines()
     elif "site" in raw:
         assert load(with_recordings(block.text, tmp_path)).site.id == raw["site"]["id"]
+    elif raw.keys() == {"weather"}:
+        for table in raw["weather"].values():
+            weather_models.WEATHER_KINDS[table["kind"]].table.model_validate(table, context={"folder": tmp_path})
     elif raw.keys() == {"zenoh", "sources"}:
         context = {"folder": tmp_path}
         assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
@@ -219,7 +253,7 @@ def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]
 def own_fields(model: type[BaseModel]) -> set[str]:
     """The keys of a table, without those that every channel or every Zenoh session has in the same way."""
     own = set(model.model_fields)
-    for common in (source_models.ChannelConfig, zenoh_session_models.SessionConfig):
+    for common in (source_models.ChannelConfig, zenoh_session_models.SessionConfig, mqtt_broker_models.BrokerConfig):
         if issubclass(model, common) and model is not common:
             own -= set(common.model_fields) - set(model.__annotations__)
     return own
@@ -232,13 +266,24 @@ def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
 
 
 def test_no_model_of_the_configuration_is_left_out() -> None:
-    described = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel, *TABLES.values()}
+    # What several tables have is in the table of each.
+    messages = {message_models.MessagesConfig, message_models.MessageChannelConfig}
+    shared = messages | {credential_models.LoginConfig, credential_models.CertificatesConfig}
+    whole = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel}
+    described = {*whole, *shared, *TABLES.values()}
     for module in (
+        bacnet_models,
         config_models,
         http_models,
+        http_source_models,
+        message_models,
         modbus_models,
+        mqtt_broker_models,
+        mqtt_models,
         network_models,
+        publish_mqtt,
         source_models,
+        weather_models,
         zenoh_models,
         zenoh_session_models,
     ):
@@ -362,7 +407,7 @@ def model_of(mark: str) -> tuple[type[BaseModel], bool]:
     """The model that a JSON example illustrates, and whether only what it adds to its base is shown."""
     match = re.fullmatch(r"model: (\w+)(, added fields)?", mark)
     assert match, f"a JSON example needs a comment <!-- model: Name -->, not {mark!r}"
-    for module in (payloads, api_models, api_problems):
+    for module in (payloads, api_models, page_models, api_problems, control_models):
         if hasattr(module, match[1]):
             return getattr(module, match[1]), match[2] is not None
     raise AssertionError(f"there is no payload {match[1]}")
@@ -373,9 +418,11 @@ def test_documented_defaults_of_live_sources_are_those_in_force() -> None:
     serial = modbus_models.SerialConfig.model_validate({"device": "/dev/ttyUSB0"})
     heard = zenoh_models.ZenohSourceConfig.model_validate({"connect": ["tcp/10.0.0.5:7447"]})
     described = {
+        "BACnet/IP": bacnet_models.BacnetConfig.model_validate({"interface": "192.168.1.10/24"}),
         "Modbus": source,
         "`serial`": serial,
         "Zenoh as a source": heard,
+        "HTTP as a source": http_source_models.HttpSourceConfig(),
         "`tls`": zenoh_session_models.TlsConfig(),
     }
     for heading, model in described.items():
@@ -396,7 +443,7 @@ def test_json_examples_have_the_fields_of_their_payloads(block: Block) -> None:
         assert example.keys() == model.model_fields.keys() - payloads.ForecastPayload.model_fields.keys()
         for step in example["fan"]:
             assert written(payloads.FanStepPayload, step) == step
-    elif model is api_models.ForecastRequest:
+    elif model in (api_models.ForecastRequest, control_models.SiteForecastRequest):
         model.model_validate(example)
         assert example.keys() == model.model_fields.keys()
     else:
@@ -430,7 +477,12 @@ def in_python_page(block: Any) -> bool:
     return str(block.id).startswith("python.md:")
 
 
-@pytest.mark.parametrize("block", [block for block in blocks("python") if not in_python_page(block)])
+def needs_a_daemon(block: Any) -> bool:
+    """tests/replay/energyplus/test_docs.py runs those of energyplus.md."""
+    return not in_python_page(block) and not str(block.id).startswith("energyplus.md:")
+
+
+@pytest.mark.parametrize("block", [block for block in blocks("python") if needs_a_daemon(block)])
 def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
     url, endpoint = daemon
     code = block.text.replace("http://127.0.0.1:8080", url).replace("tcp/127.0.0.1:7447", endpoint)

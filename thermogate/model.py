@@ -82,7 +82,7 @@ class Model:
             plan: planned inputs, as a DataFrame or a dict of columns. Values with times count from their time on; a
                 list has one value per step, of which the first holds from the first row of the forecast on; a number
                 holds throughout. Names and units are those of the columns of `fit`, or the network's own. What is not
-                planned is held as it was last measured.
+                planned follows the shape of the day before if it is weather, and is otherwise held as last measured.
             horizon: how far beyond the next step, such as "24h".
             levels: of the prediction intervals.
 

@@ -162,7 +162,7 @@ class CsvSource:
 
 def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
     code, when, value = int(table.status[index, row]), float(table.times[row]), float(table.values[index, row])
-    place = f"{' + '.join(channel.columns)}, {'first' if row == 0 else 'last'} row"
+    place = f"{' + '.join(column or '(unnamed)' for column in channel.columns)}, {'first' if row == 0 else 'last'} row"
     time = when if isfinite(when) else None
     if code != Status.GOOD:
         return Probe(channel.id, place, "-", None, time, Status(code).name.lower().replace("_", " "))

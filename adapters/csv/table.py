@@ -6,14 +6,16 @@ import codecs
 import csv
 import gzip
 import io
+import re
 import zlib
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -26,6 +28,12 @@ from adapters.timestamps import Parser
 
 # Reading a chunk holds the interpreter lock for a few milliseconds: little enough for the event loop beside it.
 _CHUNK_ROWS = 4096
+
+_LONGEST_LINE = 2**20
+"""Characters; a file without any end of line would be read into memory whole."""
+
+_LONGEST_CELL = 20
+"""Lines that a cell in quotes may go over."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +86,18 @@ def column_problems(path: Path, header: Sequence[str], channels: Sequence[CsvCha
     problems = []
     for column, user in users.items():
         if header.count(column) > 1:
-            problems.append(f"file '{path}' has the column '{column}' ({user}) more than once; rename all but one")
+            problems.append(
+                f"file '{path}' has the column {_called(column)} ({user}) more than once; rename all but one"
+            )
         elif column not in header:
             names = ", ".join(name or "(unnamed)" for name in header)
             hint = f"; is the delimiter '{layout.delimiter}'?" if len(header) == 1 else ""
-            problems.append(f"file '{path}' has no column '{column}' ({user}); its columns are: {names}{hint}")
+            problems.append(f"file '{path}' has no column {_called(column)} ({user}); its columns are: {names}{hint}")
     return problems
+
+
+def _called(column: str) -> str:
+    return f"'{column}'" if column else "without a name"
 
 
 def read_table(
@@ -162,7 +176,11 @@ def _opened(path: Path, layout: Layout) -> Iterator[CsvReader]:
             binary = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
             # A damaged byte spoils its own cell, which is then counted as non-numeric, and not the whole file.
             text = io.TextIOWrapper(binary, encoding=encoding, errors="replace", newline="")
-            yield csv.reader(text, delimiter=layout.delimiter, skipinitialspace=layout.delimiter != " ")
+            yield csv.reader(
+                _lines(path, text, layout.delimiter),
+                delimiter=layout.delimiter,
+                skipinitialspace=layout.delimiter != " ",
+            )
     except SourceError:
         raise
     except csv.Error as error:
@@ -172,6 +190,45 @@ def _opened(path: Path, layout: Layout) -> Iterator[CsvReader]:
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise SourceUnavailable(f"file '{path}' cannot be read ({reason}); check its path and permissions") from error
+
+
+def _lines(path: Path, text: TextIO, delimiter: str) -> Iterator[str]:
+    """The lines of a file, such that a quote that is not closed spoils its own row and not those after it."""
+    # A quote in the middle of a cell is an inch or a second.
+    opening = re.compile(rf'(?:^|{re.escape(delimiter)})\s*"')
+    ahead: deque[str] = deque()
+    within = False
+    """Whether a cell in quotes goes on into the line."""
+    while line := ahead.popleft() if ahead else _line(path, text):
+        if line.count('"') % 2:
+            if within:
+                within = False
+            else:
+                within = _is_closed(path, text, ahead)
+                if not within and opening.search(line):
+                    line = line.replace('"', "")
+        yield line
+
+
+def _is_closed(path: Path, text: TextIO, ahead: deque[str]) -> bool:
+    """Whether a cell in quotes ends within the lines `ahead`, which are read as far as that takes."""
+    for number in range(_LONGEST_CELL):
+        if number == len(ahead):
+            following = _line(path, text)
+            if not following:
+                return False
+            ahead.append(following)
+        if ahead[number].count('"') % 2:
+            return True
+    return False
+
+
+def _line(path: Path, text: TextIO) -> str:
+    """The next line, "" at the end."""
+    line = text.readline(_LONGEST_LINE)
+    if len(line) >= _LONGEST_LINE:
+        raise SourceUnavailable(f"file '{path}' has a line of more than {_LONGEST_LINE} characters; is it CSV?")
+    return line
 
 
 def _header(path: Path, reader: CsvReader) -> list[str]:

@@ -33,8 +33,13 @@ EXCEPTIONS = {
 }
 """What exception codes mean (Modbus application protocol 1.1b3, 7)."""
 
-READS = frozenset({1, 2, 3, 4})
+_FUNCTION_CODES = {"coil": 1, "discrete": 2, "holding": 3, "input": 4}
+
+READS = frozenset(_FUNCTION_CODES.values())
 """The function codes that are ever sent: coils, discrete inputs, holding registers, input registers."""
+
+_LASTING = {1, 2, 3}
+"""Codes that say that there is no such thing in the device, whenever it is asked."""
 
 _ABOUT_THE_UNIT = {5, 6, 10, 11}
 """Codes that say that the unit cannot answer now, whatever it is asked."""
@@ -51,7 +56,14 @@ class NoAnswer(Exception):
 
 
 class Refused(Exception):
-    """The device answered that it has no such registers, or does not give them away; the text says why."""
+    """The device answered that it has no such registers, or does not give them away; the text says why.
+
+    `lasting` says that it will answer the same again.
+    """
+
+    def __init__(self, reason: str, lasting: bool) -> None:
+        super().__init__(reason)
+        self.lasting = lasting
 
 
 class Answer(NamedTuple):
@@ -202,7 +214,10 @@ def _words(response: ModbusPDU, table: str, count: int) -> list[int]:
         meaning = f"exception {code} ({EXCEPTIONS.get(code, 'of its maker')})"
         if code in _ABOUT_THE_UNIT:
             raise NoAnswer(f"it answers with {meaning}")
-        raise Refused(meaning)
+        raise Refused(meaning, code in _LASTING)
+    if response.function_code != _FUNCTION_CODES[table]:
+        # Registers of another table, or what another client has asked: numbers that look as good as the right ones.
+        raise NoAnswer(f"it answers with function code {response.function_code} instead of {_FUNCTION_CODES[table]}")
     # Bits come in whole bytes, more of them than were asked for.
     bits = [int(bit) for bit in response.bits[:count]]
     words = list(response.registers) if table in ("holding", "input") else bits

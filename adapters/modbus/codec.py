@@ -77,6 +77,15 @@ def other_orders(words: Sequence[int], format: Format) -> dict[str, float]:
     return {order: number for order, number in found.items() if math.isfinite(number) and number != value}
 
 
+def other_sign(words: Sequence[int], format: Format) -> tuple[str, float] | None:
+    """The whole number that `words` would be with a sign, or without, where that is another one; and the type."""
+    twin = format.type.removeprefix("u") if format.type.startswith("uint") else f"u{format.type}"
+    if twin not in _NUMBERS or format.type not in _NUMBERS:
+        return None
+    number = decode(words, Format(twin, format.order))
+    return (twin, number) if number != decode(words, format) else None
+
+
 def _ordered(words: Sequence[int], order: str) -> bytes:
     """The bytes of `words` from the most to the least significant."""
     in_order = reversed(words) if order in ("CDAB", "DCBA") else words

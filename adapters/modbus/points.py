@@ -1,4 +1,4 @@
-"""What the words of a Modbus answer mean to the channels: readings for the daemon, and probes for a person."""
+"""What the words of a Modbus answer mean to the channels of the daemon: readings."""
 
 from __future__ import annotations
 
@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 from adapters.edge import PLAIN, Converter, Edge
 from adapters.modbus.client import Answer
-from adapters.modbus.codec import Format, decode, is_available, other_orders
+from adapters.modbus.codec import Format, decode, is_available
 from adapters.modbus.plan import Point, Request
-from adapters.reading import Fault, Probe, Quality, Reading
+from adapters.reading import Fault, Quality, Reading
 from adapters.stuck import StuckWatch
-
-_NEARLY_NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -102,36 +100,3 @@ def _reading(
     if quality is Quality.BAD:
         return converter.bad(when, Fault.STUCK)
     return converter.reading(when, decode(words, channel.format), quality)
-
-
-def probed(channel: ModbusChannel, answer: Answer) -> Probe:
-    """What a person should know about the answer for `channel`."""
-    words, edge = answer.words, channel.edge
-    bits = channel.table in ("coil", "discrete")
-    raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
-    layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
-    place = f"{channel.place} {layout}"
-    if not is_available(words, channel.format):
-        return Probe(channel.id, place, raw, None, answer.time, "not available: the device has no value here now")
-    number = decode(words, channel.format)
-    if edge.counter:
-        stand = f"the counter stands at {number * edge.scale + edge.offset:g}"
-        return Probe(channel.id, place, raw, None, answer.time, hints=(stand,))
-    value = edge.value(number)
-    fault = edge.fault(value)
-    lower, upper = edge.valid
-    if fault is not None:
-        verdict = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
-    elif 0 < abs(number) < _NEARLY_NOTHING:
-        verdict = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
-    else:
-        return Probe(channel.id, place, raw, value, answer.time)
-    return Probe(channel.id, place, raw, value, answer.time, verdict, tuple(_hints(channel, words)))
-
-
-def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:
-    for order, number in other_orders(words, channel.format).items():
-        value = channel.edge.value(number)
-        plausible = channel.edge.fault(value) is None and abs(number) >= _NEARLY_NOTHING
-        mark = ", which is plausible" if plausible else ""
-        yield f"{order} would be {value:.6g}{mark}"

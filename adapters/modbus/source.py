@@ -10,22 +10,32 @@ from collections.abc import AsyncIterator, Sequence
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.modbus.client import Line, ModbusLink, NoAnswer, Refused
 from adapters.modbus.plan import Limits, Point, Request, halves, plan
-from adapters.modbus.points import Channels, ModbusChannel, probed
+from adapters.modbus.points import Channels, ModbusChannel
+from adapters.modbus.probing import probe_all
+from adapters.modbus.scan import scan
 from adapters.reading import Batch, Probe
+from adapters.rhythm import Rhythm
+from adapters.scanning import Scan, Scanned
 
-__all__ = ["ModbusChannel", "ModbusSource"]
+__all__ = ["ModbusChannel", "ModbusSource", "Numbering"]
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent unit is asked again, in s."""
 
 REFUSAL = 600.0
-"""After this time registers that a device has refused are asked for again, in s."""
+"""After this time registers that a device does not have are asked for again, in s. Those that it cannot give now are
+asked for after a pause that grows from FAILURE to this."""
+
+FAILURE = 1.0
 
 # Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
 _POLLS_IN_A_STRETCH = 10
+
+_BETWEEN_COUNTS = 5.0
+"""Between the two readings of a counter that is probed, at most, in s."""
 
 _log = logging.getLogger(__name__)
 
@@ -37,22 +47,44 @@ class _Silence(NamedTuple):
     until: float
 
 
+class _Refusal(NamedTuple):
+    """Registers that a device does not give: how long they were left alone last, and until when (monotonic s)."""
+
+    pause: float
+    until: float
+    lasting: bool
+
+
+class Numbering(NamedTuple):
+    """What the operator's list of registers begins with, and the unit that it is about."""
+
+    first_register: int = 0
+    unit: int = 1
+
+
 class ModbusSource:
     """Modbus units behind one connection, polled every `poll` s; readings are dated when their answer arrives.
 
     A batch is what one answer brings. A request that a device answers with an exception is split until the registers
-    that it refuses are found; their channels alone are lost, and asked for again after REFUSAL. A unit that is silent
+    that it refuses are found; their channels alone are lost, and asked for again later. A unit that is silent
     is left alone for a while that grows to LONGEST_SILENCE, so that it does not hold up the others; if all are,
     `batches` raises SourceUnavailable, and is to be called again.
     """
 
     def __init__(
-        self, name: str, line: Line, channels: Sequence[ModbusChannel], *, poll: float, limits: Limits
+        self,
+        name: str,
+        line: Line,
+        channels: Sequence[ModbusChannel],
+        *,
+        poll: float,
+        limits: Limits,
+        numbering: Numbering = Numbering(),  # noqa: B008 - a value, never changed
     ) -> None:
         self.name = name
         self.late = 0
         """How many polls began later than they should have by a whole `poll` or more."""
-        self._line, self._poll, self._limits = line, poll, limits
+        self._line, self._poll, self._limits, self._numbering = line, poll, limits, numbering
         self._listed = tuple(channels)
         self._channels = Channels(channels, _POLLS_IN_A_STRETCH * poll)
         self._rebound = False
@@ -60,7 +92,7 @@ class ModbusSource:
         self._requests: list[Request] = []
         self._whole_until = -1.0
         """Monotonic s until which the requests stay as they are; then those that were split are tried whole again."""
-        self._refusals: dict[Point, str] = {}
+        self._refusals: dict[Point, _Refusal] = {}
         self._silent: dict[int, _Silence] = {}
         self._link: ModbusLink | None = None
 
@@ -81,38 +113,41 @@ class ModbusSource:
         link = await self._open()
         try:
             loop = asyncio.get_running_loop()
-            due = loop.time()
+            rhythm = Rhythm(self._poll, loop.time())
             while True:
                 async for batch in self._round(link):
                     yield batch
-                due = self._next(due, loop.time())
+                due = rhythm.next(loop.time())
+                self._note_late(rhythm)
                 await asyncio.sleep(due - loop.time())
         finally:
             link.close()
 
     async def probe(self, seconds: float) -> list[Probe]:
-        """Every channel, each by a request of its own."""
+        """Every channel, each by a request of its own; counters twice, `seconds` apart at most."""
         link = await self._open()
-        silent: dict[int, str] = {}
-        probes = []
         try:
-            for channel in self._listed:
-                if channel.unit not in silent:
-                    try:
-                        probes.append(probed(channel, await link.read(*channel.point)))
-                        continue
-                    except Refused as error:
-                        verdict = f"the device refuses it: {error}; check table and register"
-                    except NoAnswer as error:
-                        verdict = silent[channel.unit] = f"{error}; check unit_id and the device"
-                else:
-                    verdict = silent[channel.unit]
-                probes.append(Probe(channel.id, channel.place, "-", None, None, verdict))
+            return await probe_all(link, self._listed, min(seconds, _BETWEEN_COUNTS))
         except SourceUnavailable as error:
             raise SourceUnavailable(f"sources.{self.name}: {error}") from error
         finally:
             link.close()
-        return probes
+
+    async def scan(self, wanted: Scan) -> Scanned:
+        """The registers that units have, and what might be in them."""
+        link = await self._open()
+        try:
+            return await scan(
+                link,
+                wanted,
+                unit=self._numbering.unit,
+                first_register=self._numbering.first_register,
+                limits=self._limits,
+            )
+        except SourceError as error:
+            raise type(error)(f"sources.{self.name}: {error}") from error
+        finally:
+            link.close()
 
     async def close(self) -> None:
         """Close the connection; safe to call twice."""
@@ -138,11 +173,14 @@ class ModbusSource:
             self._channels.replace(self._listed)
             self._rebound, self._whole_until = False, now
             points = set(self._channels.points)
-            self._refusals = {point: reason for point, reason in self._refusals.items() if point in points}
+            self._refusals = {point: refusal for point, refusal in self._refusals.items() if point in points}
             units = {point.unit for point in points}
             self._silent = {unit: silence for unit, silence in self._silent.items() if unit in units}
         if now >= self._whole_until:
-            self._requests, self._whole_until = plan(self._channels.points, self._limits), float("inf")
+            wanted = (one for one in self._channels.points if one not in self._refusals or self._is_due(one, now))
+            self._requests = plan(wanted, self._limits)
+            untils = (refusal.until for refusal in self._refusals.values() if refusal.until > now)
+            self._whole_until = min(untils, default=float("inf"))
         left_alone = {unit for unit, silence in self._silent.items() if silence.until > now}
         to_send = deque(self._requests)
         while to_send:
@@ -152,15 +190,15 @@ class ModbusSource:
             try:
                 answer = await link.read(request.unit, request.table, request.address, request.size)
             except Refused as error:
-                self._whole_until = min(self._whole_until, now + REFUSAL)
                 self._requests.remove(request)
                 if len(request.points) > 1:
+                    self._whole_until = min(self._whole_until, now + REFUSAL)
                     parts = halves(request)
                     self._requests += parts
                     to_send.extendleft(reversed(parts))
                 else:
                     (point,) = request.points
-                    self._note_refusal(point, str(error))
+                    self._note_refusal(point, error)
                     yield Batch(self._channels.refused(point), time.time())
             except NoAnswer as error:
                 left_alone.add(request.unit)
@@ -177,32 +215,38 @@ class ModbusSource:
                 f"sources.{self.name}: {self._line.place} is connected but silent; check unit_id and the device"
             )
 
-    def _next(self, due: float, now: float) -> float:
-        """When the next poll is due (loop s). Polls keep their rhythm; those that were missed are not made up for."""
-        due += self._poll
-        if now < due + self._poll:
-            return max(due, now)
+    def _note_late(self, rhythm: Rhythm) -> None:
+        if not rhythm.overrun:
+            return
         self.late += 1
         if self.late == 1:
             _log.warning(
                 "sources.%s: a round took %.1f s, poll is %.1f s; poll less often or read in batches",
                 self.name,
-                now - due + self._poll,
+                rhythm.overrun,
                 self._poll,
             )
-        return now
 
-    def _note_refusal(self, point: Point, reason: str) -> None:
-        if point not in self._refusals:
-            names = self._channels.names(point)
+    def _is_due(self, point: Point, now: float) -> bool:
+        """Whether a point that was refused is to be asked for again."""
+        return self._refusals[point].until <= now
+
+    def _note_refusal(self, point: Point, error: Refused) -> None:
+        before, pause = self._refusals.get(point), REFUSAL
+        if not error.lasting:
+            pause = min(2 * before.pause if before and not before.lasting else max(FAILURE, self._poll), REFUSAL)
+        if before is None or before.lasting != error.lasting:
             _log.error(
-                "sources.%s: the device refuses %s: %s; asking again every %.0f min",
+                "sources.%s: the device %s %s: %s; asking again %s",
                 self.name,
-                names,
-                reason,
-                REFUSAL / 60,
+                "refuses" if error.lasting else "cannot give",
+                self._channels.names(point),
+                error,
+                f"every {REFUSAL / 60:.0f} min" if error.lasting else f"in {pause:.0f} s, then after growing pauses",
             )
-        self._refusals[point] = reason
+        until = time.monotonic() + pause
+        self._refusals[point] = _Refusal(pause, until, error.lasting)
+        self._whole_until = min(self._whole_until, until)
 
     def _note_silence(self, unit: int, reason: str) -> None:
         before = self._silent.get(unit)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 _INDEX = re.compile(r"0|[1-9][0-9]*")
@@ -32,3 +33,26 @@ def resolve(document: object, tokens: Sequence[str]) -> Any:
         else:
             return MISSING
     return document
+
+
+def numbers(document: object) -> Iterator[tuple[str, float]]:
+    """Every number in `document`, with the pointer to it, in the order in which they are written."""
+    # A list of its own and no recursion: a document may be nested as deep as its text is long.
+    waiting: list[tuple[str, object]] = [("", document)]
+    while waiting:
+        place, found = waiting.pop()
+        if isinstance(found, int | float) and not isinstance(found, bool):
+            with suppress(OverflowError):
+                yield place, float(found)
+            continue
+        inner: list[tuple[object, object]] = []
+        if isinstance(found, dict):
+            inner = list(found.items())
+        elif isinstance(found, list):
+            inner = list(enumerate(found))
+        waiting += [(f"{place}/{write(str(token))}", value) for token, value in reversed(inner)]
+
+
+def write(token: str) -> str:
+    """A reference token as it stands in a pointer."""
+    return token.replace("~", "~0").replace("/", "~1")

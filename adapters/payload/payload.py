@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from math import isfinite
 from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
 from adapters.payload import senml
-from adapters.payload.json_pointer import MISSING, resolve
+from adapters.payload.json_pointer import MISSING, numbers, resolve, write
 from adapters.payload.times import NaiveTime, parse_time
 from adapters.reading import Fault, Quality
 
@@ -18,6 +19,7 @@ FORMATS = ("plain", "json", "senml")
 
 _SHOWN = 60
 _SENTENCE = 300
+_NUMBERS = 8
 _NOTHING = {"", "null", "none"}
 _WORDS = {"true": 1.0, "false": 0.0}
 
@@ -83,6 +85,15 @@ def decode(payload: bytes, form: PayloadFormat, near: float) -> list[Decoded | R
 def shown(payload: bytes) -> str:
     """`payload` for people, shortened."""
     return _printable(payload.decode("utf-8", "backslashreplace"), _SHOWN)
+
+
+def numbers_in(payload: bytes) -> list[tuple[str, float]]:
+    """The first numbers of a JSON document, with the pointers to them as people can read them; [] of anything else."""
+    try:
+        found = islice(numbers(_parsed(payload)), _NUMBERS)
+        return [(_printable(pointer, _SHOWN), number) for pointer, number in found]
+    except _Refusal:
+        return []
 
 
 def _printable(text: str, longest: int) -> str:
@@ -205,4 +216,4 @@ def _from_record(record: senml.Record, form: PayloadFormat) -> Decoded:
 
 
 def _pointer(tokens: tuple[str, ...]) -> str:
-    return "".join(f"/{token.replace('~', '~0').replace('/', '~1')}" for token in tokens)
+    return "".join(f"/{write(token)}" for token in tokens)

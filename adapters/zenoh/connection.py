@@ -5,28 +5,15 @@ It listens and connects where it is told and nowhere else: no multicast scouting
 
 from __future__ import annotations
 
-import os
-import ssl
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from adapters.errors import SourceConfigError
+from adapters.credentials import Tls, password, tls_problems, unreadable
 
 _LONGEST_PAUSE_MS = 30_000
 _TLS = "transport/link/tls"
 _USER = "transport/auth/usrpwd"
-
-
-@dataclass(frozen=True)
-class Tls:
-    """Certificates, as files in PEM. `mutual`: with a certificate of our own, both sides show theirs."""
-
-    ca: Path | None = None
-    certificate: Path | None = None
-    private_key: Path | None = None
-    mutual: bool = True
-    verify_name: bool = True
 
 
 @dataclass(frozen=True)
@@ -54,10 +41,10 @@ class Connection:
     def problems(self) -> Iterator[str]:
         """What is wrong with the files it names, one sentence each."""
         for name, path in (("password_file", self.password_file), ("users_file", self.users_file)):
-            if path is not None and (reason := _unreadable(path)):
+            if path is not None and (reason := unreadable(path)):
                 yield f"{name}: {path} cannot be read ({reason})"
         if self.tls is not None:
-            yield from _tls_problems(self.tls)
+            yield from tls_problems(self.tls)
 
     def settings(self) -> dict[str, object]:
         """The session's settings by their keys in Zenoh; SourceConfigError if the password cannot be had."""
@@ -76,7 +63,10 @@ class Connection:
         if self.access:
             settings["access_control"] = dict(self.access)
         if self.user is not None:
-            settings |= {f"{_USER}/user": self.user, f"{_USER}/password": _password(self)}
+            settings |= {
+                f"{_USER}/user": self.user,
+                f"{_USER}/password": password(self.password_file, self.password_env),
+            }
         if self.users_file is not None:
             settings[f"{_USER}/dictionary_file"] = str(self.users_file)
         tls = self.tls
@@ -91,46 +81,3 @@ class Connection:
                     settings[f"{_TLS}/{side}_certificate"] = str(tls.certificate)
                     settings[f"{_TLS}/{side}_private_key"] = str(tls.private_key)
         return settings
-
-
-def _unreadable(path: Path) -> str | None:
-    try:
-        with path.open("rb"):
-            return None
-    except OSError as error:
-        return (error.strerror or str(error)).lower()
-
-
-def _tls_problems(tls: Tls) -> Iterator[str]:
-    files = {"tls.ca": tls.ca, "tls.certificate": tls.certificate, "tls.private_key": tls.private_key}
-    unreadable = {name: reason for name, path in files.items() if path is not None and (reason := _unreadable(path))}
-    yield from (f"{name}: {files[name]} cannot be read ({reason})" for name, reason in unreadable.items())
-    if unreadable:
-        return
-    context = ssl.create_default_context()
-    if tls.ca is not None:
-        try:
-            context.load_verify_locations(tls.ca)
-        except ssl.SSLError:
-            yield f"tls.ca: {tls.ca} holds no certificate in PEM; give the certificate of the authority"
-    if tls.certificate is not None and tls.private_key is not None:
-        try:
-            # A key that is locked would otherwise be asked for at the terminal.
-            context.load_cert_chain(tls.certificate, tls.private_key, password="")
-        except (ssl.SSLError, ValueError):
-            yield (
-                f"tls.certificate: {tls.certificate} and tls.private_key {tls.private_key} are no certificate in PEM "
-                "and the unlocked key that belongs to it"
-            )
-
-
-def _password(connection: Connection) -> str:
-    if connection.password_file is not None:
-        try:
-            return connection.password_file.read_text(encoding="utf-8").strip("\r\n")
-        except (OSError, UnicodeDecodeError):
-            raise SourceConfigError(f"password_file: {connection.password_file} cannot be read") from None
-    name = connection.password_env or ""
-    if name not in os.environ:
-        raise SourceConfigError(f"password_env: the environment variable {name} is not set; set it and start again")
-    return os.environ[name]

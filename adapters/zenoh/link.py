@@ -15,8 +15,8 @@ import zenoh
 import zenoh.ext
 
 from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.zenoh.connection import Connection
-from adapters.zenoh.inbox import LONGEST_PAYLOAD, Incoming
 
 _CLOSE_SECONDS = 1.0
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.reading import Batch, Probe, Reading
+from adapters.messages.inbox import Inbox, Incoming
+from adapters.messages.points import Channels, Dating, MessageChannel, probed
+from adapters.messages.takings import Takings
+from adapters.reading import Batch, Probe
 from adapters.zenoh.connection import Connection
-from adapters.zenoh.inbox import Inbox, Incoming, Share
 from adapters.zenoh.link import ZenohLink, key_problem
-from adapters.zenoh.points import REPEAT, Channels, Dating, ZenohChannel, probed
 
 TRANSIT = 1.0
 """How long a sample may be on its way before the source's clock has gone past its time, in s."""
@@ -55,17 +56,20 @@ class ZenohSource:
     `Inbox`, so that neither side ever waits for the other.
     """
 
-    def __init__(self, name: str, connection: Connection, channels: Sequence[ZenohChannel], intake: Intake) -> None:
+    def __init__(self, name: str, connection: Connection, channels: Sequence[MessageChannel], intake: Intake) -> None:
         self.name = name
-        self.dropped = 0
-        """How many samples were dropped because they came faster than they could be taken."""
         self._connection, self._intake = connection, intake
         self._listed = tuple(channels)
         self._channels = Channels(channels, intake.dating, intake.longest_stretch)
+        self._takings = Takings(name, self._channels)
         self._rebound = False
         """Whether `_listed` has changed since the last look."""
         self._link: ZenohLink | None = None
-        self._drop_said = float("-inf")
+
+    @property
+    def dropped(self) -> int:
+        """How many samples were dropped because they came faster than they could be taken."""
+        return self._takings.dropped
 
     def check(self) -> list[str]:
         """Wrong key expressions, and files that cannot be read."""
@@ -77,7 +81,7 @@ class ZenohSource:
         ]
         return [f"sources.{self.name}: {problem}" for problem in (*wrong, *self._connection.problems())]
 
-    def rebind(self, channels: Sequence[ZenohChannel]) -> None:
+    def rebind(self, channels: Sequence[MessageChannel]) -> None:
         """Deliver `channels` from the next look on, over the same session."""
         self._listed, self._rebound = tuple(channels), True
 
@@ -96,7 +100,7 @@ class ZenohSource:
             while True:
                 shares = await inbox.take(_LOOK)
                 if shares:
-                    yield Batch(self._readings(shares), time.time() - TRANSIT)
+                    yield Batch(self._takings.readings(shares), time.time() - TRANSIT)
                     # A flood must leave the loop to others as well.
                     await asyncio.sleep(0)
                 if time.monotonic() < look_at:
@@ -172,30 +176,9 @@ class ZenohSource:
             if key not in before:
                 link.subscribe(key, partial(inbox.put, key), self._intake.recover)
 
-    def _readings(self, shares: dict[str, Share]) -> list[Reading]:
-        readings: list[Reading] = []
-        for key, share in shares.items():
-            if share.dropped:
-                self._note_drop(key, share.dropped)
-                readings += self._channels.overrun(key, time.time())
-            readings += self._channels.readings(key, share.samples)
-        return readings
-
-    def _note_drop(self, key: str, count: int) -> None:
-        self.dropped += count
-        if time.monotonic() >= self._drop_said:
-            self._drop_said = time.monotonic() + REPEAT
-            _log.warning(
-                "sources.%s: samples of %s come faster than they can be taken; the %d oldest were dropped, %d of this "
-                "source so far",
-                self.name,
-                key,
-                count,
-                self.dropped,
-            )
-
-    def _probed(self, channel: ZenohChannel, samples: list[Incoming], heard: set[str], seconds: float) -> Probe:
-        probe = probed(channel, self._intake.dating, samples, seconds)
+    def _probed(self, channel: MessageChannel, samples: list[Incoming], heard: set[str], seconds: float) -> Probe:
+        nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
+        probe = probed(channel, self._intake.dating, samples, nothing)
         if samples or not heard:
             return probe
         near = difflib.get_close_matches(channel.key, sorted(heard), n=_KEYS_SHOWN, cutoff=0.0)

@@ -20,7 +20,7 @@ from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.kernels.quantiles import mixture_quantiles
 from estimator.network.network import Network
-from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior, Verified
+from estimator.types import Estimator, Mixture, ModelDraws, Outcome, ParameterSummary, Posterior, Verified
 from estimator.verification.hindsight import Due, Hindsight, Pending
 from estimator.verification.scores import distribution, reduced
 
@@ -68,6 +68,8 @@ class Bank:
         """Steps ahead of the horizons at which weights and widths are learned."""
         hours = np.array(self.leads) * period / _HOUR
         self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
+        self._hours_ahead = min(2, len(self.leads) - 1)
+        """Place among `leads` of the horizon at which members are compared as models of the building."""
         self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
 
     @property
@@ -172,6 +174,17 @@ class Bank:
         """What the issue forecasts under `plan` (h, n_u)."""
         return self.forecast(issue, plan)
 
+    def draws(self, state: BankState, count: int) -> ModelDraws | None:
+        """Those of the physical member that is trusted most a few hours ahead; None where no member has physics."""
+        now = self._weights(state)
+        best = self._physical(now)
+        drawn = self.members[best].draws(state.members[best], count)
+        if drawn is None:
+            return None
+        share = float(now[best, self._hours_ahead])
+        # What the bank forecasts is the mixture of all members, which no single model simulates.
+        return drawn._replace(member=self.names[best], share=share)
+
     def verified(self, state: BankState, lead: int, errors: Array) -> BankState:
         """The state itself: the bank has seen its errors."""
         return state
@@ -252,9 +265,8 @@ class Bank:
 
     def _physical(self, now: Array) -> int:
         """The member with parameters of a building that is trusted most a few hours ahead."""
-        horizon = min(2, now.shape[1] - 1)
         physical = [place for place, member in enumerate(self.members) if member.physical]
-        return max(physical or range(len(self.members)), key=lambda place: now[place, horizon])
+        return max(physical or range(len(self.members)), key=lambda place: now[place, self._hours_ahead])
 
     def _own_parameters(self, member: int, theta: Array) -> Array:
         """The entries of `theta`, of a member's network, that the bank's own network has."""

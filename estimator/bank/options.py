@@ -45,6 +45,7 @@ DEFAULT_MEMBERS: dict[str, Mapping[str, object]] = {
     "steady": {"estimator": "mkf", "preset": "steady"},
     "output-error": {"estimator": "mkf", "preset": "output-error"},
     "rbpf": {"estimator": "rbpf", "particles": 2000},
+    "ekf": {"estimator": "ekf"},
     "arx": {"estimator": "arx", "past_outputs": 12, "past_inputs": 6},
     "daily": {"estimator": "daily"},
 }

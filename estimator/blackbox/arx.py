@@ -209,6 +209,9 @@ class ARX:
             heat_loss=none,
         )
 
+    def draws(self, state: ARXState, count: int) -> None:
+        """None: the model has no physics."""
+
     def member_weights(self, state: ARXState) -> Mapping[str, Array]:
         """None: there are no members."""
         return {}

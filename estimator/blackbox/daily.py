@@ -128,6 +128,9 @@ class Daily:
         """Not a number throughout: the model has no parameters of a building."""
         return self._arx.parameters(state.differences(), levels)
 
+    def draws(self, state: DailyState, count: int) -> None:
+        """None: the model has no physics."""
+
     def member_weights(self, state: DailyState) -> Mapping[str, Array]:
         """None: there are no members."""
         return {}

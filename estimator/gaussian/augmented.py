@@ -25,7 +25,7 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
-from estimator.types import Mixture, Outcome, ParameterSummary, Posterior
+from estimator.types import Mixture, ModelDraws, Outcome, ParameterSummary, Posterior
 
 _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 """Below this log likelihood a measurement is one that the filter cannot explain at all, as for the particle filter."""
@@ -51,12 +51,16 @@ class AugmentedFilter:
 
     blocks: tuple[str, ...] = ()
 
-    def __init__(self, network: Network, period: float, options: AugmentedOptions, move: Move) -> None:
-        """`network` is validated; `move` is over one `period` of it, with `options`' noise."""
+    def __init__(
+        self, network: Network, period: float, options: AugmentedOptions, move: Move, *, mean_is_simulated: bool
+    ) -> None:
+        """`network` is validated; `move` is over one `period` of it, with `options`' noise. `mean_is_simulated` says
+        that it moves the mean as the network at the mean parameters moves."""
         self.network = network
         self.period = period
         self.options = options
         self._move = move
+        self._mean_is_simulated = mean_is_simulated
         self._measured = topology(network).measured
         self._space = parameter_space(network, logit=False)
         # Variance of the log-uniform prior (23).
@@ -153,6 +157,31 @@ class AugmentedFilter:
     def unfold(self, issue: AugmentedState, plan: Array) -> Iterator[Mixture]:
         """What the issue forecasts under `plan` (h, n_u)."""
         return self.forecast(issue, plan)
+
+    def draws(self, state: AugmentedState, count: int) -> ModelDraws:
+        """`count` draws of temperatures and log parameters, the same at every call: pairs that mirror each other about
+        the mean, so that their mean is the filter's."""
+        size, half = len(self.network.nodes), (count + 1) // 2
+        normals = Draws(0, 0).normals(Purpose.MIXTURE_SAMPLE, (len(state.mean), half))
+        drawn = state.mean[:, None] + state.root @ np.hstack([normals, -normals])[:, :count]
+        shape = (size, count)
+        return ModelDraws(
+            network=self.network,
+            member="",
+            share=1.0,
+            point=self._space.parameters(state.mean[size:, None])[:, 0],
+            mean=state.mean[:size],
+            covariance=state.root[:size] @ state.root[:size].T,
+            weights=np.full(count, 1.0 / count),
+            theta=self._space.parameters(self._space.confine(drawn[size:])),
+            state=drawn[:size],
+            spread=np.zeros(shape),
+            gain_decay=np.empty((0, count)),
+            gain_stays=1.0,
+            process_variance=np.full(shape, self.options.process_sd**2),
+            measurement_variance=np.full((len(self._measured), count), self.options.measurement_sd**2),
+            point_is_fan=self._mean_is_simulated,
+        )
 
     def verified(self, state: AugmentedState, lead: int, errors: Array) -> AugmentedState:
         """The state itself: the filter learns from its innovations alone."""

@@ -8,7 +8,7 @@ from estimator.arrays import Array
 from estimator.gaussian.augmented import AugmentedFilter, Move
 from estimator.gaussian.options import AugmentedOptions
 from estimator.gaussian.square_root import Gaussian, triangular_root
-from estimator.network.modal import ModalNetwork
+from estimator.network.modal import ModalNetwork, Tangent
 from estimator.network.network import Network
 from estimator.network.space import parameter_space
 
@@ -16,7 +16,7 @@ from estimator.network.space import parameter_space
 def ekf(network: Network, period: float, options: AugmentedOptions) -> AugmentedFilter:
     """The EKF of a zone. Without free parameters it is the Kalman filter."""
     network = network.validate()
-    return AugmentedFilter(network, period, options, _move(network, period, options))
+    return AugmentedFilter(network, period, options, _move(network, period, options), mean_is_simulated=True)
 
 
 def _move(network: Network, period: float, options: AugmentedOptions) -> Move:
@@ -25,11 +25,19 @@ def _move(network: Network, period: float, options: AugmentedOptions) -> Move:
     size, total = len(network.nodes), len(network.nodes) + len(space.free)
     noise = np.diag(np.repeat([options.process_sd, options.parameter_sd], [size, total - size]))
 
+    newest: tuple[bytes, Tangent] | None = None
+
+    def tangent_at(phi: Array) -> Tangent:
+        # Over a forecast phi stays: one linearisation serves all of its steps, in whichever thread.
+        nonlocal newest
+        known, key = newest, phi.tobytes()
+        if known is None or known[0] != key:
+            newest = known = key, model.linearise(space.parameters(phi[:, None])[:, 0], space.free, period)
+        return known[1]
+
     def move(gaussian: Gaussian, inputs: Array) -> Gaussian:
         mean, root = gaussian
-        temperatures = mean[:size]
-        theta = space.parameters(mean[size:, None])[:, 0]
-        tangent = model.linearise(theta, space.free, period)
+        temperatures, tangent = mean[:size], tangent_at(mean[size:])
         jacobian = np.eye(total)
         jacobian[:size, :size] = tangent.transition
         jacobian[:size, size:] = (tangent.transition_slope @ temperatures + tangent.input_slope @ inputs).T

@@ -31,7 +31,7 @@ from estimator.network.space import parameter_space
 def ukf(network: Network, period: float, options: UKFOptions) -> AugmentedFilter:
     """The UKF of a zone."""
     network = network.validate()
-    return AugmentedFilter(network, period, options, _move(network, period, options))
+    return AugmentedFilter(network, period, options, _move(network, period, options), mean_is_simulated=False)
 
 
 def _move(network: Network, period: float, options: UKFOptions) -> Move:

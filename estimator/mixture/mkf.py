@@ -20,7 +20,7 @@ from estimator.arrays import Array, Indices
 from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.mixture.compiled import CompiledMixture
-from estimator.mixture.model import WATTS, MixtureModel, Particles, Scenarios, Walk
+from estimator.mixture.model import HOUR, WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.mixture.options import MKFOptions
 from estimator.mixture.reference import ReferenceMixture
 from estimator.network.assembly import assemble
@@ -28,8 +28,18 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
 from estimator.particle.gate import learning_gate, regime
+from estimator.particle.kalman import unpack
 from estimator.particle.resampling import Weighted, effective_sample_size
-from estimator.types import ALPHA_LEVELS, Disturbance, Mixture, Outcome, ParameterSummary, Posterior
+from estimator.types import (
+    ALPHA_LEVELS,
+    Disturbance,
+    Mixture,
+    ModelDraws,
+    Outcome,
+    ParameterSummary,
+    Posterior,
+    mixture_moments,
+)
 
 _START_SHARE = 0.5
 """Standard deviation of a particle's first Gaussian over phi, as a share of the prior's; its centre has the rest."""
@@ -235,6 +245,42 @@ class MKF:
         yield Mixture(weights, start.state[self._model.topology.measured], sds)
         for temperatures in self._moves.paths(start, plan, int(issue.seed), int(issue.step)):
             yield Mixture(weights, temperatures, sds)
+
+    def draws(self, state: MKFState, count: int) -> ModelDraws:
+        """`count` draws from the mixture: the starts of the sampled futures that `forecast` mixes."""
+        model, options = self._model, self.options
+        rows, gains = model.states + model.gains, slice(model.states, model.states + model.gains)
+        watts = np.concatenate([np.ones(model.states), np.full(model.gains, WATTS)])
+        weights, covariances = np.exp(state.log_weights), unpack(state.covariance)[:, :rows, :rows]
+        mean, covariance = mixture_moments(weights, state.mean[:rows], covariances)
+        start = self._scenario_starts(state, count)
+        alpha, variance = np.exp(start.log_alpha), np.full((rows, count), options.process_sd**2)
+        if options.volatility == "process":
+            variance[: model.states] *= alpha[model.block] ** 2
+        walk = options.gain_walk_sd * (alpha[0] if options.volatility == "gain" else 1.0)
+        variance[gains] = start.gain_on * (WATTS * walk) ** 2
+        decay = np.ones_like(start.log_hours)
+        if options.gain_decays:
+            decay = np.exp(-model.period / (HOUR * np.exp(start.log_hours)))
+        at = start.state[:rows] * watts[:, None]
+        at[gains] *= start.gain_on
+        return ModelDraws(
+            network=self.network,
+            member="",
+            share=1.0,
+            point=self._summary(state, weights).parameters,
+            mean=mean * watts,
+            covariance=covariance * np.outer(watts, watts),
+            weights=np.full(count, 1.0 / count),
+            theta=model.space.parameters(start.state[model.size - model.free :]),
+            state=at,
+            spread=np.zeros((rows, count)),
+            gain_decay=decay,
+            gain_stays=1.0 - model.off_probability,
+            process_variance=variance,
+            measurement_variance=np.exp(2.0 * start.log_noise),
+            point_is_fan=False,
+        )
 
     def verified(self, state: MKFState, lead: int, errors: Array) -> MKFState:
         """The state itself: the filter learns from its likelihood alone."""

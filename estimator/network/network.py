@@ -236,6 +236,11 @@ def _check_parameters(network: Network) -> Problem:
             return f"{at} is not free and has no value; give it a value or bounds"
         if parameter.nominal is not None and not 0 < parameter.nominal < float("inf"):
             return f"{at} has value {parameter.nominal:g}; it must be a positive number"
+        if parameter.nominal is not None and not _SMALLEST <= parameter.nominal <= _LARGEST:
+            return (
+                f"{at} has value {parameter.nominal:g}, outside {_SMALLEST:g} to {_LARGEST:g} {parameter.unit}; "
+                "no building needs it"
+            )
     twice = _duplicate([*network.capacitances.values(), *(edge.name for edge in network.conductances)])
     if twice:
         return f"parameter '{twice}' stands for two elements; every capacitance and conductance needs its own"

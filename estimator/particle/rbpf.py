@@ -23,11 +23,20 @@ from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
 from estimator.particle.compiled import CompiledSteps
 from estimator.particle.gate import learning_gate, regime, weighted_quantiles
+from estimator.particle.kalman import unpack
 from estimator.particle.liu_west import liu_west_kernel
 from estimator.particle.options import ALL_NODES, Options
 from estimator.particle.reference import ReferenceSteps
 from estimator.particle.resampling import Weighted, effective_sample_size
-from estimator.types import ALPHA_LEVELS, Mixture, Outcome, ParameterSummary, Posterior
+from estimator.types import (
+    ALPHA_LEVELS,
+    Mixture,
+    ModelDraws,
+    Outcome,
+    ParameterSummary,
+    Posterior,
+    mixture_moments,
+)
 
 _ALPHA_LEVELS = np.array(ALPHA_LEVELS)
 
@@ -69,6 +78,7 @@ class RBPF:
         self.blocks = tuple(blocks)
         owner = {node: index for index, nodes in enumerate(blocks.values()) for node in nodes}
         block = np.array([owner[node] for node in network.nodes], dtype=np.int64)
+        self._block = block
         steps = CompiledSteps if options.implementation == "compiled" else ReferenceSteps
         self._steps: CompiledSteps | ReferenceSteps = steps(network, self._space, period, block, options.process_sd)
 
@@ -176,6 +186,34 @@ class RBPF:
     def unfold(self, issue: ParticleState, plan: Array) -> Iterator[Mixture]:
         """What the issue forecasts under `plan` (h, n_u)."""
         return self.forecast(issue, plan)
+
+    def draws(self, state: ParticleState, count: int) -> ModelDraws:
+        """At most `count` particles that stand for all, each with the mean of its temperatures."""
+        size = len(state.mean)
+        weights, covariances = np.exp(state.log_weights), unpack(state.covariance)
+        phi = self._steps.mean_log_parameters(state.coordinates, weights)
+        few = self.issue(state, count)
+        shares = np.exp(few.log_weights)
+        variances = few.covariance[[packed(i, i) for i in range(size)]]
+        noise = (np.exp(few.log_alpha[self._block]) * self.options.process_sd) ** 2
+        mean, covariance = mixture_moments(weights, state.mean, covariances)
+        return ModelDraws(
+            network=self.network,
+            member="",
+            share=1.0,
+            point=self._point_estimate(phi),
+            mean=mean,
+            covariance=covariance,
+            weights=shares / shares.sum(),
+            theta=self._space.parameters(few.coordinates),
+            state=few.mean,
+            spread=np.sqrt(np.maximum(variances, 0.0)),
+            gain_decay=np.empty((0, len(shares))),
+            gain_stays=1.0,
+            process_variance=noise,
+            measurement_variance=np.full((len(self.network.measured), len(shares)), self.options.measurement_sd**2),
+            point_is_fan=False,
+        )
 
     def verified(self, state: ParticleState, lead: int, errors: Array) -> ParticleState:
         """The state itself: the filter learns from its likelihood alone."""

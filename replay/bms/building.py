@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from estimator.network.network import Conductance, HeatInput, Network, Parameter
+from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 from replay.bms.thermostats import PiValve, Relay, Thermostat
 
 AIR, ENVELOPE, HEATER = range(3)
@@ -24,6 +25,9 @@ _TYPICAL = {
 _SPREAD = 0.15  # sd of the logarithm of a room's parameters around the typical ones
 _PARTITION = 25.0  # W/K between the air of two neighbours
 _UNITS = {"C": "J/K", "g": "W/K", "A": "m2"}
+# What one knows of a building: each parameter within a box that has the truth in it, but not in its middle.
+_BELOW, _ABOVE = 6.0, 4.0
+_PARTITION_BOX = (2.0, 200.0)  # W/K
 
 ELECTRIC = Relay(power=1500.0, hysteresis=0.6)
 HYDRONIC = PiValve(power=1800.0, gain=900.0, integral_time=3600.0)
@@ -47,6 +51,13 @@ class Building(NamedTuple):
         """Conductance [W/K] to each room next to room `index`, by index."""
         found = {index - 1: self.partitions[index - 1]} if index else {}
         return found | ({index + 1: self.partitions[index]} if index + 1 < len(self.rooms) else {})
+
+    def zone_network(self, index: int, pace: float) -> Network:
+        """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
+        room = self.rooms[index]
+        seen = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
+        boxes = {name: (rounded(value / _BELOW), rounded(value * _ABOVE)) for name, value in seen.items()}
+        return known_network(room.name, boxes, [self.rooms[other].name for other in self.neighbours(index)])
 
 
 def design(rooms: int, seed: int) -> Building:
@@ -96,6 +107,39 @@ def whole_network(building: Building) -> tuple[Network, dict[str, float]]:
         measured=tuple(_of(room, "T_air") for room in building.rooms),
     )
     return network.validate(), theta
+
+
+def known_network(room: str, boxes: Mapping[str, tuple[float, float]], beside: Collection[str]) -> Network:
+    """The network of a room between rooms `beside` it, whose parameters lie in `boxes` (J/K, W/K, m2).
+
+    `g_air_out`, what the air loses directly to outdoors, is there if it has a box.
+    """
+    neighbours = {f"T_{name}": f"g_{name}" for name in beside}
+    direct = (Conductance("g_air_out", ("T_air", "T_out")),) if "g_air_out" in boxes else ()
+    return Network(
+        name=room,
+        capacitances={node: node.replace("T_", "C_") for node in NODES},
+        boundaries=("T_out", *neighbours),
+        conductances=(
+            Conductance("g_air_env", ("T_air", "T_env")),
+            Conductance("g_env_out", ("T_env", "T_out")),
+            Conductance("g_air_heater", ("T_air", "T_heater")),
+            *direct,
+            *(Conductance(name, ("T_air", boundary)) for boundary, name in neighbours.items()),
+        ),
+        heat_inputs=(HeatInput("u_heat", "T_heater"), HeatInput("I_sol", "T_air", Gain(parameter="A_w"), "W/m2")),
+        parameters=(
+            *(Parameter(name, _UNITS[name[0]], lower, upper) for name, (lower, upper) in boxes.items()),
+            *(Parameter(name, "W/K", *_PARTITION_BOX) for name in neighbours.values()),
+        ),
+        measured=("T_air",),
+        initial={"T_env": InitialTemperature("measured", 5.0), "T_heater": InitialTemperature("measured", 10.0)},
+    ).validate()
+
+
+def rounded(value: float) -> float:
+    """`value` with two digits, as a person would write a bound."""
+    return float(f"{value:.2g}")
 
 
 def _of(room: Room, name: str) -> str:

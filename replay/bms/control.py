@@ -1,4 +1,4 @@
-"""The control surface of the simulated plant: look at the truth, switch faults on and off, over HTTP on loopback."""
+"""The control surface of the simulated plant over HTTP on loopback: the truth, set-points and heating, and faults."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from http import HTTPStatus
 
 from fastapi import FastAPI, Response
 from fastapi.responses import PlainTextResponse, RedirectResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from replay.bms.faults import MENU, Fault, FaultError, FaultSpec
 from replay.bms.register_map import as_csv
@@ -26,13 +26,18 @@ class RoomState(BaseModel):
     """The truth about a room: temperatures and set-point in degC, flows of heat in W, openings in W/K."""
 
     T_air: float
-    T_env: float
-    T_heater: float
+    T_env: float = Field(description="of the walls; in a building of EnergyPlus the mean radiant temperature")
+    T_heater: float | None = Field(description="null where heaters have no temperature of their own")
     set_point: float
     u_heat: float
     unmeasured: float = Field(description="people, sun and open windows together")
     opening: float = Field(description="windows, those left open by a fault included")
-    parameters: dict[str, float] = Field(description="true capacitances in J/K of simulated time, conductances in W/K")
+    parameters: dict[str, float] = Field(
+        description="true capacitances in J/K of simulated time, conductances in W/K; empty in a building of EnergyPlus"
+    )
+    flows: dict[str, float] = Field(
+        description="further flows of heat into the room over the last step, W, in a building of EnergyPlus"
+    )
 
 
 class State(BaseModel):
@@ -43,6 +48,15 @@ class State(BaseModel):
     T_out: float
     I_sol: float = Field(description="global irradiance, W/m2")
     rooms: dict[str, RoomState]
+
+
+class Order(BaseModel):
+    """What somebody at the plant wants of a room, until it is withdrawn; null leaves it to schedule and thermostat."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    set_point: float | None = Field(None, ge=5.0, le=35.0, description="degC")
+    u_heat: float | None = Field(None, description="W; overrules the thermostat")
 
 
 class FaultState(BaseModel):
@@ -129,7 +143,49 @@ def create_control(simulation: Simulation) -> FastAPI:
             raise RequestRefused(HTTPStatus.NOT_FOUND, [f"there is no fault {number}; GET /faults lists them"])
         return Response(status_code=HTTPStatus.NO_CONTENT)
 
+    @app.get("/rooms/{room}", responses=documented(404), summary="What is wanted of a room")
+    async def wanted(room: str) -> Order:
+        return _order(simulation, _index(simulation, room))
+
+    @app.put("/rooms/{room}", responses=documented(404, 422), summary="Set a room's set-point or heating")
+    async def command(room: str, order: Order) -> Order:
+        index = _index(simulation, room)
+        if order.u_heat is not None:
+            limit = simulation.building.rooms[index].thermostat.can_give(order.u_heat)
+            if limit is not None:
+                raise invalid([f"u_heat: the heater of {room} cannot give {order.u_heat:g} W; {limit}"])
+        for values, value in zip(simulation.orders, (order.set_point, order.u_heat), strict=True):
+            values[index] = math.nan if value is None else value
+        return order
+
+    @app.delete(
+        "/rooms/{room}",
+        status_code=HTTPStatus.NO_CONTENT,
+        responses=documented(404),
+        summary="Leave a room to its schedule and thermostat",
+    )
+    async def leave(room: str) -> Response:
+        index = _index(simulation, room)
+        for values in simulation.orders:
+            values[index] = math.nan
+        return Response(status_code=HTTPStatus.NO_CONTENT)
+
     return app
+
+
+def _index(simulation: Simulation, room: str) -> int:
+    names = [known.name for known in simulation.building.rooms]
+    if room not in names:
+        raise RequestRefused(HTTPStatus.NOT_FOUND, [f'there is no room "{room}"; the rooms are {", ".join(names)}'])
+    return names.index(room)
+
+
+def _order(simulation: Simulation, index: int) -> Order:
+    return Order(set_point=_known(simulation.orders.set_point[index]), u_heat=_known(simulation.orders.power[index]))
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
 
 
 def _shown(fault: Fault, begins_in: float) -> FaultState:
@@ -157,12 +213,13 @@ def _state(simulation: Simulation) -> State:
             room.name: RoomState(
                 T_air=now.air[k],
                 T_env=now.envelope[k],
-                T_heater=now.heater[k],
+                T_heater=_known(now.heater[k]),
                 set_point=now.set_point[k],
                 u_heat=now.power[k],
                 unmeasured=now.gain[k],
                 opening=now.opening[k],
                 parameters=room.theta,
+                flows={name: float(flow[k]) for name, flow in now.flows.items()},
             )
             for k, room in enumerate(simulation.building.rooms)
         },

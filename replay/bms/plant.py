@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from replay.bms.building import ELECTRIC, HYDRONIC, Building
 from replay.bms.registers import Register
-from replay.bms.world import Snapshot
+from replay.bms.thermostats import Relay
+from replay.bms.world import Rooms, Snapshot
 
 WEATHER_UNIT_ID = 1
 FIRST_ROOM_UNIT_ID = 11
@@ -51,15 +51,14 @@ class Device(NamedTuple):
         return next((channel for channel in self.channels if channel.name == name), None)
 
 
-def devices(building: Building, *, pace: float, meters: int = 0, registers: int = 100) -> tuple[Device, ...]:
+def devices(building: Rooms, *, pace: float, meters: int = 0, registers: int = 100) -> tuple[Device, ...]:
     """Weather station, a controller per room, and `meters` cheap devices of `registers` registers each, for load.
 
     Energy counters count what flows in wall-clock time: at `pace` simulated seconds per second, a `pace`th of the heat
     of the simulated time.
     """
-    makes = (_electric, _heat_meter, _integers)
     rooms = [
-        Device(room.name, FIRST_ROOM_UNIT_ID + k, makes[k % len(makes)](k, pace), k)
+        Device(room.name, FIRST_ROOM_UNIT_ID + k, _controller(building, k, pace), k)
         for k, room in enumerate(building.rooms)
     ]
     load = [Device(f"meter{k + 1}", FIRST_METER_UNIT_ID + k, _meter(registers), published=False) for k in range(meters)]
@@ -81,19 +80,25 @@ def _weather_station(rooms: int) -> Device:
     )
 
 
-def _electric(room: int, pace: float) -> tuple[Channel, ...]:
+def _controller(building: Rooms, room: int, pace: float) -> tuple[Channel, ...]:
+    """What the controller of a room measures; which make it is follows from the heater and the room's place."""
+    thermostat = building.rooms[room].thermostat
+    if isinstance(thermostat, Relay):
+        return _electric(room, pace, thermostat.power)
+    return _integers(room, pace) if room % 3 == 2 else _heat_meter(room, pace, thermostat.power)
+
+
+def _electric(room: int, pace: float, rated: float) -> tuple[Channel, ...]:
     """A thermostat with a relay: int16 in tenths, and the heater known from its coil and rating only."""
     return (
         Channel("T_air", "degC", Register("input", 0, "int16", scale=0.1, sentinel=-0x8000), _air(room), "T_air"),
         Channel("set_point", "degC", Register("holding", 0, "int16", scale=0.5), _set_point(room)),
-        Channel(
-            "relay", "1", Register("coil", 0, "bool"), lambda now: float(now.power[room] > 0), "u_heat", ELECTRIC.power
-        ),
+        Channel("relay", "1", Register("coil", 0, "bool"), lambda now: float(now.power[room] > 0), "u_heat", rated),
         Channel("energy", "Wh", Register("input", 10, "uint32", counter=True), _energy(room, pace, _FIRST_READING)),
     )
 
 
-def _heat_meter(room: int, pace: float) -> tuple[Channel, ...]:
+def _heat_meter(room: int, pace: float, rated: float) -> tuple[Channel, ...]:
     """A PI valve with a heat meter: 32-bit values with the low word first."""
     return (
         Channel("T_air", "degC", Register("holding", 100, "float32", "CDAB"), _air(room), "T_air"),
@@ -105,7 +110,7 @@ def _heat_meter(room: int, pace: float) -> tuple[Channel, ...]:
             "valve",
             "%",
             Register("holding", 106, "uint16", scale=0.1),
-            _valve(room),
+            _valve(room, rated),
         ),
         Channel("set_point", "degC", Register("holding", 107, "int16", scale=0.1), _set_point(room)),
     )
@@ -151,8 +156,8 @@ def _sun(now: Snapshot) -> float:
     return now.irradiance
 
 
-def _valve(room: int) -> Read:
-    return lambda now: 100.0 * float(now.power[room]) / HYDRONIC.power
+def _valve(room: int, rated: float) -> Read:
+    return lambda now: 100.0 * float(now.power[room]) / rated
 
 
 def _set_point(room: int) -> Read:

@@ -6,28 +6,43 @@ import asyncio
 import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from replay.bms import register_map
+from replay.bms.bacnet import objects as bacnet_objects
 from replay.bms.control import create_control
 from replay.bms.faults import FaultSpec
 from replay.bms.modbus_server import ModbusServer
 from replay.bms.simulation import Simulation
-from replay.bms.written_config import write_config
+from replay.bms.world import Living
+from replay.bms.written_config import over_bacnet, over_modbus, write_config
 from replay.bms.zenoh_publisher import ZenohPublisher
+from replay.errors import ReplayError
 from service.config.site import HttpConfig
 from service.daemon.logs import configure_logging
 from service.web.server.server import HttpServer
 
+if TYPE_CHECKING:
+    from replay.bms.bacnet.server import BacnetServer
+
 
 @dataclass(frozen=True)
 class BmsOptions:
-    """What the command line says. Ports of 0 are any free ones; `zenoh` None publishes nothing."""
+    """What the command line says. Ports of 0 are any free ones; `zenoh` None publishes nothing, `bacnet` None serves no
+    BACnet. The configuration reads the building `over` "modbus" or "bacnet"."""
 
+    plant: str = "rooms"
+    """"rooms" in a row, `zones` of them, or the `building` of "energyplus" in the weather of `weather`."""
     zones: int = 4
+    building: str = "house"
+    weather: str = "denver"
     port: int = 5020
     control_port: int = 5021
     zenoh: str | None = "tcp/127.0.0.1:7448"
+    bacnet: int | None = None
+    over: str = "modbus"
     publish_every: float = 1.0
     pace: float = 60.0
     seed: int = 1
@@ -62,27 +77,52 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
         pace=options.pace,
         meters=options.meters,
         registers=options.registers,
+        living=_living(options),
     )
+    try:
+        await _serve(options, simulation, stop, ready)
+    finally:
+        simulation.world.close()
+
+
+def _living(options: BmsOptions) -> Living | None:
+    """The building of EnergyPlus, if that is wanted."""
+    if options.plant != "energyplus":
+        return None
+    from replay.bms.energyplus.world import EnergyPlusWorld
+
+    return EnergyPlusWorld(options.building, options.weather, options.seed)
+
+
+async def _serve(
+    options: BmsOptions, simulation: Simulation, stop: asyncio.Event, ready: Callable[[list[str]], None]
+) -> None:
     for fault in options.faults:
         simulation.faults.add(fault)
     http = HttpServer(create_control(simulation), HttpConfig(port=options.control_port), "--control-port")
     modbus: ModbusServer | None = None
+    bacnet: BacnetServer | None = None
     publisher: ZenohPublisher | None = None
     tasks: list[asyncio.Task[None]] = []
     try:
         modbus = await ModbusServer.start(simulation, options.port)
+        if options.bacnet is not None:
+            bacnet = await _bacnet(simulation, options.bacnet)
         if options.zenoh is not None:
             publisher = await asyncio.to_thread(ZenohPublisher.open, options.zenoh, simulation)
         if options.config is not None:
-            write_config(options.config, simulation, modbus.port, options.overrides)
+            over = over_bacnet(bacnet.port) if options.over == "bacnet" and bacnet else over_modbus(modbus.port)
+            write_config(options.config, simulation, over, options.overrides)
         if options.register_map is not None:
             options.register_map.write_text(register_map.as_csv(simulation.plant), encoding="utf-8")
         serving = asyncio.create_task(http.run())
         tasks = [serving, asyncio.create_task(simulation.run())]
+        if bacnet is not None:
+            tasks.append(asyncio.create_task(bacnet.run()))
         if publisher is not None:
             tasks.append(asyncio.create_task(publisher.run(options.publish_every)))
         await http.started(serving)
-        ready(_greeting(options, simulation, modbus.port, http.url))
+        ready(_greeting(options, simulation, modbus.port, bacnet.port if bacnet else None, http.url))
         await _until(stop, tasks)
         await http.stop(serving)
     finally:
@@ -92,8 +132,18 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
         http.close()
         if publisher is not None:
             await asyncio.to_thread(publisher.close)
+        if bacnet is not None:
+            await bacnet.stop()
         if modbus is not None:
             await modbus.stop()
+
+
+async def _bacnet(simulation: Simulation, port: int) -> BacnetServer:
+    if find_spec("bacpypes3") is None:
+        raise ReplayError("--bacnet needs bacpypes3; install it with: pip install 'thermogate[bacnet]'")
+    from replay.bms.bacnet.server import BacnetServer
+
+    return await BacnetServer.start(simulation, port)
 
 
 async def _until(stop: asyncio.Event, tasks: Sequence[asyncio.Task[None]]) -> None:
@@ -105,15 +155,23 @@ async def _until(stop: asyncio.Event, tasks: Sequence[asyncio.Task[None]]) -> No
         task.result()
 
 
-def _greeting(options: BmsOptions, simulation: Simulation, port: int, url: str) -> list[str]:
+def _greeting(options: BmsOptions, simulation: Simulation, port: int, bacnet: int | None, url: str) -> list[str]:
     lines = [
         *register_map.as_text(simulation.plant),
         "",
-        f"SYNTHETIC building, {options.zones} rooms, {options.pace:g} simulated s per s, seed {options.seed}",
+        f"{_what(options)}, {options.pace:g} simulated s per s, seed {options.seed}",
         f"Modbus TCP  127.0.0.1:{port}; registers count from 0",
         f"Zenoh       {options.zenoh or 'off'}" + ("; keys bms/{plain,json,senml}/**" if options.zenoh else ""),
+        f"BACnet/IP   {bacnet_objects.served(simulation.plant, bacnet)}",
         f"Control     {url}; GET /state, /faults, /menu, /registers; POST /faults; DELETE /faults/<id>",
+        f"            {url}; PUT and DELETE /rooms/<room>: set-point and heating",
     ]
     if options.config is not None:
         lines.append(f"Configuration: thermogate run {options.config}")
     return [*lines, "Ctrl-C stops."]
+
+
+def _what(options: BmsOptions) -> str:
+    if options.plant == "energyplus":
+        return f"SYNTHETIC building '{options.building}' of EnergyPlus, weather {options.weather}"
+    return f"SYNTHETIC building, {options.zones} rooms"

@@ -12,7 +12,7 @@ import numpy as np
 from replay.bms.building import design
 from replay.bms.faults import FaultBoard
 from replay.bms.plant import Channel, Device, devices
-from replay.bms.world import STEP, World
+from replay.bms.world import Living, Orders, World
 
 TICK = 0.1
 """Real seconds between two looks at the clock."""
@@ -22,7 +22,10 @@ _log = logging.getLogger(__name__)
 
 
 class Simulation:
-    """A world, its devices and their faults. `clock` gives real seconds that never jump."""
+    """A world, its devices and their faults, and what somebody at the plant has set.
+
+    The world is `living`, or else one of `zones` rooms in a row. `clock` gives real seconds that never jump.
+    """
 
     def __init__(
         self,
@@ -32,11 +35,13 @@ class Simulation:
         pace: float,
         meters: int = 0,
         registers: int = 100,
+        living: Living | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.pace = pace
-        self.building = design(zones, seed)
-        self.world = World(self.building, seed)
+        self.world: Living = living or World(design(zones, seed), seed)
+        self.building = self.world.building
+        self.orders = Orders.none(len(self.building.rooms))
         self.plant = devices(self.building, pace=pace, meters=meters, registers=registers)
         self.faults = FaultBoard(self.plant, clock)
         self._clock = clock
@@ -52,11 +57,12 @@ class Simulation:
         for device in self.plant:
             if device.room is not None and (fault := self.faults.active("window", device.name)):
                 windows[device.room] = fault.value
-        due = int((self._clock() - self._began) * self.pace / STEP)
-        lived = int(self.world.elapsed / STEP)
+        step = self.world.step_length
+        due = int((self._clock() - self._began) * self.pace / step)
+        lived = int(self.world.elapsed / step)
         for _ in range(min(due - lived, _MOST_STEPS)):
-            self.world.step(windows)
-        return max(due - lived - _MOST_STEPS, 0) * STEP
+            self.world.step(windows, self.orders)
+        return max(due - lived - _MOST_STEPS, 0) * step
 
     async def run(self) -> None:
         """Keep up with the clock until cancelled."""

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
+
+import numpy as np
+
+from estimator.arrays import Array
 
 
 class Thermostat(Protocol):
@@ -18,6 +23,10 @@ class Thermostat(Protocol):
         """New memory, and the power in W for the next `seconds`, at `excess` K above the set-point."""
         ...
 
+    def can_give(self, power: float) -> str | None:
+        """None if it can give `power` W when it is told to; otherwise what it can give, in words."""
+        ...
+
 
 @dataclass(frozen=True)
 class Relay:
@@ -30,6 +39,9 @@ class Relay:
         if abs(excess) > self.hysteresis / 2:
             memory = float(excess < 0)
         return memory, memory * self.power
+
+    def can_give(self, power: float) -> str | None:
+        return None if power in (0.0, self.power) else f"a relay gives 0 or {self.power:g} W"
 
 
 @dataclass(frozen=True)
@@ -48,3 +60,22 @@ class PiValve:
         wanted = integral - self.gain * excess
         flow = min(max(wanted, 0.0), self.power)
         return (integral if wanted == flow else memory), flow
+
+    def can_give(self, power: float) -> str | None:
+        return None if 0.0 <= power <= self.power else f"it gives 0 to {self.power:g} W"
+
+
+class Thermostats:
+    """Those of all rooms, with their memories."""
+
+    def __init__(self, thermostats: Sequence[Thermostat]) -> None:
+        self._thermostats = tuple(thermostats)
+        self._memory = [0.0] * len(self._thermostats)
+
+    def powers(self, excess: Array, ordered: Array, seconds: float) -> Array:
+        """Power (N,) [W] for the next `seconds`, at `excess` (N,) [K] above the set-points; what is `ordered` (N,) [W]
+        overrules a thermostat, and NaN does not."""
+        power = np.empty(len(excess))
+        for index, thermostat in enumerate(self._thermostats):
+            self._memory[index], power[index] = thermostat.step(self._memory[index], float(excess[index]), seconds)
+        return np.where(np.isnan(ordered), power, ordered)

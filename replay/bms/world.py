@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from estimator.arrays import Array
-from replay.bms.building import AIR, ENVELOPE, HEATER, NODES, Building, whole_network
+from estimator.network.network import Network
+from replay.bms.building import AIR, ENVELOPE, HEATER, NODES, Building, Room, whole_network
 from replay.bms.calendar import FIRST_MIDNIGHT, Calendar
+from replay.bms.thermostats import Thermostats
 from replay.localtime import HOUR
 from replay.simulated.simulate import dynamics
 
@@ -18,7 +21,7 @@ BEGIN = 6 * HOUR
 """The building wakes at this time of its first day, seconds after midnight."""
 
 _PROCESS_NOISE_SD = 0.0005  # K per node and step
-_SENSOR_NOISE_SD = 0.03  # K
+SENSOR_NOISE_SD = 0.03  # K
 
 
 class Snapshot(NamedTuple):
@@ -26,7 +29,8 @@ class Snapshot(NamedTuple):
 
     `time` is in simulated UTC seconds, temperatures in degC, `power`, `gain` (people, sun and windows, all of it
     unmeasured but for the sun's irradiance) in W, `energy` in J since the beginning, `opening` in W/K. `noise` (N + 1,)
-    in K is what the sensors add: one of every room, then the outdoor one.
+    in K is what the sensors add: one of every room, then the outdoor one. `flows` are further flows of heat into the
+    rooms in W, by name, as far as the building tells them; `heater` is NaN where heaters have no temperature.
     """
 
     time: float
@@ -41,30 +45,89 @@ class Snapshot(NamedTuple):
     noise: Array
     outdoor: float
     irradiance: float
+    flows: Mapping[str, Array] = {}
+
+
+class Orders(NamedTuple):
+    """What somebody at the plant wants, per room (N,): set-points in degC and heating in W; NaN: nothing."""
+
+    set_point: Array
+    power: Array
+
+    @classmethod
+    def none(cls, rooms: int) -> Orders:
+        """Thermostats and their schedule have it their way."""
+        return cls(np.full(rooms, np.nan), np.full(rooms, np.nan))
+
+
+class Rooms(Protocol):
+    """A building as its devices and the configuration know it."""
+
+    @property
+    def rooms(self) -> tuple[Room, ...]:
+        """Names, thermostats and, as far as they are known, true parameters."""
+        ...
+
+    def neighbours(self, index: int) -> Mapping[int, float]:
+        """Conductance [W/K] to each room next to room `index`, by index."""
+        ...
+
+    def zone_network(self, index: int, pace: float) -> Network:
+        """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
+        ...
+
+
+class Living(Protocol):
+    """A building that lives step by step."""
+
+    step_length: float
+    """Simulated seconds per step."""
+    now: Snapshot
+
+    @property
+    def building(self) -> Rooms:
+        """Its rooms."""
+        ...
+
+    @property
+    def elapsed(self) -> float:
+        """Simulated seconds lived so far."""
+        ...
+
+    def step(self, windows: Array, orders: Orders) -> None:
+        """Live one step; `windows` (N,) in W/K are openings beside those of the people, `orders` act from now on."""
+        ...
+
+    def close(self) -> None:
+        """Give back what it holds; it lives no more."""
+        ...
 
 
 class World:
     """A building and its calendar, advanced step by step; the same seed and windows always give the same numbers."""
 
+    step_length = STEP
+
     def __init__(self, building: Building, seed: int) -> None:
+        self.building = building
         network, theta = whole_network(building)
         self._dynamics = dynamics(network, theta, STEP)
-        self._thermostats = [room.thermostat for room in building.rooms]
+        self._thermostats = Thermostats([room.thermostat for room in building.rooms])
         self._aperture = np.array([room.theta["A_w"] for room in building.rooms])
         self._calendar = Calendar(len(building.rooms), seed)
         self._rng = np.random.default_rng([seed, 0x11FE])
         self._steps = 0
-        self._memory = [0.0] * len(building.rooms)
         self._energy = np.zeros(len(building.rooms))
         self._state = self._settled(building)
-        self.now = self._look(np.zeros(len(building.rooms)))
+        rooms = len(building.rooms)
+        self.now = self._look(np.zeros(rooms), Orders.none(rooms))
 
     @property
     def elapsed(self) -> float:
         """Simulated seconds lived so far."""
         return self._steps * STEP
 
-    def step(self, windows: Array) -> None:
+    def step(self, windows: Array, orders: Orders | None = None) -> None:
         """Live one STEP; `windows` (N,) in W/K are openings to the outside beside those of the people."""
         now = self.now
         heat = np.zeros_like(self._state)
@@ -75,29 +138,30 @@ class World:
         self._state = step.transition @ self._state + step.input @ inputs + step.heat @ heat + noise
         self._energy = self._energy + now.power * STEP
         self._steps += 1
-        self.now = self._look(windows)
+        self.now = self._look(windows, orders or Orders.none(len(windows)))
 
-    def _look(self, windows: Array) -> Snapshot:
+    def close(self) -> None:
+        """There is nothing to give back."""
+
+    def _look(self, windows: Array, orders: Orders) -> Snapshot:
         """What holds over the next step."""
         time = BEGIN + self.elapsed
         moment = self._calendar.at(time)
         air = self._state[AIR :: len(NODES)].copy()
-        power = np.zeros(len(air))
-        for index, thermostat in enumerate(self._thermostats):
-            excess = float(air[index] - moment.set_point[index])
-            self._memory[index], power[index] = thermostat.step(self._memory[index], excess, STEP)
+        set_point = np.where(np.isnan(orders.set_point), moment.set_point, orders.set_point)
+        power = self._thermostats.powers(air - set_point, orders.power, STEP)
         opening = moment.opening + windows
         return Snapshot(
             time=FIRST_MIDNIGHT + time,
             air=air,
             envelope=self._state[ENVELOPE :: len(NODES)].copy(),
             heater=self._state[HEATER :: len(NODES)].copy(),
-            set_point=moment.set_point,
+            set_point=set_point,
             power=power,
             energy=self._energy,
             gain=moment.gain + self._aperture * moment.irradiance + opening * (moment.outdoor - air),
             opening=opening,
-            noise=_SENSOR_NOISE_SD * self._rng.standard_normal(len(air) + 1),
+            noise=SENSOR_NOISE_SD * self._rng.standard_normal(len(air) + 1),
             outdoor=moment.outdoor,
             irradiance=moment.irradiance,
         )

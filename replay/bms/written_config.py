@@ -1,4 +1,4 @@
-"""The Thermogate configuration that reads the simulated building over Modbus, one zone per room.
+"""The Thermogate configuration that reads the simulated building over Modbus or BACnet, one zone per room.
 
 The daemon stamps readings by the wall clock, and at a pace of p the building lives p simulated seconds in one of them.
 What the daemon sees is therefore, exactly, a building in real time whose capacitances are a p-th of the true ones:
@@ -9,15 +9,14 @@ estimator that belong to a step are written out as they would be for the simulat
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import tomli_w
 
-from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 from estimator.particle.options import Options, resolve
-from replay.bms.building import NODES, Building
+from replay.bms.bacnet.objects import CLIENT, FIRST_INSTANCE, objects
 from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
 from service.config.overrides import apply_overrides
@@ -33,19 +32,41 @@ _POLLS_PER_PERIOD = 10
 _SHORTEST_POLL = 0.2
 _STUCK_PERIODS = 6
 _PER_STEP = ("process_sd", "volatility_sd", "jump_probability", "shrinkage")
-# What one knows of a building: each parameter within a box that has the truth in it, but not in its middle.
-_BELOW, _ABOVE = 6.0, 4.0
-_PARTITION_BOX = (2.0, 200.0)  # W/K
 
 
-def write_config(path: Path, simulation: Simulation, port: int, overrides: Sequence[str] = ()) -> None:
-    """Write the TOML for the server on `port`, with `overrides` (as of --set) applied; ConfigError for wrong ones."""
-    raw = apply_overrides(configuration(simulation, port), overrides)
+class Over(NamedTuple):
+    """A way to the building: its name, the sources of some devices by name at a poll (s), and where a source finds a
+    channel of a device."""
+
+    name: str
+    sources: Callable[[Sequence[Device], float], dict[str, dict[str, Any]]]
+    place: Callable[[Device, Channel], dict[str, Any]]
+
+
+def over_modbus(port: int) -> Over:
+    """Through the Modbus server on `port`: a source for every device."""
+    return Over(
+        "Modbus",
+        lambda devices, poll: {device.name: _modbus_source(device, port, poll) for device in devices},
+        _modbus_place,
+    )
+
+
+def over_bacnet(port: int) -> Over:
+    """Through the BACnet servers on `port`: one source for all devices."""
+    table = {"kind": "bacnet", "interface": f"{CLIENT}/8", "port": port}
+    return Over("BACnet/IP", lambda _, poll: {"bms": table | {"poll": format_duration(poll)}}, _bacnet_place)
+
+
+def write_config(path: Path, simulation: Simulation, over: Over, overrides: Sequence[str] = ()) -> None:
+    """Write the TOML for the server that `over` leads to, with `overrides` (as of --set) applied; ConfigError for wrong
+    ones."""
+    raw = apply_overrides(configuration(simulation, over), overrides)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(_HEAD.format(pace=simulation.pace) + tomli_w.dumps(raw), encoding="utf-8")
+    path.write_text(_HEAD.format(pace=simulation.pace, over=over.name) + tomli_w.dumps(raw), encoding="utf-8")
 
 
-def configuration(simulation: Simulation, port: int) -> dict[str, Any]:
+def configuration(simulation: Simulation, over: Over) -> dict[str, Any]:
     """The configuration as TOML tables."""
     period = zone_period(simulation.pace)
     by_room = {device.room: device for device in simulation.plant if device.room is not None}
@@ -54,11 +75,8 @@ def configuration(simulation: Simulation, port: int) -> dict[str, Any]:
         "site": {"id": "simulated-bms", "state_dir": "state"},
         "http": {"host": "127.0.0.1", "port": 8080},
         "zenoh": {"listen": ["tcp/127.0.0.1:7447"]},
-        "sources": {
-            device.name: _source(device, port, max(period / _POLLS_PER_PERIOD, _SHORTEST_POLL))
-            for device in (weather, *by_room.values())
-        },
-        "zones": [_zone(simulation, period, index, weather, by_room) for index in by_room],
+        "sources": over.sources((weather, *by_room.values()), max(period / _POLLS_PER_PERIOD, _SHORTEST_POLL)),
+        "zones": [_zone(simulation, period, index, weather, by_room, over) for index in by_room],
     }
 
 
@@ -68,48 +86,14 @@ def zone_period(pace: float) -> int:
     return max(seconds for seconds in range(1, min(longest, _DAY) + 1) if _DAY % seconds == 0)
 
 
-def zone_network(building: Building, index: int, pace: float) -> Network:
-    """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
-    room = building.rooms[index]
-    beside = [building.rooms[other].name for other in building.neighbours(index)]
-    neighbours = {f"T_{name}": f"g_{name}" for name in beside}
-    seen = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
-    units = {"C": "J/K", "g": "W/K", "A": "m2"}
-    return Network(
-        name=room.name,
-        capacitances={node: node.replace("T_", "C_") for node in NODES},
-        boundaries=("T_out", *neighbours),
-        conductances=(
-            Conductance("g_air_env", ("T_air", "T_env")),
-            Conductance("g_env_out", ("T_env", "T_out")),
-            Conductance("g_air_heater", ("T_air", "T_heater")),
-            *(Conductance(name, ("T_air", boundary)) for boundary, name in neighbours.items()),
-        ),
-        heat_inputs=(HeatInput("u_heat", "T_heater"), HeatInput("I_sol", "T_air", Gain(parameter="A_w"), "W/m2")),
-        parameters=(
-            *(
-                Parameter(name, units[name[0]], _rounded(value / _BELOW), _rounded(value * _ABOVE))
-                for name, value in seen.items()
-            ),
-            *(Parameter(name, "W/K", *_PARTITION_BOX) for name in neighbours.values()),
-        ),
-        measured=("T_air",),
-        initial={"T_env": InitialTemperature("measured", 5.0), "T_heater": InitialTemperature("measured", 10.0)},
-    ).validate()
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.2g}")
-
-
 def _zone(
-    simulation: Simulation, period: int, index: int, weather: Device, by_room: dict[int, Device]
+    simulation: Simulation, period: int, index: int, weather: Device, by_room: dict[int, Device], over: Over
 ) -> dict[str, Any]:
     building = simulation.building
-    network = zone_network(building, index, simulation.pace)
+    network = building.zone_network(index, simulation.pace)
     options: Options = resolve(network, period * simulation.pace, {})
     channels = {
-        channel.zone_channel: _channel(device, channel, period)
+        channel.zone_channel: _channel(over.place(device, channel), channel, period)
         for device in (by_room[index], weather)
         for channel in device.channels
         if channel.zone_channel is not None
@@ -117,7 +101,7 @@ def _zone(
     for other in building.neighbours(index):
         air = by_room[other].channel("T_air")
         assert air is not None
-        channels[f"T_{building.rooms[other].name}"] = _channel(by_room[other], air, period)
+        channels[f"T_{building.rooms[other].name}"] = _channel(over.place(by_room[other], air), air, period)
     return {
         "id": building.rooms[index].name,
         "period": format_duration(period),
@@ -129,7 +113,7 @@ def _zone(
     }
 
 
-def _source(device: Device, port: int, poll: float) -> dict[str, Any]:
+def _modbus_source(device: Device, port: int, poll: float) -> dict[str, Any]:
     return {
         "kind": "modbus",
         "host": "127.0.0.1",
@@ -140,7 +124,7 @@ def _source(device: Device, port: int, poll: float) -> dict[str, Any]:
     }
 
 
-def _channel(device: Device, channel: Channel, period: int) -> dict[str, Any]:
+def _modbus_place(device: Device, channel: Channel) -> dict[str, Any]:
     register = channel.register
     table: dict[str, Any] = {
         "source": device.name,
@@ -152,10 +136,20 @@ def _channel(device: Device, channel: Channel, period: int) -> dict[str, Any]:
         table["order"] = register.order
     if register.can_be_unavailable:
         table["not_available"] = [math.nan if register.sentinel is None else register.sentinel]
+    return table | ({"scale": register.scale} if register.scale != 1.0 else {})
+
+
+def _bacnet_place(device: Device, channel: Channel) -> dict[str, Any]:
+    kind, number = next((kind, number) for one, kind, number in objects(device) if one is channel)
+    return {"source": "bms", "device": FIRST_INSTANCE + device.unit_id, "object": f"{kind},{number}"}
+
+
+def _channel(place: dict[str, Any], channel: Channel, period: int) -> dict[str, Any]:
+    table = dict(place)
     if channel.zone_channel == "T_air":
         # The noise of a sensor moves even a tenth of a degree sooner than that.
         table["stuck_after"] = format_duration(_STUCK_PERIODS * period)
-    scale = register.scale * channel.factor
+    scale = table.pop("scale", 1.0) * channel.factor
     if scale != 1.0:
         table["scale"] = scale
     unit = "W" if channel.factor != 1.0 else channel.unit
@@ -164,7 +158,7 @@ def _channel(device: Device, channel: Channel, period: int) -> dict[str, Any]:
 
 
 _HEAD = """\
-# Written by `thermogate simulate-bms --write-config`: reads a SYNTHETIC building over Modbus, one zone per room.
+# Written by `thermogate simulate-bms --write-config`: reads a SYNTHETIC building over {over}, one zone per room.
 #
 # Its pace is {pace:g}: {pace:g} simulated seconds pass in one second of the wall clock, by which the daemon stamps
 # readings. What the daemon sees is therefore, exactly, a building in real time whose capacitances are 1/{pace:g} of the

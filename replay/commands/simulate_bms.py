@@ -11,14 +11,31 @@ _MOST_ZONES = 80
 _MOST_METERS = 148
 """Unit ids of a Modbus line (1 to 247) from `replay.bms.plant.FIRST_METER_UNIT_ID` on."""
 _MOST_REGISTERS = 10_000
+_ONLY = {"rooms": ("zones",), "energyplus": ("building", "weather")}
+"""Options that one kind of plant has."""
 SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
-    parser = add("simulate-bms", _simulate_bms, "Simulate a building behind a Modbus TCP server and a Zenoh publisher.")
+    parser = add("simulate-bms", _simulate_bms, "Simulate a building behind Modbus, Zenoh and BACnet servers.")
     parser.add_argument(
-        "--zones", type=whole(1, _MOST_ZONES), default=4, metavar="N", help="number of rooms (default 4)"
+        "--plant",
+        choices=("rooms", "energyplus"),
+        default="rooms",
+        help="rooms in a row, or a building that EnergyPlus simulates (default rooms)",
+    )
+    parser.add_argument(
+        "--zones", type=whole(1, _MOST_ZONES), metavar="N", help="number of rooms of the plant rooms (default 4)"
+    )
+    parser.add_argument(
+        "--building", metavar="NAME", help="house, timber or office, of the plant energyplus (default house)"
+    )
+    parser.add_argument(
+        "--weather",
+        metavar="NAME|EPW",
+        help="of the plant energyplus: chicago, denver, san-francisco, tampa or washington, or the path of an EPW file "
+        "(default denver)",
     )
     parser.add_argument(
         "--port",
@@ -40,6 +57,13 @@ def add_to(add: AddCommand) -> None:
         default="tcp/127.0.0.1:7448",
         metavar="ENDPOINT",
         help='where the BMS listens for Zenoh, "off" for nowhere (default tcp/127.0.0.1:7448)',
+    )
+    parser.add_argument(
+        "--bacnet",
+        type=_bacnet,
+        default=None,
+        metavar="PORT",
+        help='UDP port of the BACnet/IP devices (such as 47808), 0 for any free one, "off" for none (default off)',
     )
     parser.add_argument(
         "--pace",
@@ -71,7 +95,13 @@ def add_to(add: AddCommand) -> None:
         "may be given several times",
     )
     parser.add_argument(
-        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building over Modbus"
+        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building"
+    )
+    parser.add_argument(
+        "--over",
+        choices=("modbus", "bacnet"),
+        default="modbus",
+        help="what the written configuration reads the building over (default modbus)",
     )
     parser.add_argument("--write-map", type=Path, metavar="PATH", help="write the register map as CSV")
 
@@ -83,12 +113,23 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
 
     if arguments.overrides and arguments.write_config is None:
         raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
+    if arguments.over == "bacnet" and arguments.bacnet is None:
+        raise ConfigError(["--over bacnet reads the BACnet devices; give --bacnet with their port too"])
+    for plant, names in _ONLY.items():
+        for name in names:
+            if plant != arguments.plant and getattr(arguments, name) is not None:
+                raise ConfigError([f"--{name} belongs to --plant {plant}; leave it out, or choose that plant"])
     return simulate_bms(
         BmsOptions(
-            zones=arguments.zones,
+            plant=arguments.plant,
+            zones=arguments.zones or 4,
+            building=arguments.building or "house",
+            weather=arguments.weather or "denver",
             port=arguments.port,
             control_port=arguments.control_port,
             zenoh=None if arguments.zenoh == "off" else arguments.zenoh,
+            bacnet=arguments.bacnet,
+            over=arguments.over,
             pace=arguments.pace,
             seed=arguments.seed,
             meters=arguments.devices,
@@ -99,6 +140,10 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
             overrides=arguments.overrides,
         )
     )
+
+
+def _bacnet(text: str) -> int | None:
+    return None if text == "off" else whole(0, 65535)(text)
 
 
 def _endpoint(text: str) -> str:

@@ -16,6 +16,7 @@ from service.fields.times import ZoneMissing, parse_time
 
 if TYPE_CHECKING:
     from service.config.site import Config
+    from service.sources.channel import SourceConfig
 
 AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 """`add(name, command, text)`: a subparser with the options that every command has."""
@@ -34,6 +35,14 @@ def load_config(arguments: argparse.Namespace, path: Path | None = None) -> Conf
     return load(path or arguments.config, arguments.overrides)
 
 
+def load_source_tables(arguments: argparse.Namespace) -> dict[str, SourceConfig]:
+    """The tables of the sources in the configuration that the command was given, which needs no zones for that. Raises
+    ConfigError."""
+    from service.config.load import load_sources
+
+    return load_sources(arguments.config, arguments.overrides)
+
+
 def require_zones(config: Config, wanted: Sequence[str], option: str) -> None:
     """Raise ConfigError if one of the zones that `option` names does not exist."""
     ids = [zone.id for zone in config.zones]
@@ -50,6 +59,21 @@ def whole(lower: int, upper: int) -> Callable[[str], int]:
         if value is None or not lower <= value <= upper:
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lower} to {upper}")
         return value
+
+    return parse
+
+
+def whole_range(lower: int, upper: int) -> Callable[[str], tuple[int, int]]:
+    """A reader of a whole number, or of a range "first-last" of them, from `lower` to `upper`."""
+
+    def parse(text: str) -> tuple[int, int]:
+        first, _, last = text.partition("-")
+        begin, end = read_whole(first), read_whole(last or first)
+        if begin is None or end is None or not lower <= begin <= end <= upper:
+            raise argparse.ArgumentTypeError(
+                f'{text!r} is no range of whole numbers from {lower} to {upper}, such as "1-10"'
+            )
+        return begin, end
 
     return parse
 

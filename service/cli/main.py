@@ -20,7 +20,7 @@ from estimator.errors import EstimatorError
 from service.cli import commands
 from service.cli.arguments import AddCommand
 from service.daemon.process import prepare_process
-from service.errors import ConfigError, ServiceError
+from service.errors import ConfigError, ServiceError, one_line
 
 _DESCRIPTION = "Calibrated forecasts, volatility and learning gate for every zone of a building, learned online."
 _SET_HELP = (
@@ -73,7 +73,7 @@ def _run_command(arguments: argparse.Namespace) -> int:
 
 def _complain(*sentences: str) -> None:
     for sentence in sentences:
-        print(f"thermogate: {sentence}", file=sys.stderr)
+        print(f"thermogate: {one_line(sentence)}", file=sys.stderr)
 
 
 def _trace(arguments: argparse.Namespace) -> None:

@@ -20,6 +20,8 @@ def summary(config: Config) -> list[str]:
     ]
     for name, source in config.sources.items():
         lines.append(f"source {name}: {source.kind}, {source.described}")
+    for name, weather in config.weather.items():
+        lines.append(f"weather {name}: {weather.kind}, {weather.described}")
     for zone in config.zones:
         lines += _zone_summary(zone)
     return lines

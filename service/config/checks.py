@@ -13,11 +13,12 @@ from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS, resolve
 from service.config.site import ZoneTable
+from service.fields.durations import format_duration
 from service.fields.problems import Place, Problems
 from service.fields.words import shown, suggestion
 from service.sources.channel import Binding, ChannelConfig, SourceConfig
 from service.sources.kinds import SOURCE_KINDS
-from service.zone.aggregation import AGGREGATES
+from service.zone.aggregation import AGGREGATES, default_aggregate
 
 _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names begin with T_adj"
 
@@ -95,8 +96,56 @@ def check_sources(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft
             problems.add(("sources", name), str(error))
 
 
+def check_polled(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Warn of channels of which, by default, the first of many live readings counts, though they are no switches."""
+    for draft in drafts:
+        if draft.network is None or draft.table is None:
+            continue
+        for name, channel in draft.channels.items():
+            source = tables.get(channel.source)
+            if source is None or not SOURCE_KINDS[source.kind].live or name not in draft.network.channels:
+                continue
+            rule = default_aggregate(draft.network.channel_unit(name), channel.unit)
+            many = getattr(source, "poll", 0.0) < draft.table.period
+            if rule == "first" and many and not channel.switched and "aggregate" not in channel.model_fields_set:
+                problems.warn(
+                    (*draft.place, "channels", name),
+                    f"the first reading of every {format_duration(draft.table.period)} counts and the others do not, "
+                    'which suits power that is switched; write aggregate = "mean" if it varies, or "first" if not',
+                )
+
+
+def check_weather(tables: Mapping[str, Any], drafts: Sequence[ZoneDraft], problems: Problems) -> None:
+    """Every forecast that a channel names is there and in a unit that converts, and every table is named."""
+    used = set()
+    for draft in drafts:
+        for name, channel in draft.channels.items():
+            place, told = (*draft.place, "channels", name, "forecast"), channel.forecast
+            if told is None:
+                continue
+            used.add(told.source)
+            if told.source not in tables:
+                known = ", ".join(tables) or "none"
+                problems.add(
+                    (*place, "source"), f"there is no [weather.{told.source}] table; the forecasts are: {known}"
+                )
+            if draft.network is None or name not in draft.network.channels:
+                continue
+            if name not in draft.network.inputs:
+                problems.add(place, "is for inputs; what is measured in the zone is forecast by the zone, remove it")
+                continue
+            try:
+                unit = draft.network.channel_unit(name)
+                conversion(told.unit or unit, unit)
+            except SourceError as error:
+                problems.add((*place, "unit"), str(error))
+    for name in tables:
+        if name not in used:
+            problems.add(("weather", name), "is not used; remove it, or name it in the forecast of a channel")
+
+
 def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: Problems) -> None:
-    """Every source is named by some channel, be that channel otherwise right or wrong."""
+    """Warn of sources that no channel names, be that channel otherwise right or wrong."""
     used = set()
     for zone in raw_zones:
         channels = zone.get("channels") if isinstance(zone, dict) else None
@@ -104,7 +153,8 @@ def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: P
             used.add(str(channel.get("source")) if isinstance(channel, dict) else None)
     for name in source_names:
         if name not in used:
-            problems.add(("sources", name), "is not used by any zone; remove it, or name it as the source of a channel")
+            sentence = "is not used by any zone and stays off; remove it, or name it as the source of a channel"
+            problems.warn(("sources", name), sentence)
 
 
 def _bindings(source: str, draft: ZoneDraft) -> list[Binding]:
@@ -161,6 +211,10 @@ def _check_use_of_energy(place: Place, channel: ChannelConfig, unit: str, proble
         problems.add((*place, "valid"), "is a range of power, which amounts of energy do not have; remove it")
     if channel.rollover is not None and not (energy and channel.aggregate != "energy"):
         problems.add((*place, "rollover"), f"is for counters of energy, in one of {', '.join(ENERGIES)}; remove it")
+    if channel.installed is not None and unit not in ("W", "kW"):
+        problems.add(
+            (*place, "installed"), "is the largest power that can be planned, for a channel of power; remove it"
+        )
     if channel.nominal is not None and not (channel.unit == "%" and unit != "%"):
         problems.add((*place, "nominal"), 'is the power at 100 %, for a channel of power in the unit "%"; remove it')
 

@@ -1,4 +1,5 @@
-"""What a zone's configuration amounts to: its worker, its alignment, and the fingerprint of its state.
+"""What a zone's configuration amounts to: its worker, its alignment, what is known of its inputs, and the fingerprint
+of its state.
 
 The daemon and `thermogate replay` both build their zones here, so that a recorded period runs through the same code.
 """
@@ -8,8 +9,11 @@ from __future__ import annotations
 from math import ceil
 
 from adapters.timestamps import EARLIEST
+from adapters.units import conversion, default_valid_range
 from estimator import registry
-from service.config.site import ZoneConfig
+from service.config.site import Config, ZoneConfig
+from service.records.outlook import Surroundings, WeatherLink
+from service.sources.channel import ChannelConfig
 from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE
@@ -51,6 +55,49 @@ def make_alignment(
         # Nothing that is dated by a clock that was never set is believed.
         earliest=PLAUSIBLE if live else EARLIEST,
     )
+
+
+def surroundings(config: Config, zone: ZoneConfig) -> Surroundings:
+    """What the configuration says of the inputs of `zone` beyond where they are measured."""
+    network = zone.network
+    inputs = {name: zone.channels[name] for name in network.inputs}
+    return Surroundings(
+        limits={name: _limits(zone.channels[name], network.channel_unit(name)) for name in network.channels},
+        neighbours={
+            name: found for name in network.boundaries if (found := _neighbour(config, zone, inputs[name])) is not None
+        },
+        weather={
+            name: _link(config, channel, network.channel_unit(name))
+            for name, channel in inputs.items()
+            if channel.forecast is not None
+        },
+    )
+
+
+def _limits(channel: ChannelConfig, unit: str) -> tuple[float, float]:
+    """What may be planned: what would be believed if it were measured, and no more power than is installed."""
+    lower, upper = channel.valid or default_valid_range(unit)
+    power = channel.installed or channel.nominal
+    return (lower, upper) if power is None else (max(lower, -power), min(upper, power))
+
+
+def _neighbour(config: Config, zone: ZoneConfig, channel: ChannelConfig) -> tuple[str, str] | None:
+    """The zone and its output that are measured where `channel` is: the room next door."""
+    if not channel.address:
+        return None
+    for other in config.zones:
+        for output in other.network.measured if other.id != zone.id else ():
+            measured = other.channels[output]
+            if (measured.source, measured.address) == (channel.source, channel.address):
+                return other.id, output
+    return None
+
+
+def _link(config: Config, channel: ChannelConfig, unit: str) -> WeatherLink:
+    assert channel.forecast is not None
+    given = channel.forecast.unit or unit
+    table = config.weather[channel.forecast.source]
+    return WeatherLink(channel.forecast.source, channel.forecast.series, given, conversion(given, unit), table.max_age)
 
 
 def fingerprint(zone: ZoneConfig) -> str:

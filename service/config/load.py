@@ -10,7 +10,15 @@ from typing import Any
 
 from adapters.units import default_valid_range
 from estimator.network.network import Network
-from service.config.checks import ZoneDraft, check_ids, check_sources, check_use, check_zone
+from service.config.checks import (
+    ZoneDraft,
+    check_ids,
+    check_polled,
+    check_sources,
+    check_use,
+    check_weather,
+    check_zone,
+)
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
@@ -24,6 +32,7 @@ from service.fields.words import shown, suggestion
 from service.publish.kinds import SINK_KINDS
 from service.sources.channel import ChannelConfig, SourceConfig, UnboundChannel
 from service.sources.kinds import SOURCE_KINDS
+from service.sources.weather import WEATHER_KINDS
 from service.zone.aggregation import default_aggregate
 
 
@@ -40,6 +49,18 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
     if config is None or problems.sentences:
         raise ConfigError(problems.sentences)
     return config
+
+
+def load_sources(path: Path, overrides: Sequence[str] = ()) -> dict[str, SourceConfig]:
+    """The [sources] tables alone of the file at `path`, for whoever has no zones yet. Raises ConfigError."""
+    raw = apply_overrides(_parsed(path), overrides)
+    problems = Problems(raw)
+    site = raw.get("site")
+    context = {"folder": path.resolve().parent, "site": site.get("id") if isinstance(site, dict) else None}
+    read = {name: _read_source(name, table, problems, context) for name, table in _raw_sources(raw, problems).items()}
+    if problems.sentences:
+        raise ConfigError(problems.sentences)
+    return {name: table for name, table in read.items() if table is not None}
 
 
 def _parsed(path: Path) -> dict[str, Any]:
@@ -83,16 +104,19 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         for problem in SINK_KINDS[name].problems(table) if table is not None else ():
             problems.add((name,), problem)
     raw_sources = _raw_sources(raw, problems)
+    weather = _read_weather(raw.get("weather", {}), problems, context)
     raw_zones = _raw_zones(raw, problems)
     sources = {name: _read_source(name, table, problems, context) for name, table in raw_sources.items()}
     known = {name: (_kind(table), sources[name]) for name, table in raw_sources.items()}
     drafts = [_read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
     check_ids(raw_zones, problems)
     options = [check_zone(draft, {name: kind for name, (kind, _) in known.items()}, problems) for draft in drafts]
+    check_weather(weather, drafts, problems)
     if raw_zones:
         check_use(list(raw_sources), raw_zones, problems)
     readable = {name: table for name, table in sources.items() if table is not None}
     check_sources(readable, drafts, problems)
+    check_polled(readable, drafts, problems)
     if problems.sentences or site is None or log is None or http is None:
         return None
     zones = tuple(
@@ -100,7 +124,18 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         for draft, resolved in zip(drafts, options, strict=True)
         if draft.table and draft.network
     )
-    return Config(site=site, log=log, http=http, sinks=sinks, sources=readable, zones=zones)
+    config = Config(
+        site=site,
+        log=log,
+        http=http,
+        sinks=sinks,
+        sources=readable,
+        zones=zones,
+        weather={name: table for name, table in weather.items() if table is not None},
+        warnings=tuple(problems.warnings),
+    )
+    problems.sentences += [problem for name in config.weather for problem in config.build_weather(name).check()]
+    return config
 
 
 def _raw_sources(raw: Mapping[str, Any], problems: Problems) -> Mapping[str, Any]:
@@ -143,8 +178,28 @@ def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str
         known = suggestion(kind, SOURCE_KINDS, "the kinds are")
         problems.add((*place, "kind"), f"there is no source of kind {shown(kind)}; {known}")
     else:
-        return problems.read(SOURCE_KINDS[kind].table, table, place, context)
+        return problems.read(SOURCE_KINDS[kind].table, table, place, {**context, "source": name})
     return None
+
+
+def _read_weather(tables: Any, problems: Problems, context: Mapping[str, Any]) -> dict[str, Any]:
+    """The [weather.<name>] tables by name; None for one that cannot be read."""
+    if not isinstance(tables, dict):
+        problems.add(("weather",), f"must be tables such as [weather.forecast], not {shown(tables)}")
+        return {}
+    found: dict[str, Any] = {}
+    for name, table in tables.items():
+        place: Place = ("weather", name)
+        found[name] = None
+        kind = table.get("kind") if isinstance(table, dict) else None
+        if not isinstance(table, dict):
+            problems.add(place, f"must be a table with kind ({', '.join(WEATHER_KINDS)}), not {shown(table)}")
+        elif not isinstance(kind, str) or kind not in WEATHER_KINDS:
+            said = "is missing" if kind is None else f"there is no forecast of kind {shown(kind)}"
+            problems.add((*place, "kind"), f"{said}; the kinds are {', '.join(WEATHER_KINDS)}")
+        else:
+            found[name] = problems.read(WEATHER_KINDS[kind].table, table, place, context)
+    return found
 
 
 _Known = Mapping[str, tuple[str | None, SourceConfig | None]]

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, PlainValidator, model_validator
 
+from adapters.units import possible_range
 from estimator.network.boxes import WIDEST
 from service.fields.tables import TABLE
 from service.fields.values import Flag, Identifier, Name, Number, Positive, Text, number
@@ -114,11 +115,15 @@ def _initial_source(value: object) -> str | float:
     if isinstance(value, str) and value:
         return value
     try:
-        return number(value)
+        degrees = number(value)
     except ValueError:
         raise ValueError(
             f'must be "measured", the name of a boundary node, or a temperature in degC, not {shown(value)}'
         ) from None
+    lower, upper = possible_range("degC")
+    if not lower <= degrees <= upper:
+        raise ValueError(f"must be a temperature from {lower:g} to {upper:g} degC, not {shown(value)}")
+    return degrees
 
 
 class InitialConfig(BaseModel):

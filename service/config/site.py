@@ -13,10 +13,12 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
 
 from adapters.reading import Source
+from adapters.weather.forecast import WeatherSource
 from estimator.network.network import Network
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import NetworkConfig
+from service.config.usual import usual
 from service.fields.durations import DAY
 from service.fields.tables import TABLE
 from service.fields.values import (
@@ -28,12 +30,14 @@ from service.fields.values import (
     Period,
     PositiveDuration,
     Text,
+    TimeZone,
     context,
     whole,
 )
 from service.publish.kinds import SINK_KINDS
 from service.sources.channel import Binding, ChannelConfig, SourceKind
 from service.sources.kinds import SOURCE_KINDS
+from service.sources.weather import WEATHER_KINDS
 
 
 class SiteConfig(BaseModel):
@@ -46,6 +50,7 @@ class SiteConfig(BaseModel):
     checkpoint_every: PositiveDuration = 300.0
     keep_history: PositiveDuration = 400 * DAY
     max_journal: JournalSize = 2 * 10**9
+    time_zone: TimeZone | None = None
 
 
 def default_seed(site: str, zone: str) -> int:
@@ -95,7 +100,7 @@ class ZoneConfig(ZoneTable):
         return {name: channel.max_age for name, channel in self.channels.items() if channel.max_age is not None}
 
 
-TABLES = ("site", "log", "http", *SINK_KINDS, "sources", "zones")
+TABLES = ("site", "log", "http", *SINK_KINDS, "sources", "weather", "zones")
 """The tables of a configuration file, in the order in which they are shown."""
 
 
@@ -112,6 +117,10 @@ class Config(BaseModel):
     sources: dict[str, Any]
     """Tables of the kinds in `SOURCE_KINDS`, by name; see `SourceConfig`."""
     zones: tuple[ZoneConfig, ...]
+    warnings: tuple[str, ...] = ()
+    """What is no mistake, but probably not meant: one sentence each."""
+    weather: dict[str, Any] = {}
+    """Tables of the kinds in `WEATHER_KINDS`, by name."""
 
     def table(self, name: str) -> Any:
         """The table [`name`] of the file, one of TABLES, as it was read."""
@@ -129,7 +138,9 @@ class Config(BaseModel):
     def bindings(self, source: str) -> list[Binding]:
         """Every channel that `source` delivers to."""
         return [
-            Binding(f"{zone.id}/{channel}", table, zone.network.channel_unit(channel))
+            Binding(
+                f"{zone.id}/{channel}", table, zone.network.channel_unit(channel), usual(zone.network, channel, table)
+            )
             for zone in self.zones
             for channel, table in zone.channels.items()
             if table.source == source
@@ -144,6 +155,21 @@ class Config(BaseModel):
         rebind = self._kind(name).rebind
         assert rebind is not None, f"a source of kind {self.sources[name].kind} is built anew"
         rebind(source, self.sources[name], self.bindings(name))
+
+    def weather_series(self, name: str) -> tuple[str, ...]:
+        """The series that channels want of the table [weather.`name`]."""
+        told = [
+            channel.forecast.series
+            for zone in self.zones
+            for channel in zone.channels.values()
+            if channel.forecast is not None and channel.forecast.source == name
+        ]
+        return tuple(dict.fromkeys(told))
+
+    def build_weather(self, name: str) -> WeatherSource:
+        """The source of the table [weather.`name`], with every series that a channel wants of it."""
+        table = self.weather[name]
+        return WEATHER_KINDS[table.kind].build(name, table, self.weather_series(name))
 
     def is_live(self, source: str) -> bool:
         """Whether `source` tells what is now."""

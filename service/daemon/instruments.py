@@ -32,6 +32,13 @@ def source_measures(runtime: Runtime) -> list[Measure]:
             ((feed.name,), float(getattr(feed.source, field))) for feed in runtime.feeds if hasattr(feed.source, field)
         ]
 
+    def malformed() -> Rows:
+        return [
+            ((feed.name, kind), float(count))
+            for feed in runtime.feeds
+            for kind, count in tuple(getattr(feed.source, "malformed", {}).items())
+        ]
+
     def last() -> Rows:
         return [((name,), tally.last) for name, tally in tuple(runtime.tallies.items()) if tally.last is not None]
 
@@ -42,6 +49,7 @@ def source_measures(runtime: Runtime) -> list[Measure]:
         Measure("thermogate_source_failures", "counter", "Times it failed", source, tallied("failures")),
         Measure("thermogate_source_dropped", "counter", "Samples that found no room", source, counted("dropped")),
         Measure("thermogate_source_late_polls", "counter", "Polls that came too late", source, counted("late")),
+        Measure("thermogate_source_malformed", "counter", "What it could not use", (*source, "kind"), malformed),
         Measure(moment, "gauge", "When it last delivered", source, last),
     ]
 

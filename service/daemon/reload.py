@@ -8,7 +8,7 @@ from typing import NamedTuple
 from service.config.fitting import fingerprint
 from service.config.site import TABLES, Config, ZoneConfig
 
-RELOADABLE = ("log", "zones", "sources")
+RELOADABLE = ("log", "zones", "sources", "weather")
 """Tables of the configuration that take effect while the daemon runs; the others do with its next start."""
 
 
@@ -21,6 +21,7 @@ class Changes(NamedTuple):
     sources: tuple[str, ...]
     """Sources that both have, with another table."""
     log: bool
+    weather: bool = False
 
     @property
     def fresh(self) -> tuple[ZoneConfig, ...]:
@@ -48,7 +49,7 @@ def compare(old: Config, new: Config) -> Changes:
             changed.append(zone)
     now = {zone.id for zone in new.zones}
     removed = tuple(zone for zone in before if zone not in now)
-    return Changes(tuple(added), tuple(changed), removed, sources, old.log != new.log)
+    return Changes(tuple(added), tuple(changed), removed, sources, old.log != new.log, old.weather != new.weather)
 
 
 def obstacles(old: Config, new: Config, fingerprints: Mapping[str, str]) -> list[str]:
@@ -83,6 +84,8 @@ def summary(changes: Changes) -> str:
     said = [f"{what} {', '.join(zones)}" for what, zones in parts.items() if zones]
     if changes.sources:
         said.append(f"sources changed: {', '.join(changes.sources)}")
+    if changes.weather:
+        said.append("weather changed")
     if changes.log:
         said.append("log changed")
     return "; ".join(said) or "nothing has changed"

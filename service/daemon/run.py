@@ -25,27 +25,34 @@ from service.config.kept import keep_configuration
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
 from service.daemon.instruments import instrument
+from service.daemon.kernel_cache import guard_kernel_cache
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
 from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
+from service.daemon.queries import Queries
 from service.daemon.reload import summary
 from service.daemon.runtime import Runtime
-from service.daemon.tasks import done_before, end
+from service.daemon.supply.ingest import Ingest
+from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
 from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
+from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
+from service.publish.zenoh import Publisher
+from service.records.outlook import WeatherBook
 from service.store.retention import Limits
 from service.store.store import Store
-from service.web.app import create_app
+from service.web.app import create_app, create_questions
 from service.web.keys import KeyRing
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
 from service.zone.plumbing import Plumbing
+from service.zone.questions import THREADS, Questions
 
 Result = TypeVar("Result")
 
@@ -70,12 +77,19 @@ def run_daemon(
         raise ServiceError(f"--reset {unknown[0]}: there is no such zone; the zones are {known}")
     check_exposure(config)
     configure_logging(config.log)
+    _warn(config)
     # The watchdog of systemd ends a daemon that hangs with SIGABRT; the log then says where every thread was.
     if sys.__stderr__ is not None:
         faulthandler.enable(sys.__stderr__)
     favour_the_event_loop()
+    guard_kernel_cache()
     asyncio.run(Daemon(config, reread).run(reset, duration))
     return 0
+
+
+def _warn(config: Config) -> None:
+    for warning in config.warnings:
+        _log.warning("configuration: %s", warning)
 
 
 class Daemon:
@@ -104,7 +118,7 @@ class Daemon:
             loop.call_later(duration, self._stop)
         store = Store(self._config.site.state_dir)
         pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
-        asking = ThreadPoolExecutor(1, thread_name_prefix="asking", initializer=stand_back)
+        asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
         sinks: list[Sink] = []
         try:
             for name in reset:
@@ -134,7 +148,7 @@ class Daemon:
             raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
         self._notifier.reloading()
         try:
-            new = await asyncio.to_thread(self._reread)
+            new = await abandonable(self._reread)
             if self._http is not None:
                 self._http.reload()
             changes = await runtime.reload(new)
@@ -143,6 +157,7 @@ class Daemon:
             await _keep(new)
             done = summary(changes)
             _log.info("configuration reloaded: %s", done)
+            _warn(new)
             return done
         except ConfigError as error:
             raise ReloadRefused(error.problems) from error
@@ -181,8 +196,19 @@ class Daemon:
         metrics = Metrics(zones, version("thermogate"))
         every = self._config.site.checkpoint_every
         streams = self._streams
-        sinks: tuple[Sink, ...] = (metrics, *opened, streams)
-        plumbing = Plumbing(self._config.site.id, store, pool, asking, self._stopped, metrics, sinks, every)
+        changes = Changes()
+        sinks: tuple[Sink, ...] = (metrics, *opened, streams, changes)
+        plumbing = Plumbing(
+            self._config.site.id,
+            store,
+            pool,
+            Questions(asking, self._stopped),
+            self._stopped,
+            metrics,
+            sinks,
+            every,
+            weather=WeatherBook(),
+        )
         self._runtime = runtime = Runtime(self._config, zones, plumbing)
         instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()
@@ -199,11 +225,18 @@ class Daemon:
             metrics.registry,
             version=version("thermogate"),
             keys=keys,
-            problems=vitals.problems,
+            problems=lambda: [*vitals.problems(), *store.problems()],
             reload=self.reload,
             http=http,
             streams=streams,
+            take=Ingest(lambda: runtime.feeds, lambda: runtime.is_posted_to).take,
+            changes=changes,
+            time_zone=site.time_zone,
         )
+        queries = Queries(create_questions(site.id, zones), loop)
+        for sink in opened:
+            if isinstance(sink, Publisher):
+                await asyncio.to_thread(sink.answer_with, queries.answer)
         self._http = server = HttpServer(app, http)
         metrics.register(http_measures(server, app))
         stop = asyncio.create_task(self._stopping.wait())
@@ -224,9 +257,13 @@ class Daemon:
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
-                runtime.start_feeds()
+                await runtime.start_feeds()
                 limits = Limits(site.keep_history, site.max_journal)
-                watching += [asyncio.create_task(store.keep_within(limits)), asyncio.create_task(collect_garbage())]
+                watching += [
+                    asyncio.create_task(store.keep_within(limits)),
+                    asyncio.create_task(store.watch()),
+                    asyncio.create_task(collect_garbage()),
+                ]
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
                 ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]
@@ -239,6 +276,7 @@ class Daemon:
                 await runtime.stop_feeds()
                 # An open stream would keep the server from stopping; the clients come back after a pause.
                 streams.end()
+                changes.end()
                 await asyncio.gather(runtime.drain(), server.stop(serving))
         finally:
             for task in (stop, *watching):

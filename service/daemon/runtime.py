@@ -7,14 +7,16 @@ import logging
 from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
-from service.config.fitting import fingerprint, make_alignment, make_worker
+from service.config.fitting import fingerprint, make_alignment, make_worker, surroundings
 from service.config.site import Config, ZoneConfig
-from service.daemon.feeding import keep_time, watch_clock
-from service.daemon.feeds import Feed, Tally
 from service.daemon.reload import Changes, compare, obstacles
+from service.daemon.supply.feeding import keep_time, watch_clock
+from service.daemon.supply.feeds import Feed, Tally
+from service.daemon.supply.weather import WeatherFeeds
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
+from service.sources.http import KIND as HTTP_KIND
 from service.zone.plumbing import Plumbing
 from service.zone.zone import Zone
 
@@ -50,17 +52,26 @@ class Runtime:
         self._plumbing = plumbing
         self._running: dict[str, _Running] = {}
         self._feeds: list[Feed] = []
+        self._weather = WeatherFeeds(plumbing.weather)
         self._clocks: list[asyncio.Task[None]] = []
         """What lets time pass for live zones."""
         self._reloading = asyncio.Lock()
         self._last: dict[str, int | None] = {}
         """Time of the last sample of each zone when it was restored."""
         zones.replace({table.id: self._built(table) for table in config.zones})
+        self._surround(config)
 
     @property
     def feeds(self) -> tuple[Feed, ...]:
         """The sources at work."""
         return tuple(self._feeds)
+
+    @property
+    def is_posted_to(self) -> bool:
+        """Whether a source of the configuration takes what clients post, be it at work already or not."""
+        return any(
+            table.kind == HTTP_KIND.name and self.config.zones_of(name) for name, table in self.config.sources.items()
+        )
 
     async def declare(self) -> None:
         """Make the zones known to the sinks. Raises ServiceError."""
@@ -75,8 +86,9 @@ class Runtime:
         for name in self.zones:
             self._start(name)
 
-    def start_feeds(self) -> None:
+    async def start_feeds(self) -> None:
         """Let the sources deliver, and time pass."""
+        await self._weather.follow(self.config)
         for name in self.config.sources:
             self._feed(name, self.config.zones)
         self._clocks += [
@@ -86,7 +98,7 @@ class Runtime:
 
     async def stop_feeds(self) -> None:
         """No reading comes any more."""
-        await asyncio.gather(end(self._clocks), *(feed.stop() for feed in self._feeds))
+        await asyncio.gather(end(self._clocks), self._weather.stop(), *(feed.stop() for feed in self._feeds))
 
     async def drain(self) -> None:
         """Let the zones empty their mailboxes, within DRAIN_SECONDS, and write their checkpoints."""
@@ -126,8 +138,15 @@ class Runtime:
         self.zones.replace({table.id: fresh.get(table.id) or self.zones[table.id] for table in new.zones})
         for name in fresh:
             self._start(name)
+        self._surround(new)
+        await self._weather.follow(new)
         await self._follow(self.config, new, changes)
         self.config = new
+
+    def _surround(self, config: Config) -> None:
+        """Tell every zone what `config` says of its inputs: a neighbour's change concerns also a zone that goes on."""
+        for table in config.zones:
+            self.zones[table.id].surroundings = surroundings(config, table)
 
     def _built(self, table: ZoneConfig) -> Zone:
         return Zone(table.id, table.estimator, fingerprint(table), make_worker(table), self._plumbing)
@@ -139,6 +158,9 @@ class Runtime:
             live, zone = config.goes_live(table), zones[table.id]
             alignment = make_alignment(table, self._last[table.id], live, zone.empty_samples)
             zone.align(alignment, live, config.pace_of(table))
+            if live:
+                # Before time passes: what was accepted must not find its interval closed.
+                await zone.recall()
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]

@@ -24,6 +24,8 @@ class Problems:
     def __init__(self, raw: Mapping[str, Any]) -> None:
         self._raw = raw
         self.sentences: list[str] = []
+        self.warnings: list[str] = []
+        """What is no mistake, but probably not meant."""
 
     def add(self, place: Place, sentence: str) -> None:
         """Note that something is wrong at `place`."""
@@ -33,6 +35,10 @@ class Problems:
         line = f"{written(self._raw, place)}: {sentence}"
         if line not in self.sentences:
             self.sentences.append(line)
+
+    def warn(self, place: Place, sentence: str) -> None:
+        """Note that what is at `place` is probably not meant."""
+        self.warnings.append(f"{written(self._raw, place)}: {sentence}")
 
     def read(self, model: type[Model], table: object, place: Place, context: Mapping[str, Any]) -> Model | None:
         """`table`, found at `place`, as a `model`; None, with its mistakes noted, when it has any."""

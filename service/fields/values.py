@@ -38,6 +38,11 @@ def text(value: object) -> str:
     return value
 
 
+def column(value: object) -> str:
+    """The name of a column, which may be empty: so do many programs call the column of the row names."""
+    return "" if value == "" else text(value)
+
+
 def flag(value: object) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"must be true or false, without quotes, not {shown(value)}")
@@ -240,13 +245,17 @@ def encoding(value: object) -> str:
 
 
 def context(info: ValidationInfo) -> dict[str, Any]:
-    """What `load` knows beyond the table at hand: `folder` of the file and the `site` id."""
+    """What `load` knows beyond the table at hand: `folder` of the file, the `site` id, and the id of the `source`."""
     return info.context or {}
 
 
 def path(value: object, info: ValidationInfo) -> Path:
     """An absolute path; a relative one is taken from the configuration file's folder (`folder` of the context)."""
     given = Path(value if isinstance(value, Path) else text(value))
+    if "-----BEGIN" in str(given) or "\n" in str(given):
+        raise ValueError(
+            "is the content of a file; put it into a file that only the daemon can read, and give its path"
+        )
     try:
         return Path(context(info)["folder"], given.expanduser())
     except RuntimeError:
@@ -261,6 +270,7 @@ def _written_pace(value: float) -> float | str:
 
 # A check before pydantic's own makes ours the only sentence an operator can see about a value.
 Text = Annotated[str, BeforeValidator(text)]
+Column = Annotated[str, BeforeValidator(column)]
 Flag = Annotated[bool, BeforeValidator(flag)]
 Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, BeforeValidator(positive)]

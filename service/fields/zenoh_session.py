@@ -6,38 +6,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from adapters.zenoh.connection import Connection, Tls
-from service.fields.tables import TABLE
-from service.fields.values import Endpoint, FilePath, Flag, Text, Timeout, choice, is_loopback
+from adapters.credentials import Tls
+from adapters.zenoh.connection import Connection
+from service.fields.credentials import CertificatesConfig, LoginConfig
+from service.fields.values import Endpoint, FilePath, Flag, Timeout, choice, is_loopback
 from service.fields.words import shown
 
 Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("peer", "client", "router"))]
 
 
-class TlsConfig(BaseModel):
-    """tls of a Zenoh session: certificates, as files in PEM."""
+class TlsConfig(CertificatesConfig):
+    """tls of a Zenoh session."""
 
-    model_config = TABLE
-
-    ca: FilePath | None = None
-    certificate: FilePath | None = None
-    private_key: FilePath | None = None
     mutual: Flag = True
-    verify_name: Flag = True
-
-    @model_validator(mode="after")
-    def _paired(self) -> Self:
-        if (self.certificate is None) != (self.private_key is None):
-            raise ValueError("certificate and private_key belong together; give both, or neither")
-        return self
 
 
-class SessionConfig(BaseModel):
+class SessionConfig(LoginConfig):
     """What every table of a Zenoh session has."""
-
-    model_config = TABLE
 
     mode: Mode
     connect: tuple[Endpoint, ...] = Field(
@@ -45,17 +32,11 @@ class SessionConfig(BaseModel):
     )
     listen: tuple[Endpoint, ...] = Field(default=(), description='a list of endpoints, such as ["tcp/127.0.0.1:7449"]')
     timeout: Timeout = 5.0
-    user: Text | None = None
-    password_file: FilePath | None = None
-    password_env: Text | None = None
     users_file: FilePath | None = None
     tls: TlsConfig | None = None
 
     @model_validator(mode="after")
     def _known(self) -> Self:
-        passwords = [self.password_file, self.password_env]
-        if (self.user is None) != (passwords.count(None) == 2) or None not in passwords:
-            raise ValueError("user goes with the password's place: give user and one of password_file and password_env")
         for endpoint in self.listen:
             if _encrypted(endpoint) and (self.tls is None or self.tls.certificate is None):
                 raise ValueError(f"listening on {endpoint} needs tls.certificate and tls.private_key")

@@ -8,23 +8,26 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping
+from math import isfinite
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Histogram, ProcessCollector
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from estimator.diagnosis.finding import FINDINGS
+from estimator.types import ALPHA_LEVELS
 from service.fields.durations import format_duration
 from service.publish.rendering import clock
 from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family
 from service.records.skill import Skill
 from service.records.status import STATES
+from service.records.trust import LEVELS as TRUST_LEVELS
 from service.records.update import Update
 from service.records.view import ZoneView
 
 _SKILL_DAYS = 7
-_DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+_DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.0)
 _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
@@ -46,6 +49,24 @@ class Metrics:
             "Width of the published interval of the first output, at the first level",
             zone,
             registry=registry,
+        )
+        output, band = ["zone", "output"], ["zone", "output", "bound"]
+        self._measured = Gauge(
+            "thermogate_measured_celsius", "Mean of the newest sample; NaN if it has none", output, registry=registry
+        )
+        self._forecast = Gauge(
+            "thermogate_forecast_celsius", "Forecast of the next sample: its mean", output, registry=registry
+        )
+        self._bounds = Gauge(
+            "thermogate_forecast_bound_celsius",
+            "Forecast of the next sample: lower and upper bound at the first level",
+            band,
+            registry=registry,
+        )
+        quantile = ["zone", "quantile"]
+        self._gain = Gauge("thermogate_gain_watts", "Unmeasured heat into the zone", quantile, registry=registry)
+        self._heat_loss = Gauge(
+            "thermogate_heat_loss_watts_per_kelvin", "Heat-loss coefficient, every hour", quantile, registry=registry
         )
         horizon = ["zone", "lead"]
         self._coverage = Gauge(
@@ -103,6 +124,11 @@ class Metrics:
             self._gate,
             self._n_eff,
             self._width,
+            self._measured,
+            self._forecast,
+            self._bounds,
+            self._gain,
+            self._heat_loss,
             self._coverage,
             self._crps,
             self._skill,
@@ -118,6 +144,9 @@ class Metrics:
             self._observe(announcement.zone, announcement.update)
         if announcement.skill is not None:
             self._observe_skill(announcement.zone, announcement.skill)
+        if announcement.heat_loss is not None:
+            for level, value in zip(ALPHA_LEVELS, announcement.heat_loss, strict=True):
+                self._heat_loss.labels(announcement.zone, f"{level:g}").set(value)
 
     def settle(self) -> None:
         """Nobody is waited for."""
@@ -153,6 +182,15 @@ class Metrics:
             self._n_eff.labels(zone).set(update.effective_sample_size)
         for interval in update.forecast.outputs[0].intervals[:1]:
             self._width.labels(zone).set(interval.upper - interval.lower)
+        for measured, forecast in zip(update.y, update.forecast.outputs, strict=True):
+            self._measured.labels(zone, forecast.output).set(measured)
+            self._forecast.labels(zone, forecast.output).set(forecast.mean)
+            for interval in forecast.intervals[:1]:
+                self._bounds.labels(zone, forecast.output, "lower").set(interval.lower)
+                self._bounds.labels(zone, forecast.output, "upper").set(interval.upper)
+        if update.disturbance is not None and isfinite(update.disturbance.gain[1]):
+            for level, gain in zip(ALPHA_LEVELS, update.disturbance.gain, strict=True):
+                self._gain.labels(zone, f"{level:g}").set(gain)
 
     def _observe_skill(self, zone: str, skill: Skill) -> None:
         for one in skill.windows[_SKILL_DAYS]:
@@ -200,6 +238,9 @@ class _StatusCollector(Collector):
             "How long after its sample the newest forecast was published",
             labels=["zone"],
         )
+        trust = GaugeMetricFamily(
+            "thermogate_trust", "1 for the trust in the forecasts of a horizon", labels=["zone", "lead", "trust"]
+        )
         findings = GaugeMetricFamily(
             "thermogate_findings", "Findings about the zone's model by name", labels=["zone", "finding"]
         )
@@ -215,9 +256,13 @@ class _StatusCollector(Collector):
             overruns.add_metric([zone.id], status.overruns)
             if status.delay is not None:
                 delay.add_metric([zone.id], status.delay)
+            for one in zone.trust().horizons:
+                for level in TRUST_LEVELS:
+                    labels = [zone.id, format_duration(one.lead), level]
+                    trust.add_metric(labels, float(one.level == level))
             for name in STATES:
                 state.add_metric([zone.id, name], float(status.state == name))
-        return (faults, age, state, overruns, delay, findings)
+        return (faults, age, state, overruns, delay, findings, trust)
 
     def describe(self) -> Iterable[Metric]:
         """Nothing: asking the zones is for scrapes, not for registration."""

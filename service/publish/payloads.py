@@ -90,6 +90,16 @@ class FanStepPayload(Payload):
     outputs: list[OutputPayload]
 
 
+class OriginPayload(Payload):
+    """Where the values of an input in the steps after the first come from."""
+
+    channel: str
+    origin: str = Field(description="plan, neighbour, weather, yesterday or held")
+    source: str = Field(description="the zone or the forecast of the weather that they are from; empty otherwise")
+    age_s: Number = Field(description="age at issue time of that forecast or of the held value, s; null for a plan")
+    quality: Quality = Field(description="uncertain where it covers the horizon in part only")
+
+
 class ForecastPayload(Envelope):
     """The standing one-step forecast. The fields of the first output stand at the top; `outputs` has all of them."""
 
@@ -116,7 +126,8 @@ class FanPayload(ForecastPayload):
     """The standing forecast and what follows it, one step per period."""
 
     horizon_s: float = Field(description="from valid_time to the last step, s")
-    planned: list[str] = Field(description="input channels whose planned values were used; the others are held")
+    planned: list[str] = Field(description="input channels whose planned values were used; the others are foreseen")
+    origins: list[OriginPayload] = Field(description="where the values of every input come from, after the first step")
     fan: list[FanStepPayload] = Field(description="the first step is the standing one-step forecast")
 
 
@@ -203,6 +214,23 @@ class SkillPayload(Envelope):
     level: float = Field(description="of the interval whose coverage is counted")
     windows: list[SkillWindowPayload] = Field(description="the last day, 7 days, 30 days")
     members: list[MemberPayload] = Field(description="of a bank; empty for other estimators")
+
+
+class HorizonTrustPayload(Payload):
+    """Trust in the forecasts of one horizon."""
+
+    lead_s: int = Field(description="from the last sample that a forecast knew to the one that it is about, s")
+    trust: str = Field(description="learning, trusted, doubtful or untrusted")
+    reason: str = Field(description="one sentence; empty while trusted")
+    since: AwareDatetime = Field(description="when it came to be so")
+
+
+class TrustPayload(Envelope):
+    """How far a controller may rely on the zone's forecasts."""
+
+    sample_time: AwareDatetime = Field(description="the sample after which it was judged")
+    disturbed: bool = Field(description="true while something acts on the zone that its model does not know")
+    horizons: list[HorizonTrustPayload] = Field(description="from the shortest")
 
 
 class ChannelStatus(Payload):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from typing import TypeVar
 
 from adapters.reading import Quality
+from adapters.units import default_valid_range
 from estimator.types import ALPHA_LEVELS, Outcome
 from service.fields.times import utc
 from service.publish.payloads import (
@@ -19,22 +21,31 @@ from service.publish.payloads import (
     GainPayload,
     GatePayload,
     HorizonSkillPayload,
+    HorizonTrustPayload,
     InputPayload,
     IntervalPayload,
     MemberPayload,
     NoisePayload,
+    OriginPayload,
     OutputPayload,
     SkillPayload,
     SkillWindowPayload,
     StatusPayload,
+    TrustPayload,
     VolatilityPayload,
 )
 from service.records.fan import Fan
+from service.records.outlook import InputOrigin
 from service.records.skill import HorizonSkill, Skill
 from service.records.status import ZoneStatus
+from service.records.trust import Trust
 from service.records.update import InputUsed, OutputForecast, Update
 
 _WORST_LAST = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
+Forecasted = TypeVar("Forecasted", bound=ForecastPayload)
+Limits = Mapping[str, tuple[float, float]]
+NO_LIMITS: Limits = {}
+
 _OUTCOME_QUALITY: Mapping[str, Quality] = {Outcome.MISSING: Quality.UNCERTAIN, Outcome.VANISHED: Quality.BAD}
 
 
@@ -45,11 +56,23 @@ def forecast_payload(site: str, zone: str, update: Update, levels: Sequence[floa
     return _forecast(site, zone, update, outputs, forecast.inputs)
 
 
-def vouched(payload: ForecastPayload, status: ZoneStatus) -> ForecastPayload:
-    """`payload`, marked bad if the zone, which is in `status`, can no longer vouch for it."""
-    if status.state in ("stalled", "failed"):
+def vouched(payload: Forecasted, status: ZoneStatus, limits: Limits = NO_LIMITS) -> Forecasted:
+    """`payload`, marked bad if the zone, which is in `status`, can no longer vouch for it, or if a mean of a fan leaves
+    the `limits` of its channel."""
+    steps = payload.fan if isinstance(payload, FanPayload) else []
+    means = [(output.output, output.mean) for step in steps for output in step.outputs]
+    if status.state in ("stalled", "failed") or not believable(means, limits):
         return payload.model_copy(update={"quality": Quality.BAD})
     return payload
+
+
+def believable(means: Iterable[tuple[str, float | None]], limits: Limits) -> bool:
+    """Whether every mean of an output, by its name, lies where a measurement of it would be believed."""
+    for output, mean in means:
+        lower, upper = limits.get(output, default_valid_range("degC"))
+        if mean is None or not lower <= mean <= upper:
+            return False
+    return True
 
 
 def refined_payload(site: str, zone: str, fan: Fan) -> ForecastPayload:
@@ -64,9 +87,29 @@ def fan_payload(site: str, zone: str, fan: Fan, planned: Iterable[str] = ()) -> 
         **dict(refined_payload(site, zone, fan)),
         horizon_s=last - first,
         planned=list(planned),
+        origins=[origin_payload(one) for one in fan.origins],
         fan=[
             FanStepPayload(valid_time=utc(step.valid_time), outputs=[_output(output) for output in step.outputs])
             for step in fan.steps
+        ],
+    )
+
+
+def origin_payload(one: InputOrigin) -> OriginPayload:
+    """Where the values of an input come from."""
+    return OriginPayload(channel=one.channel, origin=one.origin, source=one.source, age_s=one.age, quality=one.quality)
+
+
+def trust_payload(site: str, zone: str, trust: Trust) -> TrustPayload:
+    """How far the zone's forecasts can be relied on."""
+    return TrustPayload(
+        site=site,
+        zone=zone,
+        sample_time=utc(trust.time),
+        disturbed=trust.disturbed,
+        horizons=[
+            HorizonTrustPayload(lead_s=one.lead, trust=one.level, reason=one.reason, since=utc(one.since))
+            for one in trust.horizons
         ],
     )
 

@@ -16,15 +16,17 @@ from service.publish.rendering import (
     gate_payload,
     skill_payload,
     status_payload,
+    trust_payload,
     volatility_payload,
     vouched,
 )
 from service.records.measures import Measure
 from service.records.skill import Skill
 from service.records.status import ZoneStatus
+from service.records.trust import Trust
 from service.records.update import Update
 
-TOPICS = ("forecast", "volatility", "gate", "gain", "skill", "status")
+TOPICS = ("forecast", "volatility", "gate", "gain", "skill", "trust", "status")
 """What a zone can tell, each as a JSON document of its own."""
 
 
@@ -47,14 +49,18 @@ class Announcement:
         update: Update | None,
         occasion: Occasion = Occasion.UPDATE,
         skill: Skill | None = None,
+        heat_loss: Sequence[float] | None = None,
+        trust: Trust | None = None,
     ) -> None:
-        """`update` is the newest one of the zone; without any there is a status alone to tell. `skill` is given when
-        there is news of it."""
+        """`update` is the newest one of the zone; without any there is a status alone to tell. `skill`, `trust` and
+        `heat_loss`, its quantiles at `ALPHA_LEVELS` in W/K, are given when there is news of them."""
         self.zone = zone
         self.status = status
         self.update = update
         self.occasion = Occasion.STATUS if update is None else occasion
         self.skill = skill
+        self.heat_loss = heat_loss
+        self.trust = trust if trust is not None and trust.horizons else None
         self._site = site
         self._rendered: dict[str, bytes] = {}
 
@@ -62,8 +68,12 @@ class Announcement:
     def topics(self) -> tuple[str, ...]:
         """What there is to tell, in the order in which it is told."""
         if self.occasion is Occasion.STATUS or self.update is None:
-            return ("status",)
-        left_out = {"gain": self.update.disturbance is None, "skill": self.skill is None}
+            return ("status",) if self.trust is None else ("trust", "status")
+        left_out = {
+            "gain": self.update.disturbance is None,
+            "skill": self.skill is None,
+            "trust": self.trust is None,
+        }
         return tuple(topic for topic in TOPICS if not left_out.get(topic, False))
 
     @cached_property
@@ -87,6 +97,9 @@ class Announcement:
         if topic == "skill":
             assert self.skill is not None, "there is no news of the skill"
             return skill_payload(site, zone, self.skill)
+        if topic == "trust":
+            assert self.trust is not None, "there is no news of the trust"
+            return trust_payload(site, zone, self.trust)
         assert update is not None, f"there is no {topic} without an update"
         if topic == "forecast":
             return vouched(forecast_payload(site, zone, update), self.status)

@@ -1,18 +1,22 @@
-"""Forecasts, volatility, gate and status of every zone on Zenoh.
+"""Forecasts, volatility, gate, trust and status of every zone on Zenoh.
 
-The daemon owns one session that listens and connects only where the configuration says. Each zone has four keys,
-`thermogate/<site>/<zone>/{forecast,volatility,gate,status}`, whose last value also answers queries, and a liveliness
-token `.../alive`. Who connects may read these and do nothing else, neither towards the daemon nor through it to others.
-Nothing here waits for a subscriber: where the network is congested, messages are dropped.
+The daemon owns one session that listens and connects only where the configuration says. Each zone has the keys
+`thermogate/<site>/<zone>/{forecast,volatility,...}`, whose last value also answers queries, a liveliness token
+`.../alive`, and keys that only answer queries: QUESTIONS, as REST does. Who connects may read these and do nothing
+else, neither towards the daemon nor through it to others. Nothing here waits for a subscriber: where the network is
+congested, messages are dropped.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import threading
 import time
-from collections.abc import Sequence
-from typing import Protocol, Self
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from threading import BoundedSemaphore
+from typing import NamedTuple, Protocol, Self
 
 import zenoh
 from pydantic import Field, model_validator
@@ -30,7 +34,38 @@ from service.records.measures import Measure, Rows, single
 _POLL_SECONDS = 0.02
 _CLOSE_SECONDS = 1.0
 
+QUESTIONS = ("fan", "plan", "model", "parameters")
+"""What a zone answers on a key of its own: the fan, the fan under a plan that is the payload, the model, and the
+parameters."""
+
+SITE_QUESTION = "forecasts"
+"""What the site answers: forecasts of several zones under plans that are the payload."""
+
+MOST_QUESTIONS = 64
+"""Questions that wait for their answers at most; others are refused."""
+
 _log = logging.getLogger(__name__)
+
+
+class Question(NamedTuple):
+    """What a query asks: `topic` is one of QUESTIONS of a `zone`, or SITE_QUESTION without one; the values of every
+    parameter; and the payload, empty if there is none."""
+
+    zone: str | None
+    topic: str
+    parameters: Sequence[tuple[str, str]]
+    payload: bytes
+
+
+class Reply(NamedTuple):
+    """The JSON that answers a question; `good` unless it is a problem."""
+
+    good: bool
+    content: bytes
+
+
+Answering = Callable[[Question, Callable[[Reply], None]], None]
+"""Begins to answer a question and returns; the answer goes to the function, from any thread, once."""
 
 
 class ZenohConfig(SessionConfig):
@@ -70,7 +105,9 @@ class Publisher:
         self._last: dict[str, bytes] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: dict[str, list[_Declared]] = {}
-        """Everything that was declared for a zone, to be undeclared in this order."""
+        """Everything that was declared for a zone, to be undeclared in this order; for the site under its own name."""
+        self._answering: Answering | None = None
+        self._waiting = BoundedSemaphore(MOST_QUESTIONS)
 
     @classmethod
     def open(cls, connection: Connection, site: str, patience: float = 0.0) -> Publisher:
@@ -81,6 +118,17 @@ class Publisher:
             raise ServiceError(f"[zenoh]: {error}") from error
         except zenoh.ZError as error:
             raise ServiceError(_opening_failed(connection, first_line(error))) from error
+
+    def answer_with(self, answering: Answering) -> None:
+        """Answer questions from now on; ServiceError if the key of the site's question cannot be declared."""
+        declared, self._answering = self._answering is not None, answering
+        if declared:
+            return
+        key = f"thermogate/{self._site}/{SITE_QUESTION}"
+        try:
+            self._declared.setdefault("", []).append(self._questioned(key, None, SITE_QUESTION))
+        except zenoh.ZError as error:
+            raise ServiceError(f"[zenoh]: {key} cannot be declared ({first_line(error)})") from error
 
     def add(self, zone: str) -> None:
         """Publish `zone` from now on; ServiceError if its keys cannot be declared."""
@@ -97,6 +145,7 @@ class Publisher:
                 # A direct callback needs no thread of its own, so none can keep the process alive.
                 answer = zenoh.handlers.Callback(self._answer, indirect=False)
                 declared += [self._session.declare_queryable(key, answer), self._publishers[key]]
+            declared += [self._questioned(f"{base}/{topic}", zone, topic) for topic in QUESTIONS]
             declared.insert(0, self._session.liveliness().declare_token(f"{base}/alive"))
         except zenoh.ZError as error:
             self.remove(zone)
@@ -191,8 +240,47 @@ class Publisher:
             if not self._closed:
                 raise ServiceError(f"[zenoh]: {key} cannot be published ({first_line(error)})") from error
 
+    def _questioned(self, key: str, zone: str | None, topic: str) -> _Declared:
+        """A queryable for a question."""
+
+        def asked(query: zenoh.Query) -> None:
+            # Zenoh's thread is not kept waiting: the query is answered when there is an answer.
+            self._ask(query, key, zone, topic)
+
+        declared: _Declared = self._session.declare_queryable(key, zenoh.handlers.Callback(asked, indirect=False))
+        return declared
+
+    def _ask(self, query: zenoh.Query, key: str, zone: str | None, topic: str) -> None:
+        answering = self._answering
+        if answering is None or self._closed:
+            query.drop()
+            return
+        if not self._waiting.acquire(blocking=False):
+            _refuse(query, f"more than {MOST_QUESTIONS} questions wait for their answers; ask again later")
+            return
+
+        def reply(answer: Reply) -> None:
+            self._waiting.release()
+            with query:
+                try:
+                    if answer.good:
+                        query.reply(key, answer.content, encoding=zenoh.Encoding.APPLICATION_JSON)
+                    else:
+                        query.reply_err(answer.content, encoding=zenoh.Encoding.APPLICATION_JSON)
+                except zenoh.ZError as error:
+                    _log.debug("while answering on %s: %s", key, error)
+
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        answering(Question(zone, topic, _parameters(query), payload), reply)
+
     def _answer(self, query: zenoh.Query) -> None:
-        """Reply with the last value of every key the query asks for; with nothing before the first."""
+        """Reply with the last value of every key the query asks for; with nothing before the first. Parameters, of
+        which a last value has none, are refused."""
+        unknown = [name for name, _ in _parameters(query)]
+        if unknown:
+            questions = ", ".join(QUESTIONS)
+            _refuse(query, f"parameter '{unknown[0]}' is not known on {query.key_expr}; {questions} take parameters")
+            return
         with query:
             for key, payload in tuple(self._last.items()):
                 if query.key_expr.intersects(key):
@@ -212,6 +300,22 @@ class Publisher:
                 one.undeclare()
             except zenoh.ZError as error:
                 _log.debug("while closing Zenoh: %s", error)
+
+
+def _parameters(query: zenoh.Query) -> list[tuple[str, str]]:
+    """Names and values, `level=0.5|0.95` as two; without those of Zenoh itself, which begin with an underscore."""
+    found = []
+    for part in str(query.parameters).split(";"):
+        name, _, values = part.partition("=")
+        if name and not name.startswith("_"):
+            found += [(name, value) for value in values.split("|")]
+    return found
+
+
+def _refuse(query: zenoh.Query, sentence: str) -> None:
+    problem = {"type": "about:blank", "title": "Bad Request", "status": 400, "detail": sentence}
+    with query, suppress(zenoh.ZError):
+        query.reply_err(json.dumps(problem), encoding=zenoh.Encoding.APPLICATION_JSON)
 
 
 def _opening_failed(connection: Connection, text: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from service.records.outlook import InputOrigin
 from service.records.update import InputUsed, OutputForecast, Update
 
 
@@ -22,3 +23,5 @@ class Fan(NamedTuple):
     steps: tuple[FanStep, ...]
     inputs: tuple[InputUsed, ...]
     update: Update
+    origins: tuple[InputOrigin, ...] = ()
+    """Where the inputs of the later steps come from."""

@@ -15,6 +15,16 @@ from service.fields.tables import TABLE
 from service.fields.values import Duration, NonZero, Number, Positive, Range, Text
 
 
+class ForecastConfig(BaseModel):
+    """`forecast` of a channel: what a [weather.<name>] table foresees of it."""
+
+    model_config = TABLE
+
+    source: Text = Field(description="the name of the [weather.<name>] table")
+    series: Text = Field(description='the name of the series there, such as "temperature_2m"')
+    unit: Text | None = None
+
+
 class ChannelConfig(BaseModel):
     """What a channel says whatever its source is: network value = raw value * scale + offset, converted from `unit`.
 
@@ -34,11 +44,18 @@ class ChannelConfig(BaseModel):
         default=None, description="two numbers, the smallest and the largest believable value in the network's unit"
     )
     max_age: Duration | None = None
+    installed: Positive | None = None
+    forecast: ForecastConfig | None = None
 
     @property
     def address(self) -> str:
         """Where the value is found at its source, in the operator's words."""
         return ""
+
+    @property
+    def switched(self) -> bool:
+        """Whether its value is known to be either on or off."""
+        return False
 
     def within(self, table: Any) -> Self:
         """This channel with what it takes over from `table`, its source; ValueError with one sentence if it then
@@ -53,7 +70,8 @@ class UnboundChannel(ChannelConfig):
 
 
 class SourceConfig(Protocol):
-    """What every table of a source has; a recorded one also has `pace`, the multiple of real time."""
+    """What every table of a source has; a recorded one also has `pace`, the multiple of real time, and one that is
+    polled `poll`, in s."""
 
     @property
     def kind(self) -> str:
@@ -65,12 +83,14 @@ class SourceConfig(Protocol):
 
 
 class Binding(NamedTuple):
-    """What a source delivers to one channel: the id of its readings ("zone/channel"), and the network's unit for it."""
+    """What a source delivers to one channel: the id of its readings ("zone/channel"), the network's unit for it, and
+    the range in which its values usually lie."""
 
     id: str
     channel: Any
     """The channel's table, of the model that belongs to the kind of source."""
     unit: str
+    usual: tuple[float, float] = (-inf, inf)
 
 
 class SourceKind(NamedTuple):
@@ -90,9 +110,14 @@ class SourceKind(NamedTuple):
     rebind: Callable[[Any, Any, Sequence[Binding]], None] | None = None
 
 
-def edge_of(channel: ChannelConfig, unit: str, rollover: float | None = None) -> Edge:
-    """How raw values of `channel` become values in the network's `unit`; a counter that does not say otherwise starts
-    again at `rollover`."""
+def edge_of(
+    channel: ChannelConfig,
+    unit: str,
+    rollover: float | None = None,
+    usual: tuple[float, float] = (-inf, inf),
+) -> Edge:
+    """How raw values of `channel` become values in the network's `unit`, which `usual`ly lie in a range; a counter that
+    does not say otherwise starts again at `rollover`."""
     energy = channel.unit in ENERGIES and channel.unit != unit
     amounts = energy and channel.aggregate == "energy"
     return Edge(
@@ -102,4 +127,5 @@ def edge_of(channel: ChannelConfig, unit: str, rollover: float | None = None) ->
         (-inf, inf) if amounts else channel.valid or default_valid_range(unit),
         counter=energy and not amounts,
         rollover=channel.rollover or rollover,
+        usual=usual,
     )

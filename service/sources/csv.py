@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
 from adapters.csv.source import CsvChannel, CsvSource
 from service.fields.tables import TABLE
-from service.fields.values import Delimiter, Encoding, FilePath, Pace, Text, TimestampFormat, TimeZone, choice
+from service.fields.values import Column, Delimiter, Encoding, FilePath, Pace, TimestampFormat, TimeZone, choice
 from service.sources.channel import Binding, ChannelConfig, SourceKind, edge_of
 
 
@@ -20,7 +20,7 @@ class TimestampConfig(BaseModel):
 
     model_config = TABLE
 
-    column: Text = Field(description='the name of the timestamp column, such as "Timestamp"')
+    column: Column = Field(description='the name of the timestamp column, such as "Timestamp"')
     format: TimestampFormat = "iso8601"
     zone: TimeZone | None = None
 
@@ -58,8 +58,8 @@ class CsvConfig(BaseModel):
 class CsvChannelConfig(ChannelConfig):
     """A channel of recorded files: the raw value is a column, or the sum of several."""
 
-    column: Text | None = None
-    columns: tuple[Text, ...] | None = Field(
+    column: Column | None = None
+    columns: tuple[Column, ...] | None = Field(
         default=None, description='a list of columns to add up, such as ["my-pv1", "my-pv2"]'
     )
 
@@ -77,7 +77,7 @@ class CsvChannelConfig(ChannelConfig):
     @property
     def address(self) -> str:
         """The columns."""
-        return " + ".join(self.source_columns)
+        return " + ".join(column or "(unnamed)" for column in self.source_columns)
 
 
 def _build(name: str, table: CsvConfig, bindings: Sequence[Binding]) -> CsvSource:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, Field, model_validator
 from adapters.modbus.client import TRANSPORTS, Line
 from adapters.modbus.codec import ORDERS, TYPES, Format
 from adapters.modbus.plan import REGISTERS_AT_MOST, TABLES, Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
+from adapters.modbus.source import ModbusChannel, ModbusSource, Numbering
 from service.fields.durations import format_duration
 from service.fields.tables import TABLE
 from service.fields.values import Duration, Flag, PositiveDuration, Text, Timeout, choice, number, whole
@@ -125,6 +125,11 @@ with warnings.catch_warnings():
             return f"unit {self.unit_id} {self.table} {self.register}{bit} {self.type}{order}"
 
         @property
+        def switched(self) -> bool:
+            """Whether it is a single bit."""
+            return self.type == "bool"
+
+        @property
         def format(self) -> Format:
             """How its registers hold the number; of a channel that is `within` its source."""
             return Format(str(self.type), str(self.order), self.bit, self.not_available or ())
@@ -176,26 +181,28 @@ def _build(name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> Modbu
     return ModbusSource(
         name,
         line,
-        [_channel(binding.id, binding.channel, binding.unit, table) for binding in bindings],
+        [_channel(binding, table) for binding in bindings],
         poll=table.poll,
         limits=Limits(table.batch, table.max_registers, table.fill_gaps),
+        numbering=Numbering(table.first_register, table.unit_id),
     )
 
 
 def _rebind(source: ModbusSource, table: ModbusConfig, bindings: Sequence[Binding]) -> None:
-    source.rebind([_channel(binding.id, binding.channel, binding.unit, table) for binding in bindings])
+    source.rebind([_channel(binding, table) for binding in bindings])
 
 
-def _channel(id: str, channel: ModbusChannelConfig, unit: str, table: ModbusConfig) -> ModbusChannel:
+def _channel(binding: Binding, table: ModbusConfig) -> ModbusChannel:
+    channel: ModbusChannelConfig = binding.channel
     assert channel.unit_id is not None
     assert channel.table is not None
     return ModbusChannel(
-        id,
+        binding.id,
         channel.register - table.first_register,
         channel.format,
         unit=channel.unit_id,
         table=channel.table,
-        edge=edge_of(channel, unit, channel.format.rollover),
+        edge=edge_of(channel, binding.unit, channel.format.rollover, binding.usual),
         stuck_after=channel.stuck_after,
         register=channel.register,
     )

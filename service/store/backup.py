@@ -102,6 +102,7 @@ def write_backup(state_dir: Path, site: str, out: Path, tick: Tick = lambda more
         }
         (work / _MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         with (work / "tar").open("wb") as file:
+            os.fchmod(file.fileno(), 0o600)
             with tarfile.open(fileobj=file, mode="w") as archive:
                 archive.add(work / _MANIFEST, _MANIFEST)
                 for name, path in files.items():
@@ -231,11 +232,14 @@ def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
             )
         total = sum(described["size"] for described in manifest["files"].values())
         missing = dict(manifest["files"])
+        # A backup is not compressed: what is in it cannot be larger than it is.
+        if sum(described["size"] for described in missing.values()) > backup.stat().st_size:
+            raise BackupError(f"{backup} is damaged: it claims to hold more than there is; use another backup")
         for member in archive:
             if member.name == _MANIFEST:
                 continue
             described = missing.pop(member.name, None)
-            content = archive.extractfile(member)
+            content = archive.extractfile(member) if _is_plain(member) else None
             if described is None or content is None or not _NAMES.fullmatch(member.name):
                 raise BackupError(f"{backup} is damaged: '{member.name}' does not belong into it; use another backup")
             target = folder / member.name
@@ -257,19 +261,25 @@ def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
     )
 
 
+def _is_plain(member: tarfile.TarInfo) -> bool:
+    """Whether it is a file of its own: no link to another one, no device, and without holes."""
+    return member.isreg() and not member.issparse()
+
+
 def _manifest(archive: tarfile.TarFile, backup: Path) -> dict[str, Any]:
     try:
         member = archive.next()
-        content = archive.extractfile(member) if member is not None and member.name == _MANIFEST else None
+        found = member is not None and member.name == _MANIFEST and _is_plain(member)
+        content = archive.extractfile(member) if member is not None and found else None
         manifest = json.loads(content.read(2**24)) if content is not None else {}
         if manifest["format"] > FORMAT_VERSION:
             raise BackupError(f"{backup} was made by a newer Thermogate; upgrade Thermogate")
         complete = {"site", "made", "files"} <= manifest.keys() and JOURNAL in manifest["files"]
-        sizes = [(entry["size"], entry["sha256"]) for entry in manifest["files"].values()]
+        sizes = [int(entry["size"]) for entry in manifest["files"].values() if isinstance(entry["sha256"], str)]
         datetime.fromisoformat(manifest["made"])
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise BackupError(f"{backup} is no backup of Thermogate, or damaged: it has no manifest") from error
-    if not complete or not sizes:
+    if not complete or min(sizes, default=-1) < 0 or len(sizes) < len(manifest["files"]):
         raise BackupError(f"{backup} is damaged: its manifest is not complete; use another backup")
     return dict(manifest)
 

@@ -57,7 +57,8 @@ class Checkpoint(NamedTuple):
     """The state of a zone after the sample at `step`, in UTC seconds.
 
     `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
-    dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it.
+    dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it. `zone` is
+    whose it is; earlier versions did not write it.
     """
 
     fingerprint: str
@@ -65,6 +66,7 @@ class Checkpoint(NamedTuple):
     arrays: Mapping[str, npt.NDArray[Any]]
     meta: Mapping[str, object]
     about: Mapping[str, object] = {}
+    zone: str = ""
 
 
 class CheckpointStore:
@@ -78,7 +80,7 @@ class CheckpointStore:
         """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`; returns its file."""
         folder = self.path / zone
         target = folder / f"{checkpoint.step:012d}.npz"
-        content = encode(checkpoint)
+        content = encode(checkpoint._replace(zone=zone))
         temporary = target.with_name(f"{target.name}{_TEMPORARY}")
         try:
             make_folder(folder)
@@ -114,7 +116,7 @@ class CheckpointStore:
                 return None
             _remove_leftovers(folder)
             for path in _newest_first(folder):
-                checkpoint = self._read(path)
+                checkpoint = self._read(path, zone)
                 if checkpoint is None:
                     continue
                 if checkpoint.fingerprint != fingerprint:
@@ -161,10 +163,14 @@ class CheckpointStore:
             ) from error
         return aside
 
-    def _read(self, path: Path) -> Checkpoint | None:
+    def _read(self, path: Path, zone: str) -> Checkpoint | None:
         content = path.read_bytes()
         try:
-            return decode(content, path)
+            checkpoint = decode(content, path)
+            if checkpoint.zone not in ("", zone):
+                # Zones alike have the same fingerprint, and would go on with what another room has taught.
+                raise ValueError(f"it is of zone '{checkpoint.zone}'")
+            return checkpoint
         except DAMAGE as error:
             aside = path.with_name(f"{path.name}.corrupt")
             path.replace(aside)
@@ -186,6 +192,7 @@ def encode(checkpoint: Checkpoint) -> bytes:
         "step": checkpoint.step,
         "meta": dict(checkpoint.meta),
         "about": dict(checkpoint.about),
+        "zone": checkpoint.zone,
     }
     parts = {_HEADER: np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
     parts |= {f"{_ARRAY}{name}": np.asarray(array) for name, array in checkpoint.arrays.items()}
@@ -198,6 +205,11 @@ def decode(content: bytes, path: Path) -> Checkpoint:
     """The checkpoint in the bytes of `path`; one of `DAMAGE`, or CheckpointError if they are too new."""
     parts: dict[str, npt.NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = archive.infolist()
+        if any(one.compress_type != zipfile.ZIP_STORED for one in members):
+            raise ValueError("it is compressed, which no checkpoint is")
+        if sum(one.file_size for one in members) > len(content):
+            raise ValueError("it claims to hold more than there is")
         for member in archive.namelist():
             # Reading the member whole checks its CRC before NumPy believes the shape it claims.
             parts[member.removesuffix(".npy")] = np.lib.format.read_array(
@@ -213,7 +225,14 @@ def decode(content: bytes, path: Path) -> Checkpoint:
     if not np.array_equal(digest, _digest(parts)):
         raise ValueError("its content does not match its digest")
     arrays = {name.removeprefix(_ARRAY): array for name, array in parts.items() if name.startswith(_ARRAY)}
-    return Checkpoint(header["fingerprint"], header["step"], arrays, header["meta"], header.get("about", {}))
+    return Checkpoint(
+        header["fingerprint"],
+        header["step"],
+        arrays,
+        header["meta"],
+        header.get("about", {}),
+        str(header.get("zone", "")),
+    )
 
 
 def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+SPACE = "free space on its disk: what was set aside (reset-*, before-restore-*, *.corrupt) and old backups may go"
+"""The remedy for a full disk under a state folder."""
+
 
 def make_folder(folder: Path) -> None:
     """Make `folder` and what is missing above it, durably; OSError where that fails.

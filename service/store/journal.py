@@ -16,6 +16,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from adapters.reading import Reading
 from service.errors import JournalError
 from service.records.history import HistoryRow
 from service.records.sample import Sample
@@ -26,8 +30,11 @@ from service.store.journal_rows import (
     history_checksum,
     history_row,
     link_of,
+    reading_row,
     sample_row,
+    sound_rows,
     to_history,
+    to_reading,
     to_sample,
 )
 
@@ -40,9 +47,17 @@ _ROWS_AT_ONCE = 250
 """SQLite takes 32,766 values in a statement; the widest row has 18."""
 _EARLIEST = -(2**63)
 
+REMEMBERED = 3600
+"""Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
+
+SERIES_ROWS = 4000
+"""Rows that a chart reads at once, before other work of the journal's thread has its turn."""
+
 _COLUMNS = ", ".join(HistoryRow._fields)
 _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
 _SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, link"
+
+_READING_COLUMNS = "zone, time, channel, value, quality, checksum"
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +75,8 @@ class Journal:
         """Until when the rows of each zone are of version 1, which had no checksums."""
         self._damaged: set[tuple[str, int]] = set()
         """History rows whose damage was said."""
+        self._keeping: set[str] = set()
+        """The zones that have readings of their own here."""
 
     @classmethod
     def open(cls, path: Path) -> Journal:
@@ -67,6 +84,7 @@ class Journal:
         journal = cls(open_database(path, _BUSY_SECONDS), path)
         try:
             journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
+            journal._keeping.update(zone for (zone,) in journal.read("SELECT DISTINCT zone FROM readings"))
         except JournalError:
             journal._connection.close()
             raise
@@ -97,8 +115,32 @@ class Journal:
                     rows.append(sample_row(zone, sample, link))
                     ends[zone] = (sample.time, rows[-1][-1])
             _insert(cursor, f"INSERT INTO samples ({_SAMPLE_COLUMNS})", rows)
+            for zone in self._keeping & ends.keys():
+                before = ends[zone][0] - REMEMBERED
+                cursor.execute("DELETE FROM readings WHERE zone = ? AND time < ?", (zone, before))
         self._ends |= ends
         return len(rows)
+
+    def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Store usable readings of an interval that is open, durable on return; one that is there already stays."""
+        self._keeping.add(zone)
+        with self.transaction() as cursor:
+            rows = [reading_row(zone, reading) for reading in readings]
+            _insert(cursor, f"INSERT OR IGNORE INTO readings ({_READING_COLUMNS})", rows)
+
+    def kept(self, zone: str, since: float, until: float) -> list[Reading]:
+        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
+
+        A damaged one is left out, which the log says.
+        """
+        query = f"SELECT {_READING_COLUMNS} FROM readings WHERE zone = ? AND time BETWEEN ? AND ? ORDER BY time"
+        found = []
+        for row in self.read(query, zone, since, until) if zone in self._keeping else ():
+            try:
+                found.append(to_reading(row))
+            except (ValueError, TypeError, AttributeError, struct.error) as error:
+                _log.error("the journal %s holds a damaged reading of zone '%s' (%s)", self._path, zone, error)
+        return found
 
     def record(self, zone: str, update: Update) -> None:
         """Add or replace the history row of `update`; durable with the next append, flush or close."""
@@ -169,6 +211,46 @@ class Journal:
         rows = (self._sound(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
         return [row for row in rows if row is not None]
 
+    def history_columns(
+        self, zone: str, start: int, end: int, every: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
+        """History rows with `start` <= time < `end` at multiples of `every` s, oldest first: times (n,), and all
+        columns (n, 17), NaN where there is no value. Last comes where the next page begins; None: there is none.
+
+        Damaged rows are left out, as in `history`.
+        """
+        if any(row[0] == zone for row in self._pending):
+            self.flush()
+        query = (
+            f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
+            "ORDER BY time LIMIT ?"
+        )
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+        table, sound = sound_rows(zone, rows, self._unchecked.get(zone, _EARLIEST))
+        for index in np.flatnonzero(~sound):
+            *row, checksum = rows[index]
+            self._sound(zone, row, checksum)
+        return table[sound, 0].astype(np.int64), table[sound], following
+
+    def input_columns(
+        self, zone: str, start: int, end: int, every: int, width: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
+        """The `width` inputs of accepted samples, as `history_columns`: times (n,), inputs (n, width), the next page.
+
+        A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
+        """
+        query = (
+            "SELECT time, inputs FROM samples WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
+            "ORDER BY time LIMIT ?"
+        )
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+        whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
+        times = np.array([time for time, _ in whole], dtype=np.int64)
+        inputs = np.frombuffer(b"".join(blob for _, blob in whole), dtype="<f8").reshape(len(whole), width)
+        return times, inputs.astype(np.float64), following
+
     def forget(self, zone: str) -> None:
         """Set aside all of `zone`: its rows stay in the file under a name that no zone can have.
 
@@ -176,7 +258,7 @@ class Journal:
         """
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self.transaction() as cursor:
-            for table in ("samples", "history", "zones", "pruned", "unchecked"):
+            for table in ("samples", "history", "zones", "pruned", "unchecked", "readings"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
             cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
         self._ends.pop(zone, None)
@@ -212,7 +294,7 @@ class Journal:
         """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self.transaction() as cursor:
-            for table in ("samples", "history"):
+            for table in ("samples", "history", "readings"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
         self._ends.pop(zone, None)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from service.errors import JournalError
-from service.store.durable_files import make_folder
+from service.store.durable_files import SPACE, make_folder
 
 SCHEMA_VERSION = 2
 LOG_LIMIT = 4 * 2**20
@@ -40,6 +40,14 @@ CREATE TABLE forgotten (zone TEXT PRIMARY KEY) WITHOUT ROWID;
 CREATE TABLE unchecked (zone TEXT PRIMARY KEY, time INTEGER NOT NULL) WITHOUT ROWID;
 """
 
+_READINGS = """
+CREATE TABLE IF NOT EXISTS readings (
+    zone TEXT NOT NULL, time REAL NOT NULL, channel TEXT NOT NULL, value REAL NOT NULL, quality TEXT NOT NULL,
+    checksum INTEGER NOT NULL, PRIMARY KEY (zone, time, channel)
+) WITHOUT ROWID;
+"""
+"""Of a kind that a version 2 of before does without: it opens the file all the same."""
+
 _FROM_VERSION_1 = f"""
 ALTER TABLE samples ADD COLUMN link INTEGER;
 ALTER TABLE history ADD COLUMN checksum INTEGER;
@@ -59,6 +67,7 @@ def open_database(path: Path, busy_seconds: float) -> sqlite3.Connection:
     """
     try:
         make_folder(path.parent)
+        _check_size(path)
         written = _commits_in_log(path)
     except OSError as error:
         raise JournalError(f"the folder of the journal {path} cannot be used: {error.strerror}") from error
@@ -97,6 +106,8 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
         _log.info("the journal %s is brought up from version 1, which takes as much space again for a moment", path)
         connection.execute("VACUUM")
         _script(connection, _FROM_VERSION_1)
+    if not connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'readings'").fetchone():
+        _script(connection, _READINGS)
 
 
 def _script(connection: sqlite3.Connection, statements: str) -> None:
@@ -160,6 +171,32 @@ def _compare_log(connection: sqlite3.Connection, path: Path, written: list[int])
         )
 
 
+def _check_size(path: Path) -> None:
+    """JournalError for a file that is shorter than its own header says (SQLite's file format, 1.3), unless the missing
+    pages are in the write-ahead log: SQLite would find out when it comes to them, which may be with the next sample."""
+    if not path.exists() or path.with_name(f"{path.name}-journal").exists():
+        # Where a rollback journal lies beside it, SQLite first takes back what was being written.
+        return
+    with path.open("rb") as file:
+        header = file.read(100)
+    if len(header) < 100 or header[24:28] != header[92:96]:
+        return
+    size = int.from_bytes(header[16:18], "big")
+    page_size = 65536 if size == 1 else size
+    there, expected = path.stat().st_size // max(page_size, 1), int.from_bytes(header[28:32], "big")
+    if there >= expected:
+        return
+    log = path.with_name(f"{path.name}-wal")
+    content = log.read_bytes() if log.exists() else b""
+    frames = range(_LOG_HEADER, len(content) - page_size - 23, 24 + page_size)
+    logged = {int.from_bytes(content[at : at + 4], "big") for at in frames}
+    if not logged.issuperset(range(there + 1, expected + 1)):
+        raise JournalError(
+            f"the journal {path} has been cut off: {there} of {expected} pages are there; restore a backup, or move it "
+            "away: the zones go on from their checkpoints with an empty history"
+        )
+
+
 @contextmanager
 def translated(path: Path) -> Iterator[None]:
     """Turn sqlite3's errors into one sentence with the place and the remedy."""
@@ -172,9 +209,13 @@ def translated(path: Path) -> Iterator[None]:
 def _remedy(error: Exception) -> str:
     # What SQLite says of a damaged schema quotes it, and is then no text either.
     name = "SQLITE_CORRUPT" if isinstance(error, UnicodeDecodeError) else getattr(error, "sqlite_errorname", "")
-    damaged = "restore a backup, or move it away; the zones go on from their checkpoints with an empty history"
+    # A disk that fails to read looks the same to SQLite as a file that is damaged.
+    damaged = (
+        "look in the kernel's log whether its disk has failed, and start again; if the file itself is damaged, restore "
+        "a backup, or move it away: the zones go on from their checkpoints with an empty history"
+    )
     remedies = {
-        "SQLITE_FULL": "free space on its disk",
+        "SQLITE_FULL": SPACE,
         "SQLITE_BUSY": "stop the other process that writes to it",
         "SQLITE_LOCKED": "stop the other process that writes to it",
         "SQLITE_READONLY": "make the file and its folder writable",

@@ -10,16 +10,22 @@ from __future__ import annotations
 import math
 import struct
 import zlib
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from adapters.reading import Quality
+from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
 from service.records.sample import Array, Sample
 
 SampleRow = tuple[str, int, bytes, bytes, str, str, int]
 """zone, time, outputs, inputs, output_quality, input_quality, link."""
 
+
+ReadingRow = tuple[str, float, str, float, str, int]
+"""zone, time, channel, value, quality, checksum."""
 
 _NUMBERS = struct.Struct(f"<{len(HistoryRow._fields)}d")
 
@@ -67,6 +73,55 @@ def to_history(row: tuple[float | None, ...]) -> HistoryRow:
         raise ValueError("its time is no whole number")
     values = {name: math.nan if value is None else value for name, value in zip(HistoryRow._fields, row, strict=True)}
     return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))
+
+
+def reading_row(zone: str, reading: Reading) -> ReadingRow:
+    """The row of a reading that is usable."""
+    # SQLite does not keep the sign of zero.
+    row = (zone, reading.time + 0.0, reading.channel, reading.value + 0.0, str(reading.quality))
+    return (*row, _reading_checksum(*row))
+
+
+def to_reading(row: ReadingRow) -> Reading:
+    """The reading of a row; ValueError or TypeError if it does not match its checksum."""
+    zone, time, channel, value, quality, checksum = row
+    if checksum != _reading_checksum(zone, float(time), channel, float(value), quality):
+        raise ValueError("it does not match its checksum")
+    return Reading(channel, float(time), float(value), Quality(quality))
+
+
+def _reading_checksum(zone: str, time: float, channel: str, value: float, quality: str) -> int:
+    return zlib.crc32(struct.pack("<2d", time, value), zlib.crc32(f"{zone}\0{channel}\0{quality}".encode()))
+
+
+def sound_rows(
+    zone: str, rows: Sequence[Sequence[Any]], unchecked_until: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """History rows with their checksums last, as a table (n, 17), and which of them are sound (n,).
+
+    Rows up to `unchecked_until` may be without a checksum.
+    """
+    width = len(HistoryRow._fields)
+    table, sound = np.full((len(rows), width), np.nan), np.zeros(len(rows), dtype=np.bool_)
+    if not rows:
+        return table, sound
+    try:
+        table = np.array([row[:width] for row in rows], dtype=np.float64)
+    except (ValueError, TypeError):
+        # A cell that is no number; the other rows are read one by one.
+        for index, row in enumerate(rows):
+            if all(cell is None or isinstance(cell, int | float) for cell in row[:width]):
+                table[index] = np.array(row[:width], dtype=np.float64)
+    # As `history_checksum` has it: neither the sign of zero nor the kind of NaN counts.
+    packed = np.where(np.isnan(table), np.nan, table + 0.0).astype("<f8").tobytes()
+    seed, size = zlib.crc32(zone.encode()), _NUMBERS.size
+    for index, row in enumerate(rows):
+        checksum = row[width]
+        computed = zlib.crc32(memoryview(packed)[index * size : (index + 1) * size], seed)
+        sound[index] = isinstance(row[0], int) and (
+            checksum == computed or (checksum is None and row[0] <= unchecked_until)
+        )
+    return table, sound
 
 
 def _to_blob(values: Array) -> bytes:

@@ -7,32 +7,41 @@ one), checkpoints to the caller's pool.
 from __future__ import annotations
 
 import asyncio
+import errno
 import fcntl
 import logging
 import os
+import stat
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
+from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.errors import ServiceError, StateMismatch
+from adapters.reading import Reading
+from service.errors import JournalError, ServiceError, StateMismatch
 from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.measures import Measure, Rows, single
 from service.records.sample import Sample
+from service.records.series import Series
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint, CheckpointStore
-from service.store.durable_files import make_folder
+from service.store.durable_files import SPACE, make_folder
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
+from service.store.series import Buckets, Page, Stretch, history_page, inputs_page, joined, series_of
 
 _PAGE = 500
 
 PRUNE_SECONDS = 60.0
 """How often the journal is looked through for what its limits no longer allow."""
+
+LOOK_SECONDS = 10.0
+"""How often the store looks whether its folder is still there."""
 
 _BETWEEN_SLICES = 0.02
 """Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
@@ -56,6 +65,7 @@ class Store:
         """Opens both and takes the lock. Raises ServiceError with the remedy where that fails."""
         self.path = state_dir
         self._lock: int | None = lock(state_dir)
+        _warn_of_onlookers(state_dir)
         try:
             if (state_dir / RESTORING).exists():
                 raise ServiceError(
@@ -66,6 +76,10 @@ class Store:
             os.close(self._lock)
             raise
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
+        self._files = {name: _identity(state_dir / name) for name in ("lock", JOURNAL)}
+        """What the files are that are open."""
+        self._gone: str | None = None
+        """Why nothing can be accepted, once the folder has been taken away."""
         self.checkpoints = CheckpointStore(state_dir / CHECKPOINTS)
         self._recorded: deque[tuple[str, Update]] = deque()
         """Updates on their way to the journal's thread."""
@@ -95,6 +109,14 @@ class Store:
         # One zone that is stopped must not take the commit of the others with it.
         await asyncio.shield(self._commit)
 
+    async def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Make usable readings of an open interval durable, unless they already are."""
+        await self._run(self._journal.keep, zone, readings)
+
+    async def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
+        """The readings of `zone` that were kept, from `since` to `until` (UTC s), oldest first."""
+        return await self._run(self._journal.kept, zone, since, until)
+
     def record(self, zone: str, update: Update) -> None:
         """Add an update to the history; durable with the next `append` or `flush`."""
         self._recorded.append((zone, update))
@@ -103,13 +125,24 @@ class Store:
         """Return once the thread of the journal has come to this."""
         await self._run(int)
 
+    def problems(self) -> list[str]:
+        """What keeps the store from accepting anything until somebody helps; nothing if all is well."""
+        return [] if self._gone is None else [self._gone]
+
+    async def watch(self) -> None:
+        """Look for ever whether the folder is still there, and say so in the log if it is not."""
+        while True:
+            with suppress(ServiceError):
+                await self._run(self._check_place)
+            await asyncio.sleep(LOOK_SECONDS)
+
     async def flush(self) -> None:
         """Make the recorded history durable."""
-        await self._run(self._journal.flush)
+        await self._write(self._journal.flush)
 
     async def skip(self, zone: str, time: int, reason: str) -> None:
         """Mark a sample that no attempt could assimilate."""
-        await self._run(self._journal.skip, zone, time, reason)
+        await self._write(self._journal.skip, zone, time, reason)
 
     async def forget(self, zone: str) -> None:
         """Set all state of a zone aside."""
@@ -201,6 +234,20 @@ class Store:
         """History rows, as `Journal.history`."""
         return await self._run(self._journal.history, zone, start, end, limit)
 
+    async def series(self, wanted: Stretch) -> Series:
+        """The history and the inputs of a stretch, thinned out; other work of the journal comes in between."""
+        history = await self._pages(history_page, wanted)
+        return series_of(history, await self._pages(inputs_page, wanted), wanted.bucket)
+
+    async def _pages(self, page: Page, wanted: Stretch) -> Buckets:
+        """All pages of a stretch, joined."""
+        found: list[Buckets] = []
+        start: int | None = wanted.start
+        while start is not None:
+            buckets, start = await self._run(page, self._journal, wanted, start)
+            found.append(buckets)
+        return joined(found)
+
     def close(self) -> None:
         """Flush and close the journal and release the lock; safe to call twice."""
         self._thread.shutdown(wait=True)
@@ -213,7 +260,35 @@ class Store:
     async def _commit_accepted(self) -> None:
         async with self._committing:
             accepted, self._accepted, self._commit = self._accepted, [], None
-            await self._run(self._journal.append_all, accepted)
+            await self._write(self._journal.append_all, accepted)
+
+    async def _write(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """As `_run`, for what must still be there afterwards: ServiceError if the folder has been taken away."""
+        return await self._run(self._in_place, function, *arguments)
+
+    def _in_place(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        self._check_place()
+        result = function(*arguments)
+        self._check_place()
+        return result
+
+    def _check_place(self) -> None:
+        """JournalError if the files that are open are no longer those in the folder: what is written to them now is
+        lost with the process."""
+        lost = [name for name, identity in self._files.items() if _identity(self.path / name) != identity]
+        if not lost:
+            if self._gone is not None:
+                _log.info("site.state_dir %s is back", self.path)
+            self._gone = None
+            return
+        gone = (
+            f"site.state_dir {self.path} has been deleted or replaced while the daemon runs ({' and '.join(lost)}); "
+            "nothing is accepted, because it would be lost; put the folder back, or start the daemon again"
+        )
+        if self._gone is None:
+            _log.error("%s", gone)
+        self._gone = gone
+        raise JournalError(gone)
 
     async def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
         return await asyncio.get_running_loop().run_in_executor(self._thread, self._in_order, function, *arguments)
@@ -226,6 +301,28 @@ class Store:
     def _take_recorded(self) -> None:
         while self._recorded:
             self._journal.record(*self._recorded.popleft())
+
+
+def _warn_of_onlookers(folder: Path) -> None:
+    """Say so if accounts that are neither the daemon's nor of its group can look into `folder`."""
+    mode = stat.S_IMODE(folder.stat().st_mode)
+    if mode & stat.S_IRWXO:
+        _log.warning(
+            "every account of this machine can get into site.state_dir %s (mode %04o), and what is in it tells when "
+            "people are there; say: chmod o= %s",
+            folder,
+            mode,
+            folder,
+        )
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Which file `path` is; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 @contextmanager
@@ -242,11 +339,13 @@ def lock(state_dir: Path) -> int:
     """An exclusive lock on `state_dir`, held until its descriptor is closed or the process ends."""
     try:
         make_folder(state_dir)
-        descriptor = os.open(state_dir / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(state_dir / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        with suppress(PermissionError):
+            # Whoever can open it can hold the lock.
+            os.fchmod(descriptor, 0o600)
     except OSError as error:
-        raise ServiceError(
-            f"site.state_dir {state_dir} cannot be written ({error.strerror}); choose another"
-        ) from error
+        remedy = SPACE if error.errno == errno.ENOSPC else "choose another"
+        raise ServiceError(f"site.state_dir {state_dir} cannot be written ({error.strerror}); {remedy}") from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -17,6 +17,8 @@ from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
+from service.errors import KeyFileError
+from service.records.asker import Asker, asked_by, current_asker
 from service.records.view import ZoneView
 from service.web.keys import Key, Scope
 from service.web.limits import FailedAttempts
@@ -29,9 +31,18 @@ OPEN_PATHS = ("/", "/docs", "/openapi.json", "/healthz")
 OPEN_PREFIX = "/static/"
 ADMIN_PREFIX = "/admin"
 ZONES_PREFIX = "/zones"
+OVERVIEW_PREFIX = "/overview"
+"""Like the list of zones, answered with those that the caller sees."""
+FORECASTS_PATH = "/forecasts"
+"""Forecasts of several zones, each of which has to be one that the caller sees."""
+
+READINGS = "readings"
+"""How every path ends where readings are posted; it needs a key, even where reading does not."""
 
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
+
+KEYS_RETRY_SECONDS = 10
 
 _REALM = 'Bearer realm="thermogate"'
 
@@ -50,6 +61,10 @@ class Caller:
         """Whoever has sent `key`."""
         return cls(key.name, key.scope, None if key.zones is None else frozenset(key.zones), key)
 
+    def may(self, scope: Scope) -> bool:
+        """Whether the caller's key is for `scope`. A key for writing does not read: a logger has no need to."""
+        return self.scope in (scope, "admin")
+
     def sees(self, zone: str) -> bool:
         """Whether this zone exists for the caller."""
         return self.zones is None or zone in self.zones
@@ -67,7 +82,7 @@ class Keys(Protocol):
         """Whether reading needs a key."""
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is."""
+        """The active key that `secret` is. KeyFileError while nobody can say."""
 
     def accepts(self, key: Key) -> bool:
         """Whether `key`, found before, is still active."""
@@ -105,6 +120,17 @@ def administrator(request: Request) -> Caller:
 Administrator = Annotated[Caller, Depends(administrator)]
 
 
+def writer(request: Request) -> Caller:
+    """Dependency of routes that take readings: who posts, with a scope that may. RequestRefused otherwise."""
+    caller = caller_of(request)
+    if caller.key is None or not caller.may("write"):
+        raise _lacking("write")
+    return caller
+
+
+Writer = Annotated[Caller, Depends(writer)]
+
+
 class RequireKey:
     """Middleware that finds out who asks and lets nobody past who may not.
 
@@ -125,6 +151,9 @@ class RequireKey:
                 return
             client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
             connection.setdefault("state", {}).update(caller=caller, client=client)
+            asker = current_asker() or Asker()
+            asker.name = client
+            asked_by(asker)
             if caller.key is not None:
                 send = self._while_accepted(caller.key, send)
         await self._app(connection, receive, send)
@@ -152,15 +181,17 @@ class RequireKey:
             return ANYBODY
         parts = [*path.split("/"), ""]
         administration = f"/{parts[1]}" == ADMIN_PREFIX
-        if not (administration or self._keys.in_force):
+        writing = parts[1:-1] == [READINGS] or (f"/{parts[1]}" == ZONES_PREFIX and parts[3:-1] == [READINGS])
+        if not (administration or writing or self._keys.in_force):
             return ANYBODY
         caller = await self._authenticated(connection)
-        if administration and caller.scope != "admin":
-            raise _lacking("admin")
+        needed: Scope = "admin" if administration else "write" if writing else "read"
+        if not caller.may(needed):
+            raise _lacking(needed)
         if caller.zones is not None:
-            if f"/{parts[1]}" != ZONES_PREFIX:
+            if f"/{parts[1]}" not in (ZONES_PREFIX, OVERVIEW_PREFIX, FORECASTS_PATH):
                 raise _lacking("all zones")
-            if len(parts) > 3 and parts[2] not in caller.zones:
+            if f"/{parts[1]}" == ZONES_PREFIX and len(parts) > 3 and parts[2] not in caller.zones:
                 raise _unknown_zone(parts[2], sorted(caller.zones))
         return caller
 
@@ -172,7 +203,10 @@ class RequireKey:
                 ["this needs an API key; send it as Authorization: Bearer tg_..., made with `thermogate keys create`"],
                 headers={"WWW-Authenticate": _REALM},
             )
-        key = self._keys.find(secret.strip())
+        try:
+            key = self._keys.find(secret.strip())
+        except KeyFileError as error:
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:
             return Caller.with_key(key)
         # Right keys are never held: nobody behind the same proxy can lock the others out, and 256 random bits are not

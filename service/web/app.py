@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
-from starlette.middleware.gzip import GZipMiddleware
 
 from service.config.http import HttpConfig
+from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
-from service.web.access import ADMIN_PREFIX, OPEN_PATHS, Keys, NoKeys, RequireKey
-from service.web.guard import GatherBody, Guard
+from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
+from service.web.control.routes import control_routes
+from service.web.guard import Guard
 from service.web.limits import StreamLimits
+from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
+from service.web.page.outlook import Outlooks
+from service.web.page.overview import overview_routes
+from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
+from service.web.readings import Take, reading_routes
+from service.web.server.assets import Asset
+from service.web.server.bodies import GatherBody
+from service.web.server.compression import Compress
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
 
@@ -41,39 +51,69 @@ def create_app(
     reload: Reload | None = None,
     http: HttpConfig | None = None,
     streams: Streams | None = None,
+    take: Take | None = None,
+    changes: Changes | None = None,
+    time_zone: str | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
     `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
     answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
-    where the zones announce what happens; without it a stream tells what there is and no more.
+    where the zones announce what happens, and `changes` where that they did; without them a stream tells what there is
+    and no more. `take` takes what is posted. `time_zone` is the site's (IANA), for the page.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
-    # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none.
-    app = FastAPI(title="Thermogate", version=version, description=_DESCRIPTION, docs_url=None, redoc_url=None)
+    # FastAPI's own documentation pages load their scripts from a CDN; a plant room has none. Its route of the document
+    # would write it anew for every client.
+    app = FastAPI(
+        title="Thermogate",
+        version=version,
+        description=_DESCRIPTION,
+        openapi_url=None,
+        dependencies=[Depends(api_problems.known_parameters)],
+    )
     api_problems.install(app)
     http = http or HttpConfig()
     app.state.stream_limits = StreamLimits(http.limits.streams_per_client, http.limits.streams)
     # The last one added is the first to see a request.
-    app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
+    app.add_middleware(Compress)
     app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     app.include_router(zone_routes(site, zones))
+    app.include_router(control_routes(site, zones))
+    app.include_router(reading_routes(site, zones, take, http.limits.body))
     app.include_router(stream_routes(site, zones, streams or Streams()))
+    changes = changes or Changes()
+    app.include_router(series_routes(site, zones))
+    app.include_router(overview_routes(site, time_zone, zones, changes, Outlooks(zones, changes.note)))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
     app.openapi = lambda: _document(app)  # type: ignore[method-assign]
+    document = Asset(lambda: json.dumps(app.openapi()).encode(), "application/json")
+    app.add_route("/openapi.json", document.answer, include_in_schema=False)
+    return app
+
+
+def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
+    """The routes that read zones, without what guards them: for questions that come another way."""
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    api_problems.install(app)
+    app.include_router(zone_routes(site, zones))
+    app.include_router(control_routes(site, zones))
     return app
 
 
 def _document(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the schema of the problems that FastAPI cannot see."""
+    """The OpenAPI document, with the schemas that FastAPI cannot see."""
     if app.openapi_schema is None:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        schemas = document["components"]["schemas"]
+        for model in (Problem, PostedReadings):
+            schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
+            schemas |= schema.pop("$defs", {}) | {model.__name__: schema}
         document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
         for path, operations in document["paths"].items():
             for operation in operations.values():
@@ -88,4 +128,5 @@ def _security(path: str) -> list[dict[str, list[str]]]:
     """The alternatives that a caller of `path` has: the key, or nothing."""
     if path in OPEN_PATHS:
         return [{}]
-    return [{"key": []}] if path.startswith(ADMIN_PREFIX) else [{"key": []}, {}]
+    always = path.startswith(ADMIN_PREFIX) or path.endswith(f"/{READINGS}")
+    return [{"key": []}] if always else [{"key": []}, {}]

@@ -76,40 +76,6 @@ class Guard:
         return None
 
 
-class GatherBody:
-    """Middleware that takes in the body of a request, up to a size, before the application sees it."""
-
-    def __init__(self, app: ASGIApp, limit: int) -> None:
-        """`limit` in bytes."""
-        self._app = app
-        self._limit = limit
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = Headers(scope=scope) if scope["type"] == "http" else {}
-        if not ("content-length" in headers or "transfer-encoding" in headers):
-            await self._app(scope, receive, send)
-            return
-        stated = headers.get("content-length", "0")
-        body, more = bytearray(), not (stated.isdecimal() and int(stated) > self._limit)
-        while more:
-            message = await receive()
-            if message["type"] != "http.request":
-                return  # The client has gone.
-            body += message.get("body", b"")
-            more = message.get("more_body", False) and len(body) <= self._limit
-        if len(body) > self._limit or (stated.isdecimal() and int(stated) > self._limit):
-            sentence = f"the body is larger than {self._limit} bytes"
-            refused = RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence], headers=_CLOSE)
-            await refusal(refused)(scope, receive, send)
-            return
-        waiting: list[Message] = [{"type": "http.request", "body": bytes(body), "more_body": False}]
-
-        async def gathered() -> Message:
-            return waiting.pop() if waiting else await receive()
-
-        await self._app(scope, gathered, send)
-
-
 def _is_meant(host: str, hosts: Iterable[str]) -> bool:
     """Whether a Host header means this daemon.
 

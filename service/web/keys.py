@@ -31,7 +31,7 @@ PREFIX = "tg_"
 
 SECRET_BYTES = 32
 
-Scope = Literal["read", "admin"]
+Scope = Literal["read", "write", "admin"]
 
 _log = logging.getLogger(__name__)
 _FORMAT = ConfigDict(extra="forbid", frozen=True)
@@ -134,6 +134,8 @@ class KeyRing:
         self._file = FollowedFiles(path)
         self._keys = read_keys(path)
         self._in_force = required or bool(self._keys)
+        self._complaint = ""
+        """Why the file cannot be read or trusted now; then no key is accepted."""
 
     @property
     def in_force(self) -> bool:
@@ -145,8 +147,13 @@ class KeyRing:
         return self._in_force
 
     def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is; None if there is none. Takes equally long whichever it is."""
+        """The active key that `secret` is; None if there is none. Takes equally long whichever it is.
+
+        KeyFileError while nobody can say, because the file cannot be read or trusted.
+        """
         self._follow()
+        if self._complaint:
+            raise KeyFileError("the API keys cannot be read now; the log of the daemon says why")
         digest, now = _digest(secret), datetime.now(UTC)
         found = [key for key in self._keys if hmac.compare_digest(key.digest, digest)]
         return next((key for key in found if key.state(now) == "active"), None)
@@ -154,10 +161,10 @@ class KeyRing:
     def accepts(self, key: Key) -> bool:
         """Whether `key`, found before, is still there and active."""
         self._follow()
-        return key in self._keys and key.state(datetime.now(UTC)) == "active"
+        return not self._complaint and key in self._keys and key.state(datetime.now(UTC)) == "active"
 
     def _follow(self) -> None:
-        """Read the file again if it is another one than last time. One that cannot be trusted changes nothing."""
+        """Read the file again if it is another one than last time, or could not be read then."""
         if not self._file.changed():
             return
         self._file.look()
@@ -165,8 +172,15 @@ class KeyRing:
         try:
             self._keys = read_keys(self._path)
         except KeyFileError as error:
-            _log.error("%s; until then the keys as they were before are in force", error)
+            # What it would say may be that a key was revoked.
+            self._file.forget()
+            if str(error) != self._complaint:
+                self._complaint = str(error)
+                _log.error("%s; until then no API key is accepted", error)
             return
+        if self._complaint:
+            self._complaint = ""
+            _log.info("the keys in %s can be read again", self._path)
         self._in_force = self._in_force or bool(self._keys)
         now = _accepted(self._keys)
         for digest in now.keys() - before.keys():

@@ -24,6 +24,10 @@ from service.fields.times import ZoneMissing, parse_time
 from service.publish.payloads import Envelope, FindingPayload, Number, Payload, StatusPayload
 
 MAX_LEVELS = 32
+MAX_INPUTS = 64
+MAX_STEPS = 2016
+"""A week of 5 min steps."""
+
 MAX_ROWS = 20_000
 PARAMETER_LEVELS = (0.025, 0.5, 0.975)
 
@@ -34,9 +38,7 @@ def _level(value: float) -> float:
     return value
 
 
-def _few(levels: list[float]) -> list[float]:
-    if len(levels) > MAX_LEVELS:
-        raise ValueError(f"at most {MAX_LEVELS} levels at a time, not {len(levels)}")
+def _distinct(levels: list[float]) -> list[float]:
     return list(dict.fromkeys(levels))
 
 
@@ -56,20 +58,30 @@ def _instant(value: object) -> datetime:
 
 def _values(value: object, read: ValidatorFunctionWrapHandler) -> object:
     # Both arms of the union would complain; one sentence per mistake is enough.
+    if isinstance(value, list) and len(value) > MAX_STEPS:
+        raise ValueError(f"give at most {MAX_STEPS} numbers, not {len(value)}")
     try:
         return read(value)
     except ValidationError:
         raise ValueError("give a finite number, or a list of finite numbers, in the network's unit") from None
 
 
-Level = Annotated[float, AfterValidator(_level)]
-Levels = Annotated[list[Level], AfterValidator(_few)]
+Level = Annotated[
+    float,
+    AfterValidator(_level),
+    WithJsonSchema({"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1, "examples": [0.95]}),
+]
+Levels = Annotated[list[Level], Field(max_length=MAX_LEVELS), AfterValidator(_distinct)]
 Horizon = Annotated[
-    float, BeforeValidator(parse_duration), WithJsonSchema({"type": "string", "examples": ["6h", "30min"]})
+    float,
+    BeforeValidator(parse_duration),
+    WithJsonSchema(
+        {"type": "string", "pattern": r"^\s*\d+(\.\d+)?(e[+-]?\d+)?\s*(s|min|h|d)\s*$", "examples": ["6h", "30min"]}
+    ),
 ]
 Instant = Annotated[datetime, BeforeValidator(_instant), WithJsonSchema({"type": "string", "format": "date-time"})]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Planned = Annotated[Finite | list[Finite], WrapValidator(_values)]
+Planned = Annotated[Finite | Annotated[list[Finite], Field(max_length=MAX_STEPS)], WrapValidator(_values)]
 
 
 class Query(BaseModel):
@@ -86,7 +98,7 @@ class ForecastQuery(Query):
         description="probability content of a prediction interval, between 0 and 1; may be repeated",
         examples=[[0.5, 0.95]],
     )
-    horizon: Horizon | None = Field(default=None, description="how far beyond valid_time to forecast, inputs held")
+    horizon: Horizon | None = Field(default=None, description="how far beyond valid_time to forecast, inputs foreseen")
 
 
 class ParametersQuery(Query):
@@ -106,6 +118,54 @@ class HistoryQuery(Query):
     limit: int = Field(default=1000, ge=1, le=MAX_ROWS, description="the newest rows are given")
 
 
+class ReadingsQuery(Query):
+    """Query of the routes that take readings."""
+
+    precision: Literal["ns", "us", "ms", "s"] = Field(
+        default="ns", description="line protocol: what the time stamps count"
+    )
+
+
+class PostedReading(BaseModel):
+    """One reading in a JSON body."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    channel: Annotated[str, Field(min_length=1, max_length=256)] = Field(
+        description="zone/channel, or the name that the configuration gives it; for one zone the channel is enough"
+    )
+    value: Finite | None = Field(description="null: the device has no value")
+    time: Instant | None = Field(default=None, description="RFC 3339 with zone; null: now")
+    unit: str | None = Field(default=None, description="if given, it must be the unit of the channel")
+    quality: Literal["good", "uncertain", "bad"] = "good"
+
+
+class PostedReadings(BaseModel):
+    """Body of POST /readings and POST /zones/{zone}/readings in JSON."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [{"readings": [{"channel": "office/T_i", "value": 21.5, "time": "2026-01-15T12:00:00Z"}]}]
+        },
+    )
+
+    readings: list[PostedReading]
+
+
+class ReadingsPayload(Payload):
+    """What became of posted readings; those that are accepted are on disk."""
+
+    schema_version: Literal[1] = Field(default=1, alias="schema")
+    site: str
+    accepted: int = Field(description="in the journal; they will be in the samples of their intervals")
+    repeated: int = Field(description="accepted before: the same channel and time")
+    first_counts: int = Field(description="counts of counters from which there is no power yet")
+    refused: dict[str, int] = Field(description="by fault; they are also counted in the status of the zone")
+    unknown: int = Field(description="values that no channel asks for")
+    unknown_names: list[str] = Field(description="what some of these are called")
+
+
 class ForecastRequest(BaseModel):
     """Body of POST /zones/{zone}/forecast: a forecast under planned inputs."""
 
@@ -121,9 +181,10 @@ class ForecastRequest(BaseModel):
     levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")
     inputs: dict[str, Planned] = Field(
         default_factory=dict,
+        max_length=MAX_INPUTS,
         description=(
             "planned values per input channel, in the network's unit: one number for the whole horizon or one per "
-            "step, of which the first holds from valid_time to valid_time + period_s; channels not named are held"
+            "step, of which the first holds from valid_time to valid_time + period_s; channels not named are foreseen"
         ),
     )
 

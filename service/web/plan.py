@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from estimator.network.network import Network
 from service.fields.durations import format_duration
+from service.web.control.planning import Limits, beyond
+from service.web.models import MAX_STEPS
 from service.web.problems import invalid
-
-MAX_STEPS = 2016
-"""A week of 5 min steps."""
 
 MAX_INTERVALS = 4032
 """Intervals in one fan: steps times levels; each is a root-finding over all particles."""
@@ -49,9 +48,9 @@ def steps_in(horizon: float, period: float, levels: int) -> int:
 
 
 def full_plan(
-    inputs: Mapping[str, float | Sequence[float]], network: Network, steps: int, period: float
+    inputs: Mapping[str, float | Sequence[float]], network: Network, steps: int, period: float, limits: Limits
 ) -> dict[str, list[float]]:
-    """`steps` values for every channel of `inputs`; RequestRefused with one sentence per mistake."""
+    """`steps` values for every channel of `inputs`, within `limits`; RequestRefused with one sentence per mistake."""
     mistakes = []
     plan = {}
     for channel, values in inputs.items():
@@ -68,6 +67,9 @@ def full_plan(
             )
         else:
             plan[channel] = [float(value) for value in values]
+    for channel, planned in plan.items():
+        if (why := beyond(planned, channel, network, limits)) is not None:
+            mistakes.append(f"field 'inputs.{channel}' {why}")
     if mistakes:
         raise invalid(mistakes)
     return plan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from http import HTTPStatus
@@ -11,12 +12,17 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
-from service.errors import ServiceError
+from service.errors import ServiceError, TooManyQuestions
 from service.fields.problems import extended, own_sentence
-from service.web.server.refusal import MEDIA_TYPE, RequestRefused, problem_answer, refusal
+from service.web.server.refusal import MEDIA_TYPE, RequestRefused, few, problem_answer, refusal
 
 RETRY_SECONDS = 60
+SOON_SECONDS = 5
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 60
 
 
 class Problem(BaseModel):
@@ -46,7 +52,8 @@ class Problem(BaseModel):
 
 def invalid(sentences: Sequence[str]) -> RequestRefused:
     """A request with mistakes, one sentence each."""
-    return RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, sentences, errors=list(sentences))
+    told = few(sentences, str)
+    return RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, told, errors=told)
 
 
 def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
@@ -60,9 +67,24 @@ def problem_response(description: str) -> dict[str, Any]:
     return {"description": description, "content": {MEDIA_TYPE: {"schema": schema}}}
 
 
+def known_parameters(request: Request) -> None:
+    """Dependency of every described route: RequestRefused for query parameters that its description does not have.
+
+    A misspelt parameter would otherwise be ignored.
+    """
+    if not request.query_params:
+        return
+    described = request.app.openapi()["paths"].get(request.scope["route"].path, {}).get(request.method.lower(), {})
+    known = [each["name"] for each in described.get("parameters", []) if each["in"] == "query"]
+    unknown = [name for name in request.query_params if name not in known]
+    if unknown:
+        raise invalid([f"query parameter '{name}' is not known; /docs lists the known ones" for name in unknown])
+
+
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with a problem document."""
     app.add_exception_handler(RequestRefused, _refused)
+    app.add_exception_handler(TooManyQuestions, _too_many)
     app.add_exception_handler(ServiceError, _unavailable)
     app.add_exception_handler(RequestValidationError, _misread)
     app.add_exception_handler(HTTPException, _framework)
@@ -74,14 +96,18 @@ async def _refused(request: Request, error: Exception) -> Response:
     return refusal(error)
 
 
+async def _too_many(request: Request, error: Exception) -> Response:
+    return problem_answer(HTTPStatus.TOO_MANY_REQUESTS, str(error), {"Retry-After": str(SOON_SECONDS)})
+
+
 async def _unavailable(request: Request, error: Exception) -> Response:
     return problem_answer(HTTPStatus.SERVICE_UNAVAILABLE, str(error), {"Retry-After": str(RETRY_SECONDS)})
 
 
 async def _misread(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    sentences = [_sentence(detail) for detail in error.errors()]
-    return refusal(invalid(sentences))
+    told = few(error.errors(), sentence_of)
+    return refusal(RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, told, errors=told))
 
 
 async def _framework(request: Request, error: Exception) -> Response:
@@ -91,7 +117,21 @@ async def _framework(request: Request, error: Exception) -> Response:
         HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not take {request.method}; /docs lists what it takes",
     }
     detail = details.get(HTTPStatus(error.status_code), str(error.detail))
-    return problem_answer(error.status_code, detail, error.headers)
+    headers = dict(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        # The framework names those of the first route with this path.
+        headers["Allow"] = ", ".join(_allowed(request))
+    return problem_answer(error.status_code, detail, headers)
+
+
+def _allowed(request: Request) -> list[str]:
+    """The methods that the path of `request` takes."""
+    methods = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"}
+    router = request.app.router
+    asked = ((method, {**request.scope, "method": method}) for method in methods)
+    return sorted(
+        method for method, scope in asked if any(route.matches(scope)[0] is Match.FULL for route in router.routes)
+    )
 
 
 async def _internal(request: Request, error: Exception) -> Response:
@@ -100,7 +140,7 @@ async def _internal(request: Request, error: Exception) -> Response:
     return problem_answer(HTTPStatus.INTERNAL_SERVER_ERROR, sentence)
 
 
-def _sentence(detail: Mapping[str, Any]) -> str:
+def sentence_of(detail: Mapping[str, Any]) -> str:
     """One validation error of pydantic as a sentence that begins with its place."""
     kind, place, sentence = detail["type"], _place(detail["loc"]), own_sentence(detail)
     if sentence is not None:
@@ -111,6 +151,8 @@ def _sentence(detail: Mapping[str, Any]) -> str:
         return f"{place} is missing"
     if kind == "extra_forbidden":
         return f"{place} is not known; /docs lists the known ones"
+    if kind == "too_long":
+        return f"{place} takes at most {detail['ctx']['max_length']} values"
     if isinstance(detail["input"], bytes):
         return "the body was not sent as JSON; set Content-Type: application/json"
     wanted = detail["msg"].replace("Input should", "must").split(", unable")[0]
@@ -126,5 +168,5 @@ def _place(location: Sequence[str | int]) -> str:
 
 
 def _shown(value: object) -> str:
-    text = repr(value)
+    text = _SHORT.repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

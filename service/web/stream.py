@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response, StreamingResponse
 
 from service.fields.times import parse_time
@@ -57,11 +58,13 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
         """The rows that came after the client's last event."""
         since = epoch(after)
         rows = [] if since is None else await view.history(since + 1, None, MISSED_ROWS)
-        return [event("history", to_json(history_payload(site, view, rows)), None)] if rows else []
+        if not rows:
+            return []
+        return [await run_in_threadpool(lambda: event("history", to_json(history_payload(site, view, rows)), None))]
 
     async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
         with streams.opened(view.id) as opened:
-            current = Announcement(site, view.id, view.status(), view.latest())
+            current = Announcement(site, view.id, view.status(), view.latest(), trust=view.trust())
             opened.put([*missed, *events_of(current)])
             async for data in opened.read():
                 yield data

@@ -9,6 +9,7 @@ from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
+from fastapi.concurrency import run_in_threadpool
 
 from estimator.types import ParameterSummary
 from service.fields.times import utc
@@ -72,12 +73,12 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         "/{zone}/forecast",
         response_model=ForecastPayload | FanPayload,
         responses=documented(404, 422, 500, 503),
-        summary="The standing forecast; with ?horizon= what follows it, inputs held",
+        summary="The standing forecast; with ?horizon= what follows it, inputs foreseen",
     )
     async def forecast(zone: str, caller: Asking, query: Annotated[ForecastQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
         update = _latest(view)
-        published = _published(update)
+        published = published_levels(update)
         levels = query.level or published
         if query.horizon is not None:
             fan = await _fan(view, steps_in(query.horizon, view.period, len(levels)), levels, None)
@@ -94,9 +95,9 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def forecast_under_plan(zone: str, caller: Asking, body: ForecastRequest) -> Response:
         view = find_zone(zones, zone, caller)
-        levels = body.levels or _published(_latest(view))
+        levels = body.levels or published_levels(_latest(view))
         steps = steps_in(body.horizon, view.period, len(levels))
-        plan = full_plan(body.inputs, view.network, steps, view.period)
+        plan = full_plan(body.inputs, view.network, steps, view.period, view.surroundings.limits)
         return _json(_current(view, fan_payload(site, zone, await _fan(view, steps, levels, plan), plan)))
 
     @router.get(
@@ -109,7 +110,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         view = find_zone(zones, zone, caller)
         summary = await view.parameters(query.level)
         if summary is None:
-            raise _waiting(view)
+            raise no_forecast(view)
         return _json(_parameters(site, view, query.level, summary))
 
     @router.get(
@@ -122,7 +123,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         view = find_zone(zones, zone, caller)
         found = await view.skill()
         if found is None:
-            raise _waiting(view)
+            raise no_forecast(view)
         return _json(skill_payload(site, zone, found))
 
     @router.get(
@@ -150,7 +151,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
         rows = await view.history(epoch(query.start), epoch(query.end), query.limit)
-        return _json(history_payload(site, view, rows))
+        # Thousands of rows would hold the event loop.
+        return await run_in_threadpool(lambda: _json(history_payload(site, view, rows)))
 
     return router
 
@@ -175,7 +177,7 @@ def epoch(when: datetime | None) -> int | None:
     return None if when is None else math.ceil(when.timestamp())
 
 
-def _waiting(zone: ZoneView) -> RequestRefused:
+def no_forecast(zone: ZoneView) -> RequestRefused:
     status = zone.status()
     sentence = f"zone '{zone.id}' has no forecast now ({status.state}): {status.reason or 'no sample yet'}"
     retry = max(1, min(RETRY_SECONDS, math.ceil(zone.period)))
@@ -185,23 +187,23 @@ def _waiting(zone: ZoneView) -> RequestRefused:
 def _latest(zone: ZoneView) -> Update:
     update = zone.latest()
     if update is None:
-        raise _waiting(zone)
+        raise no_forecast(zone)
     return update
 
 
 async def _fan(zone: ZoneView, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan:
     fan = await zone.fan(steps, levels, plan)
     if fan is None:
-        raise _waiting(zone)
+        raise no_forecast(zone)
     return fan
 
 
-def _published(update: Update) -> list[float]:
+def published_levels(update: Update) -> list[float]:
     return [interval.level for interval in update.forecast.outputs[0].intervals]
 
 
 def _current(zone: ZoneView, payload: ForecastPayload) -> ForecastPayload:
-    return vouched(payload, zone.status())
+    return vouched(payload, zone.status(), zone.surroundings.limits)
 
 
 def _summary(zone: ZoneView) -> ZoneSummary:

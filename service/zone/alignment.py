@@ -83,6 +83,8 @@ class Alignment:
         self.faults: Counter[Fault] = Counter()
         self.last_good: dict[str, float] = {}
         """UTC time of the newest reading of each channel that entered a sample so far."""
+        self.refusing: set[str] = set()
+        """Channels that their device has refused since then."""
         self._channels = network.channels
         self._outputs = len(network.measured)
         self._rules: list[Aggregate] = [
@@ -118,6 +120,8 @@ class Alignment:
             if not begin <= time < end or fault is not None or quality is not Quality.GOOD or not isfinite(value):
                 index = self._accept(time, value, quality, fault)
                 if index is None:
+                    if fault is Fault.REFUSED_BY_DEVICE:
+                        self.refusing.add(self._channels[self._slots[channel]])
                     continue
                 interval = self._interval(index)
                 rows = interval.readings
@@ -134,6 +138,15 @@ class Alignment:
         if isfinite(now) and now >= self._earliest:
             self._clocks[source] = max(now, self._clocks.get(source, -inf))
         return self._advance()
+
+    def held(self, channel: str, time: float) -> Reading | None:
+        """The usable reading of `channel` at `time` (UTC s) that waits in an open interval."""
+        interval = self._open.get(int(time // self._period)) if isfinite(time) else None
+        slot = self._slots.get(channel)
+        if interval is None or slot is None or time not in interval.readings[slot]:
+            return None
+        quality = Quality.UNCERTAIN if (slot, time) in interval.uncertain else Quality.GOOD
+        return Reading(channel, time, interval.readings[slot][time], quality)
 
     def elapse(self, now: float) -> list[Sample]:
         """Wall-clock time `now` (UTC s) has come, whatever the sources say: the samples that close by it.
@@ -263,5 +276,6 @@ class Alignment:
             return nan, Quality.BAD
         channel = self._channels[slot]
         self.last_good[channel] = times[-1]
+        self.refusing.discard(channel)
         doubtful = bool(uncertain) and any((slot, time) in uncertain for time in used)
         return value, Quality.UNCERTAIN if doubtful else Quality.GOOD

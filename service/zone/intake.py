@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from math import inf
 
 from adapters.reading import Reading
 from service.errors import ServiceError
+from service.pauses import GrowingPause
+from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.store.store import Store
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
 from service.zone.mailbox import Accepted, Mailbox
-from service.zone.pauses import GrowingPause
 
 FIRST_PAUSE = 1.0
 LONGEST_PAUSE = 60.0
@@ -64,6 +67,48 @@ class Intake:
         if not self.live:
             self.clocks[source] = now
         await self.accept(self.aligned.add(source, readings, now))
+
+    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
+        """Readings that somebody hands over once and waits to hear of: what is accepted is durable on return, the first
+        of each channel and time. Raises ServiceError where nothing can be promised; then they may be handed over again.
+        """
+        aligned = self.aligned
+        # The interval of a reading that comes a second time may have closed meanwhile.
+        late = [reading.time for reading in readings if reading.time < aligned.closed_until]
+        before = await self._store.kept(self._zone, min(late), max(late)) if late else []
+        if self._closed:
+            raise ServiceError(f"zone '{self._zone}' is being stopped or replaced; post the readings again")
+        self.trouble.pop(source, None)
+        known = {(reading.channel, reading.time) for reading in before}
+        fresh: dict[tuple[str, float], Reading] = {}
+        faulty: list[Reading] = []
+        for reading in readings:
+            key = (reading.channel, reading.time)
+            if key in known or key in fresh or aligned.held(*key) is not None:
+                continue
+            if reading.fault is None:
+                fresh[key] = reading
+            else:
+                faulty.append(reading)
+        faults = Counter(aligned.faults)
+        samples = aligned.add(source, [*fresh.values(), *faulty], -inf)
+        refused = aligned.faults - faults
+        accepted = len(fresh) + len(faulty) - refused.total()
+        # One that is known may have found the journal failing the first time.
+        held = [found for reading in readings if (found := aligned.held(reading.channel, reading.time)) is not None]
+        await self.accept(samples)
+        if held:
+            await self._store.keep(self._zone, held)
+        return Receipt(accepted, len(readings) - len(fresh) - len(faulty), refused)
+
+    async def recall(self) -> None:
+        """Take in again what `take` had accepted for intervals that had not closed when the process ended."""
+        try:
+            kept = await self._store.kept(self._zone, self.aligned.closed_until)
+        except ServiceError as error:
+            _log.error("zone '%s': readings that were accepted cannot be read: %s", self._zone, error)
+            return
+        await self.accept(self.aligned.add("", kept, -inf))
 
     async def elapse(self, now: float) -> None:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""

@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
+from service.records.outlook import WeatherBook
 from service.store.store import Store
 from service.zone.clock import Clock
+from service.zone.questions import Questions
 
 
 class Plumbing(NamedTuple):
@@ -20,7 +22,7 @@ class Plumbing(NamedTuple):
     store: Store
     pool: Executor
     """Runs the estimator steps."""
-    asking: Executor
+    asking: Questions
     """Runs what REST asks for, so that no question keeps a zone waiting."""
     stopping: threading.Event
     """Set when the daemon begins to stop."""
@@ -30,3 +32,5 @@ class Plumbing(NamedTuple):
     checkpoint_every: float
     """Wall-clock s between two checkpoints of a zone."""
     clock: Clock = Clock()
+    weather: WeatherBook = WeatherBook()
+    """What forecasts of the weather say."""

@@ -23,7 +23,23 @@ from service.zone.worker import ZoneWorker
 
 SET_BACK = "the clock of this machine was set back; waiting for the next sample"
 
+_ENVIRONMENT = (OSError, MemoryError, ImportError, EOFError, ServiceError)
+_OF_THE_COMPILER = ("numba", "llvmlite", "_pickle", "pickle")
+"""Packages whose errors are those of the compiler and its cache."""
+
 _log = logging.getLogger(__name__)
+
+
+def is_of_the_environment(error: BaseException) -> bool:
+    """Whether `error` is one of disk, memory, threads or compiler, for which no sample is to blame.
+
+    So is one that has such a cause.
+    """
+    if isinstance(error, _ENVIRONMENT) or "can't start new thread" in str(error):
+        return True
+    if type(error).__module__.partition(".")[0] in _OF_THE_COMPILER:
+        return True
+    return error.__cause__ is not None and is_of_the_environment(error.__cause__)
 
 
 class Recovery:

@@ -22,8 +22,10 @@ from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record
 from estimator.network.network import Network
+from service.records.trust import Trust
 from service.records.update import CONSTANT, Update
 from service.store.checkpoint import Checkpoint
+from service.zone.foresight.yesterday import Day, no_day
 from service.zone.worker import Held, Known, Progress, Standing, ZoneWorker
 
 _HELD_VALUES = "held_values"
@@ -31,6 +33,7 @@ _HELD_TIMES = "held_times"
 _ESTIMATOR = "estimator."
 _VERIFIED = "verified."
 _RECORD = "record."
+_DAY = "day."
 
 
 @dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
@@ -41,6 +44,7 @@ class _Meta:
     progress: Progress
     latest: Update
     diagnosis: Diagnosis = Diagnosis()
+    trust: Trust = Trust()
 
 
 _META = TypeAdapter(_Meta)
@@ -78,8 +82,10 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
     update = standing.update
     stated = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
-    meta = _META.dump_python(_Meta(held.qualities, progress, stated, worker.known.diagnosis), mode="json")
-    arrays |= {_RECORD + name: value for name, value in worker.known.record._asdict().items()}
+    known = worker.known
+    meta = _META.dump_python(_Meta(held.qualities, progress, stated, known.diagnosis, known.trust), mode="json")
+    arrays |= {_DAY + name: value for name, value in standing.day._asdict().items()}
+    arrays |= {_RECORD + name: value for name, value in known.record._asdict().items()}
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -113,17 +119,30 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         if stored
         else worker.verification.start(worker.settings.seed, outputs, held.values)
     )
-    worker.resume(Standing(state, update, verified), held, meta.progress, _known(worker, checkpoint, meta.diagnosis))
+    standing = Standing(state, update, verified, _day(worker, checkpoint))
+    worker.resume(standing, held, meta.progress, _known(worker, checkpoint, meta))
 
 
 def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}
 
 
-def _known(worker: ZoneWorker, checkpoint: Checkpoint, diagnosis: Diagnosis) -> Known | None:
+def _known(worker: ZoneWorker, checkpoint: Checkpoint, meta: _Meta) -> Known | None:
     """What was known; None in a checkpoint from before there was a record, or with a record of another length."""
-    fresh = worker.known.record._asdict()
-    stored = {name: checkpoint.arrays.get(_RECORD + name) for name in fresh}
+    stored = _alike(worker.known.record._asdict(), _RECORD, checkpoint)
+    return None if stored is None else Known(Record(**stored), meta.diagnosis, meta.trust)
+
+
+def _day(worker: ZoneWorker, checkpoint: Checkpoint) -> Day:
+    """The last day; an empty one in a checkpoint from before it was kept."""
+    fresh = no_day(len(worker.network.inputs), worker.period)
+    stored = _alike(fresh._asdict(), _DAY, checkpoint)
+    return fresh if stored is None else Day(**stored)
+
+
+def _alike(fresh: Mapping[str, Any], prefix: str, checkpoint: Checkpoint) -> dict[str, Any] | None:
+    """The arrays of `checkpoint` under `prefix` with the names and shapes of `fresh`; None where they are others."""
+    stored = {name: checkpoint.arrays.get(prefix + name) for name in fresh}
     if any(value is None or value.shape != fresh[name].shape for name, value in stored.items()):
         return None
-    return Known(Record(**stored), diagnosis)  # type: ignore[arg-type]  # mypy does not follow the test above
+    return stored

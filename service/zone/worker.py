@@ -19,11 +19,17 @@ from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.network.network import Network
-from estimator.types import Estimator, Mixture, Outcome, ParameterSummary, Posterior
-from service.errors import ServiceError
+from estimator.statespace.matrices import of_draws, of_point
+from estimator.statespace.simulate import Simulation, gain_forecast, sampled_paths
+from estimator.types import Estimator, Mixture, ModelDraws, Outcome, ParameterSummary, Posterior
+from estimator.verification.scores import reduced
+from service.errors import NoModel, ServiceError
 from service.records.fan import Fan, FanStep
+from service.records.model import CompactFan, CompactOutput, ZoneModel
+from service.records.outlook import InputOrigin, Outlook, Weather
 from service.records.sample import Sample
 from service.records.skill import Skill
+from service.records.trust import Trust
 from service.records.update import (
     Disturbance,
     Forecast,
@@ -35,6 +41,9 @@ from service.records.update import (
     Update,
     Volatility,
 )
+from service.zone.foresight.outlook import NO_WEATHER, Foresight
+from service.zone.foresight.yesterday import Day, no_day, with_inputs
+from service.zone.trust import judged
 from service.zone.verification import Verification, Verified
 
 VANISHED_LIMIT = 6
@@ -45,7 +54,21 @@ UNUSABLE_SD = 10.0
 """K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
 walls so hot and so uncertain that it would take days to come back."""
 
+FAN_DRAWS = 1000
+"""Particles that a compact fan stands on at most."""
+
+FAN_COMPONENTS = 96
+"""Components of a mixture that the quantiles of a compact fan are found in at most."""
+
+ROOM_DRAWS = 32
+"""Draws whose mean stands for a room that is simulated with its neighbours."""
+
+GIVEN_UP = "the forecast was given up because the daemon is stopping, or nobody waits for it"
+
 STARTED = "started"
+
+_DAY = 86400
+_HOUR = 3600
 
 
 class WorkerSettings(NamedTuple):
@@ -73,10 +96,12 @@ class Held(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What is told of a zone's model beside its forecasts: the running record behind it, and the newest diagnosis."""
+    """What is told of a zone's model beside its forecasts: the running record behind it, the newest diagnosis, and how
+    far the forecasts are trusted."""
 
     record: Record
     diagnosis: Diagnosis = Diagnosis()
+    trust: Trust = Trust()
 
 
 class Progress(NamedTuple):
@@ -101,6 +126,8 @@ class Standing(NamedTuple):
     update: Update
     verified: Verified
     """What is known of earlier forecasts."""
+    day: Day
+    """The inputs of the last day."""
 
 
 class ZoneWorker:
@@ -112,6 +139,7 @@ class ZoneWorker:
         width = len(estimator.network.inputs)
         self.held = _nothing_held(width)
         self.verification = Verification(estimator)
+        self.foresight = Foresight(estimator.network, self.period)
         self.standing: Standing | None = None
         """One attribute, replaced whole, so that another thread never sees a state beside another sample's forecast."""
         self.progress = Progress()
@@ -175,31 +203,149 @@ class ZoneWorker:
         levels: Sequence[float],
         plan: Sequence[Mapping[str, float]],
         given_up: Callable[[], bool] = lambda: False,
+        weather: Weather = NO_WEATHER,
     ) -> Fan | None:
-        """The standing forecast and `len(plan)` steps beyond it; a row of `plan` names the inputs that are not held.
+        """The standing forecast and `len(plan)` steps beyond it; a row of `plan` names the inputs that it plans.
 
-        Volatility is sampled along every particle's path. None where there is no standing forecast. `given_up` is
-        asked after every step; ServiceError once it says yes.
+        The others are foreseen (`service.zone.foresight`). Volatility is sampled along every particle's path. None
+        where there is no standing forecast. `given_up` is asked after every step; ServiceError once it says yes.
         """
-        if self.standing is None or self.progress.stalled:
+        standing = self._unstalled()
+        if standing is None:
             return None
-        state, update = self.standing.state, self.standing.update
-        held = np.array([used.value for used in update.forecast.inputs])
-        rows = np.tile(held, (len(plan), 1))
+        state, update = standing.state, standing.update
+        rows, origins = self.foresight.outlook(update.forecast, standing.day, len(plan), weather)
+        planned = {channel for changes in plan for channel in changes}
         for row, changes in zip(rows, plan, strict=True):
             for channel, value in changes.items():
                 row[self.network.inputs.index(channel)] = value
+        origins = tuple(
+            InputOrigin(one.channel, "plan", "", float("nan"), Quality.GOOD) if one.channel in planned else one
+            for one in origins
+        )
         first, steps = update.forecast.valid_time, []
         for ahead, mixture in enumerate(self.estimator.forecast(state, rows)):
             steps.append(FanStep(first + ahead * self.period, self._outputs(mixture, levels)))
             if given_up():
-                raise ServiceError("the forecast was given up because the daemon is stopping")
-        return Fan(update.time, update.forecast.issue_time, tuple(steps), update.forecast.inputs, update)
+                raise ServiceError(GIVEN_UP)
+        return Fan(update.time, update.forecast.issue_time, tuple(steps), update.forecast.inputs, update, origins)
+
+    def outlook(self, steps: int, weather: Weather = NO_WEATHER) -> tuple[Update, Outlook] | None:
+        """The newest update, and the inputs of `steps` steps from its forecast on as far as they are foreseen without
+        a plan; None where there is no standing forecast."""
+        standing = self._unstalled()
+        if standing is None:
+            return None
+        return standing.update, self.foresight.outlook(standing.update.forecast, standing.day, steps, weather)
+
+    def compact_fan(
+        self,
+        update: Update,
+        levels: Sequence[float],
+        rows: Array,
+        scenarios: int = 0,
+        given_up: Callable[[], bool] = lambda: False,
+    ) -> CompactFan | None:
+        """The standing forecast of `update` and the steps under `rows` (h, n_u), on a sample of the particles, with as
+        many sampled futures as `scenarios` says. None where `update` is no longer the newest.
+
+        Raises NoModel for scenarios of an estimator without physics.
+        """
+        standing = self._unstalled()
+        if standing is None or standing.update is not update:
+            return None
+        estimator, state = self.estimator, standing.state
+        tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
+        size = len(self.network.measured)
+        means, sds = np.empty((len(rows) + 1, size)), np.empty((len(rows) + 1, size))
+        quantiles = np.empty((len(rows) + 1, size, len(tails)))
+        for ahead, mixture in enumerate(estimator.unfold(estimator.issue(state, FAN_DRAWS), rows)):
+            # The first step is the published forecast, of all particles.
+            whole = estimator.predictive(state) if ahead == 0 else mixture
+            means[ahead], sds[ahead] = whole.mean(), whole.sd()
+            small = reduced(whole, FAN_COMPONENTS)
+            for place in range(size):
+                quantiles[ahead, place] = estimator.quantiles(small, tails, place)
+            if given_up():
+                raise ServiceError(GIVEN_UP)
+        count = len(levels)
+        outputs = tuple(
+            CompactOutput(
+                name,
+                means[:, place],
+                quantiles[:, place, 0],
+                sds[:, place],
+                quantiles[:, place, 1 : 1 + count].T,
+                quantiles[:, place, 1 + count :].T,
+            )
+            for place, name in enumerate(self.network.measured)
+        )
+        return CompactFan(update, outputs, self._scenarios(standing, rows, scenarios))
+
+    def room(self, update: Update) -> Simulation | None:
+        """The zone's physics from the standing forecast of `update` on, to be simulated with its neighbours; None where
+        there are none, or `update` is no longer the newest."""
+        standing = self._unstalled()
+        if standing is None or standing.update is not update:
+            return None
+        draws = self.estimator.draws(standing.state, ROOM_DRAWS)
+        return None if draws is None else Simulation(of_draws(draws, self.period, 1))
+
+    def model(self, periods: int, count: int) -> ZoneModel | None:
+        """State-space matrices at a step of `periods` periods: at the posterior mean, and of at most `count` draws.
+
+        None where there is no standing forecast. Raises NoModel for an estimator without physics.
+        """
+        standing = self._unstalled()
+        if standing is None:
+            return None
+        drawn = self._drawn(standing, count)
+        draws = of_draws(drawn, self.period, periods)
+        return ZoneModel(
+            update=standing.update,
+            step=self.period * periods,
+            member=drawn.member,
+            share=drawn.share,
+            fan_is="mean" if drawn.point_is_fan else "draws",
+            mean=of_point(drawn, self.period, periods),
+            draws=draws,
+            covariance=drawn.covariance,
+            gain=gain_forecast(draws, _DAY // (self.period * periods)),
+        )
+
+    def _scenarios(self, standing: Standing, rows: Array, count: int) -> Array:
+        """(count, h + 1, n_y): sampled futures under `rows` (h, n_u)."""
+        if count == 0:
+            return np.empty((0, len(rows) + 1, len(self.network.measured)))
+        own = getattr(self.estimator, "scenarios", None)
+        if own is not None:
+            paths: Array = own(standing.state, rows, count)
+            return paths
+        origin = standing.update.time // self.period
+        return sampled_paths(self._drawn(standing, count), self.period, rows, self.settings.seed, origin)
+
+    def _drawn(self, standing: Standing, count: int) -> ModelDraws:
+        draws = self.estimator.draws(standing.state, count)
+        if draws is None:
+            raise NoModel("it knows no physics, so it has no state-space model and no scenarios; its forecasts it has")
+        return draws
+
+    def _unstalled(self) -> Standing | None:
+        """What a forecast starts from; None where there is none now."""
+        standing = self.standing
+        return None if standing is None or self.progress.stalled else standing
 
     def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters; None before the first sample."""
         standing = self.standing
         return None if standing is None else self.estimator.parameters(standing.state, np.array(levels))
+
+    def heat_loss(self, levels: Sequence[float]) -> list[float] | None:
+        """Posterior quantiles of the heat-loss coefficient, W/K; None before the first sample, and for an estimator
+        that does not know of any."""
+        summary = self.parameters(levels)
+        known = summary is not None and bool(np.isfinite(summary.heat_loss).all())
+        return summary.heat_loss.tolist() if summary is not None and known else None
 
     def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth; None before the first sample."""
@@ -250,10 +396,19 @@ class ZoneWorker:
         verified = self.verification.predict(verified, state, self.held.values, self.settings.seed)
         started = self.progress.segment > before.segment
         update = self._update(sample, posterior, STARTED if started else str(posterior.outcome), score, state, began)
-        self.standing = Standing(state, update, verified)
+        day = self.standing.day if self.standing is not None else no_day(len(self.network.inputs), self.period)
+        self.standing = Standing(state, update, verified, with_inputs(day, sample.time, self.held.values))
         self.progress = self.progress._replace(samples=before.samples + 1)
         self._look_back(sample)
+        self._judge(update)
         return update
+
+    def _judge(self, update: Update) -> None:
+        """Judge how far the forecasts are trusted: by what was verified once an hour, by this moment always."""
+        before, skill = self.known.trust, None
+        if not before.horizons or update.time // _HOUR != before.time // _HOUR:
+            skill = self.skill()
+        self.known = self.known._replace(trust=judged(before, update, skill, self.known.diagnosis))
 
     def _look_back(self, sample: Sample) -> None:
         """Take the sample into the record, and make a new diagnosis if one is due."""
@@ -261,7 +416,7 @@ class ZoneWorker:
         record = with_sample(before, sample.time, self.period, float(sample.outputs[0]), self.held.values)
         self.known = self.known._replace(record=record)
         if due(self.network, before, record, sample.time, self.period, self.settings.seed):
-            self.known = Known(record, self.diagnosis())
+            self.known = self.known._replace(diagnosis=self.diagnosis())
 
     def _assimilate(self, sample: Sample, continues: bool) -> tuple[Posterior, Score | None, Verified]:
         """Score and assimilate y_k, or begin a segment with it; a forecast that stood for it is scored either way."""

@@ -3,34 +3,43 @@
 A sample is journaled when it is accepted and assimilated from the mailbox, strictly in order. When a step fails, the
 zone is rebuilt from its checkpoint and the journal, after a pause that grows; meanwhile samples go on
 into the journal, so that nothing is lost and no other zone waits. A sample on which the zone fails
-repeatedly is marked in the journal and passed over.
+repeatedly is marked in the journal and passed over, unless it is the environment that fails.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from math import inf
+from typing import TypeVar
 
 from adapters.reading import Reading
-from estimator.types import ParameterSummary
+from estimator.arrays import Array
+from estimator.statespace.simulate import Simulation
+from estimator.types import ALPHA_LEVELS, ParameterSummary
 from service.errors import ServiceError, StateMismatch
+from service.pauses import GrowingPause
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan
 from service.records.history import HistoryRow
+from service.records.model import CompactFan, ZoneModel
+from service.records.outlook import NO_SURROUNDINGS, Outlook, Surroundings, Weather
+from service.records.receipt import Receipt
 from service.records.sample import Sample
+from service.records.series import Series
 from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
+from service.records.trust import Trust, untrusted
 from service.records.update import Update
+from service.store.series import Stretch, bucket_of
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake
 from service.zone.mailbox import Left, Mark
-from service.zone.pauses import GrowingPause
 from service.zone.plumbing import Plumbing
-from service.zone.recovery import Recovery
+from service.zone.recovery import Recovery, is_of_the_environment
 from service.zone.timeliness import Timeliness
 from service.zone.worker import ZoneWorker
 
@@ -38,15 +47,27 @@ ATTEMPTS = 3
 
 _HOUR = 3600
 
+Answer = TypeVar("Answer")
+
 _log = logging.getLogger(__name__)
 
 
 class Zone:
     """A running zone; also what REST, metrics and the publisher see of it (`service.records.view.ZoneView`)."""
 
-    def __init__(self, name: str, estimator: str, fingerprint: str, worker: ZoneWorker, plumbing: Plumbing) -> None:
+    def __init__(
+        self,
+        name: str,
+        estimator: str,
+        fingerprint: str,
+        worker: ZoneWorker,
+        plumbing: Plumbing,
+        surroundings: Surroundings = NO_SURROUNDINGS,
+    ) -> None:
         """`worker` has seen nothing yet; `fingerprint` is what stored state of the zone belongs to."""
         self.id = name
+        self.surroundings = surroundings
+        """What is known of its inputs; a reload may change it while the zone goes on."""
         self.estimator = estimator
         self._plumbing = plumbing
         self._worker = worker
@@ -66,7 +87,9 @@ class Zone:
         """How many samples in a row, up to the last one that was accepted before `prepare`, had no reading; 0 where
         that is not known."""
         self._skilled: int | None = None
-        """The hour in which the skill was last announced."""
+        """The hour in which skill and heat loss were last announced."""
+        self._trusted: tuple[str, ...] = ()
+        """The trust in every horizon as it was last announced."""
         self._hurried = False
         self._ended = False
         """Whether the last sample of the last source has been assimilated."""
@@ -76,6 +99,8 @@ class Zone:
         # Copied in one go: the event loop may change them while a worker thread asks.
         progress, intake = self._worker.progress, self._intake
         alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
+        if intake.live and alignment and (refusing := sorted(set(alignment.refusing))):
+            trouble = (*trouble, f"the device refuses {', '.join(refusing)}; the log says why")
         state, reason = state_and_reason(
             progress,
             has_forecast=self._worker.latest is not None,
@@ -128,21 +153,63 @@ class Zone:
     async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
         """The standing forecast and `steps` beyond it, under `plan`."""
         rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
-        fan = partial(self._worker.fan, levels, rows, self._plumbing.stopping.is_set)
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, fan)
+        return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows, weather=self._weather))
+
+    def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+        """The newest update, and the inputs of the next `steps` steps as far as they are foreseen."""
+        return self._worker.outlook(steps, self._weather)
+
+    async def compact_fan(
+        self, update: Update, levels: Sequence[float], rows: Array, scenarios: int
+    ) -> CompactFan | None:
+        """The forecast from `update` on under the inputs `rows`."""
+        return await self._plumbing.asking.ask(partial(self._worker.compact_fan, update, levels, rows, scenarios))
+
+    async def room(self, update: Update) -> Simulation | None:
+        """The zone's physics, to be simulated with its neighbours."""
+        return await self._asked(partial(self._worker.room, update))
+
+    async def model(self, periods: int, count: int) -> ZoneModel | None:
+        """State-space matrices at a step of several `periods`."""
+        return await self._asked(partial(self._worker.model, periods, count))
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         """Posterior quantiles of the parameters."""
-        worker = self._worker
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, worker.parameters, levels)
+        return await self._asked(partial(self._worker.parameters, levels))
 
     async def skill(self) -> Skill | None:
         """What the zone's forecasts have been worth."""
-        return await asyncio.get_running_loop().run_in_executor(self._plumbing.asking, self._worker.skill)
+        return await self._asked(self._worker.skill)
+
+    def trust(self) -> Trust:
+        """How far the zone's forecasts can be relied on now."""
+        return self._trust_in(self.status())
+
+    def _trust_in(self, status: ZoneStatus) -> Trust:
+        """The trust of the zone that is in `status`."""
+        known = self._worker.known.trust
+        if status.state in ("stalled", "failed"):
+            return untrusted(known, f"the zone is {status.state}: {status.reason}")
+        return known
+
+    @property
+    def _weather(self) -> Weather:
+        return Weather(self.surroundings.weather, self._plumbing.weather)
+
+    async def _asked(self, question: Callable[[], Answer]) -> Answer:
+        """The answer to a question, found on a thread for questions so that no zone waits for it."""
+        return await self._plumbing.asking.ask(lambda given_up: question())
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
         return await self._plumbing.store.history(self.id, start, end, limit)
+
+    async def series(self, start: int, end: int, points: int) -> Series:
+        """The history of [start, end), UTC s, thinned out."""
+        period = int(self.period)
+        bucket = bucket_of(start, end, period, points)
+        stretch = Stretch(self.id, start, end, period, bucket, len(self.network.inputs))
+        return await self._plumbing.store.series(stretch)
 
     async def restore(self) -> int | None:
         """Rebuild the worker from checkpoint and journal; the time of the last accepted sample.
@@ -172,6 +239,15 @@ class Zone:
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
         await self._intake.deliver(source, readings, now)
+
+    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
+        """Readings of `source` that somebody waits to hear of; what is accepted is durable on return. Raises
+        ServiceError."""
+        return await self._intake.take(source, readings)
+
+    async def recall(self) -> None:
+        """Go on with what `take` had accepted before this start; after `align`."""
+        await self._intake.recall()
 
     async def elapse(self, now: float) -> None:
         """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
@@ -246,7 +322,7 @@ class Zone:
                 attempts = attempts + 1 if failed_on == self._at else 1
                 failed_on, self._at = self._at, None
                 self._fail(error, pause.seconds)
-                if failed_on is not None and attempts >= ATTEMPTS:
+                if failed_on is not None and attempts >= ATTEMPTS and not is_of_the_environment(error):
                     await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
                 if await self._intake.mailbox.closed_within(pause.seconds):
                     return
@@ -319,10 +395,16 @@ class Zone:
 
     def _announce(self, occasion: Occasion) -> None:
         """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
-        update, skill = self._worker.latest, None
+        update, skill, heat_loss = self._worker.latest, None, None
         if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
             self._skilled, skill = update.time // _HOUR, self._worker.skill()
-        announcement = Announcement(self._plumbing.site, self.id, self.status(), update, occasion, skill)
+            heat_loss = self._worker.heat_loss(ALPHA_LEVELS)
+        status = self.status()
+        trust = self._trust_in(status)
+        levels = tuple(one.level for one in trust.horizons)
+        news = trust if skill is not None or levels != self._trusted else None
+        self._trusted = levels
+        announcement = Announcement(self._plumbing.site, self.id, status, update, occasion, skill, heat_loss, news)
         for sink in self._plumbing.sinks:
             try:
                 sink.publish(announcement)

@@ -10,13 +10,13 @@ from support.modbus_plant import plant, serving
 from support.zenoh_plant import endpoint, listening, session
 
 from adapters.edge import Edge
+from adapters.messages.points import MessageChannel
 from adapters.modbus.client import Line
 from adapters.modbus.codec import Format
 from adapters.modbus.plan import Limits
 from adapters.modbus.source import ModbusChannel, ModbusSource
 from adapters.units import conversion
 from adapters.zenoh.connection import Connection
-from adapters.zenoh.points import ZenohChannel
 from adapters.zenoh.source import Intake, ZenohSource
 
 METER = Edge(conversion=conversion("Wh", "W"), valid=(-1e12, 1e12), counter=True, rollover=65536.0)
@@ -76,7 +76,7 @@ def test_modbus_forgets_silence_and_refusals_of_what_it_no_longer_reads() -> Non
 def test_zenoh_keeps_its_session_and_follows_its_keys() -> None:
     async def run() -> None:
         place = endpoint()
-        room, hall = ZenohChannel("z/room", "bms/room"), ZenohChannel("z/hall", "bms/hall")
+        room, hall = MessageChannel("z/room", "bms/room"), MessageChannel("z/hall", "bms/hall")
         bms = ZenohSource("bms", Connection(connect=(place,), timeout=1.0), [room], Intake())
 
         def put() -> None:

@@ -10,6 +10,7 @@ import tomllib
 import urllib.request
 from pathlib import Path
 
+import llvmlite
 import pytest
 import yaml
 from support.harness import EXAMPLES, ROOT, THERMOGATE
@@ -79,6 +80,26 @@ def test_what_is_copied_is_there_and_not_ignored() -> None:
         for source in sources:
             assert (ROOT / source).exists(), source
             assert f"!{source}" in ignored, source
+
+
+def test_what_it_leaves_out_is_there_to_be_left_out() -> None:
+    """A library that is renamed would fail the build of the image, far from here."""
+    (stripped,) = (line for line in given("RUN", 0) if "strip --strip-unneeded" in line)
+    libraries = stripped.split("--strip-unneeded")[1].split()
+    installed = Path(llvmlite.__file__).parents[1]
+    assert libraries
+    assert [library for library in libraries if not (installed / library).is_file()] == []
+    version = re.search(r"python(\d+\.\d+)/site-packages", stripped)[1]  # type: ignore[index]
+    assert STAGES[0][0][1].startswith(f"python:{version}.")
+    installs = [line for line in given("RUN", 0) if "install" in line and "constraints.txt" in line]
+    assert all("--no-compile" in line for line in installs)
+
+
+def test_health_checks_are_built_as_documented() -> None:
+    assert given("HEALTHCHECK")
+    page = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
+    assert "podman build --format docker -f deploy/container/Containerfile" in page
+    assert "--format docker" in (FOLDER / "Containerfile").read_text(encoding="utf-8")
 
 
 def test_the_composition_takes_everything_away() -> None:

@@ -4,6 +4,8 @@ import json
 import re
 import shutil
 import subprocess
+import urllib.parse
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,8 @@ from typing import Any
 import pytest
 import yaml
 from support.all_metrics import exposed
+from support.harness import EXAMPLES, Daemon, free_port
+from support.waiting import wait_until
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PROMETHEUS = DEPLOY / "prometheus"
@@ -99,10 +103,77 @@ def test_the_panels_of_the_dashboard_do_not_overlap() -> None:
     assert len({panel["id"] for panel in BOARD["panels"]}) == len(BOARD["panels"])
 
 
-@pytest.mark.skipif(shutil.which("promtool") is None, reason="promtool is not installed here (Debian: prometheus)")
-@pytest.mark.parametrize("arguments", [["check", "rules", "alerts.yml"], ["test", "rules", "alerts_test.yml"]])
+needs_prometheus = pytest.mark.skipif(
+    shutil.which("promtool") is None or shutil.which("prometheus") is None,
+    reason="Prometheus is not installed here (Debian: prometheus)",
+)
+
+
+@needs_prometheus
+@pytest.mark.parametrize(
+    "arguments",
+    [["check", "rules", "alerts.yml"], ["test", "rules", "alerts_test.yml"], ["check", "config", "prometheus.yml"]],
+)
 def test_promtool_agrees(arguments: list[str]) -> None:
     done = subprocess.run(
         ["promtool", *arguments], cwd=PROMETHEUS, capture_output=True, text=True, timeout=180, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def asked(address: str, path: str, **query: str) -> Any:
+    with urllib.request.urlopen(f"{address}{path}?{urllib.parse.urlencode(query)}", timeout=60) as answer:
+        return json.load(answer)["data"]
+
+
+@needs_prometheus
+def test_prometheus_scrapes_a_daemon_without_keys_and_draws_the_dashboard(tmp_path: Path) -> None:
+    """The shipped files as they are, but for the port of the daemon and the time between two scrapes."""
+    shutil.copy(PROMETHEUS / "alerts.yml", tmp_path)
+    settings: dict[str, object] = {
+        "site.state_dir": str(tmp_path / "state"),
+        "zones.room-1.estimator": "mkf",
+    }
+    with Daemon(EXAMPLES / "generic-csv.toml", tmp_path / "daemon.log", settings) as daemon:
+        daemon.wait_until_ended()
+        shipped = (PROMETHEUS / "prometheus.yml").read_text(encoding="utf-8")
+        config = tmp_path / "prometheus.yml"
+        found = shipped.replace("127.0.0.1:8080", daemon.url().removeprefix("http://"))
+        config.write_text(found.replace("scrape_interval: 30s", "scrape_interval: 1s"), encoding="utf-8")
+        address = f"127.0.0.1:{free_port()}"
+        command = [
+            "prometheus",
+            f"--config.file={config}",
+            f"--storage.tsdb.path={tmp_path / 'tsdb'}",
+            f"--web.listen-address={address}",
+        ]
+        with (tmp_path / "prometheus.log").open("w") as log:
+            prometheus = subprocess.Popen(command, stdout=log, stderr=log, cwd=tmp_path)
+        try:
+            url = f"http://{address}"
+
+            def scraped() -> bool:
+                assert prometheus.poll() is None, (tmp_path / "prometheus.log").read_text()
+                try:
+                    return [row["value"][1] for row in asked(url, "/api/v1/query", query="up")["result"]] == ["1"]
+                except OSError:
+                    return False
+
+            wait_until(scraped)
+            (group,) = asked(url, "/api/v1/rules")["groups"]
+            assert len(group["rules"]) == sum(len(each["rules"]) for each in RULES)
+            drawn = {panel["title"]: shown_by(url, panel) for panel in BOARD["panels"] if panel["type"] != "row"}
+            room = [title for title in drawn if "temperature" in title or title.startswith(("Unmeasured", "Heat loss"))]
+            assert len(room) == 3
+            assert all(all(drawn[title]) for title in room), {title: drawn[title] for title in room}
+        finally:
+            prometheus.terminate()
+            prometheus.wait(timeout=60)
+
+
+def shown_by(url: str, panel: dict[str, Any]) -> list[int]:
+    """How many series each query of a panel has, with everything chosen."""
+    queries = [
+        query.replace("$instance", ".*").replace("$zone", ".*").replace("$__all", ".*") for query in expressions(panel)
+    ]
+    return [len(asked(url, "/api/v1/query", query=query)["result"]) for query in queries]

@@ -10,15 +10,15 @@ import numpy as np
 from support.fake_zones import make_update
 
 import service.store.retention
-from adapters.reading import Quality
+from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
 from service.records.sample import Sample
-from service.store.journal import Journal
+from service.store.journal import REMEMBERED, Journal
 from service.store.retention import Limits, prune
 from service.store.store import JOURNAL
 
-Content = dict[str, tuple[dict[int, bytes], dict[int, HistoryRow]]]
-"""Samples in bytes and history rows by time, of every zone."""
+Content = dict[str, tuple[dict[int, bytes], dict[int, HistoryRow], dict[float, Reading]]]
+"""Samples in bytes, history rows and readings that were kept by time, of every zone."""
 ZONES = ("a", "b")
 
 
@@ -39,13 +39,18 @@ def history_row(k: int) -> HistoryRow:
     return HistoryRow.of(make_update(k))._replace(time=300 * k)
 
 
+def reading(zone: str, k: int) -> Reading:
+    """Reading k of a zone, in the interval of sample k."""
+    return Reading(f"{zone}/T", 300 * k + 7.5, 20.0 + k / 3, Quality.UNCERTAIN)
+
+
 class JournalWorkload:
     """Everything that is done to a journal."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / JOURNAL
         self._journal: Journal | None = None
-        self._now: Content = {zone: ({}, {}) for zone in ZONES}
+        self._now: Content = {zone: ({}, {}, {}) for zone in ZONES}
         self._recorded: dict[tuple[str, int], HistoryRow] = {}
         self.states: list[Content] = [self._copy()]
         """What has to be there after each number of steps."""
@@ -58,6 +63,7 @@ class JournalWorkload:
         for k in range(4):
             self._append(k)
             self._record("a", k)
+        self._keep("a", 1)
         self._add(lambda: self.journal.flush(), commits=True)
         self._skip("b", 1)
         self._add(lambda: self.journal.read("PRAGMA wal_checkpoint(PASSIVE)"))
@@ -71,6 +77,8 @@ class JournalWorkload:
         self._add(self._close, commits=True)
         self._add(self._open)
         self._append(13)
+        self._keep("a", 14)
+        self._keep("b", 14)
         self._forget("b")
         self._append(14)
 
@@ -90,7 +98,9 @@ class JournalWorkload:
             journal.close()
 
     def _copy(self) -> Content:
-        return {zone: (dict(samples), dict(history)) for zone, (samples, history) in self._now.items()}
+        return {
+            zone: (dict(samples), dict(history), dict(kept)) for zone, (samples, history, kept) in self._now.items()
+        }
 
     def _add(self, step: Callable[[], object], commits: bool = False) -> None:
         """A step; one that `commits` takes the recorded history along."""
@@ -103,8 +113,15 @@ class JournalWorkload:
 
     def _append(self, k: int) -> None:
         for zone in ZONES:
-            self._now[zone][0][300 * k] = in_bytes(sample(k))
+            samples, _, kept = self._now[zone]
+            samples[300 * k] = in_bytes(sample(k))
+            for time in [time for time in kept if time < 300 * k - REMEMBERED]:
+                del kept[time]
         self._add(lambda: self.journal.append_all([(zone, sample(k)) for zone in ZONES]), commits=True)
+
+    def _keep(self, zone: str, k: int) -> None:
+        self._now[zone][2][reading(zone, k).time] = reading(zone, k)
+        self._add(lambda: self.journal.keep(zone, [reading(zone, k)]), commits=True)
 
     def _record(self, zone: str, k: int) -> None:
         self._recorded[zone, 300 * k] = history_row(k)
@@ -115,7 +132,7 @@ class JournalWorkload:
         self._add(lambda: self.journal.skip(zone, 300 * k, "invented"), commits=True)
 
     def _prune(self) -> None:
-        for samples, history in self._now.values():
+        for samples, history, _ in self._now.values():
             for time in [time for time in samples if time < 5 * 300]:
                 del samples[time]
             for time in [time for time in history if time < 8 * 300]:
@@ -124,7 +141,7 @@ class JournalWorkload:
         self._add(lambda: list(prune(self.journal, lambda zone: 4 * 300, limits)), commits=True)
 
     def _forget(self, zone: str) -> None:
-        self._now[zone] = ({}, {})
+        self._now[zone] = ({}, {}, {})
         self._add(lambda: self.journal.forget(zone), commits=True)
 
     def verify(self, folder: Path, done: int, exactly: bool) -> None:
@@ -134,6 +151,7 @@ class JournalWorkload:
                 zone: (
                     {item.time: in_bytes(item) for item in journal.samples_after(zone, None)},
                     {row.time: row for row in journal.history(zone, None, None, 1000)},
+                    {kept.time: kept for kept in journal.kept(zone, 0.0, math.inf)},
                 )
                 for zone in ZONES
             }
@@ -146,21 +164,23 @@ class JournalWorkload:
                 for zone in ZONES:
                     assert all(in_bytes(sample(time // 300)) == data for time, data in found[zone][0].items())
                     assert all(repr(history_row(time // 300)) == repr(row) for time, row in found[zone][1].items())
+                    assert all(reading(zone, int(time // 300)) == kept for time, kept in found[zone][2].items())
             assert journal.append("a", sample(100)), "it goes on"
         finally:
             journal.close()
 
 
-def times(content: Content) -> dict[str, tuple[list[int], list[int]]]:
+def times(content: Content) -> dict[str, list[list[float]]]:
     """What there is, for a message."""
-    return {zone: (sorted(samples), sorted(history)) for zone, (samples, history) in content.items()}
+    return {zone: [sorted(rows) for rows in parts] for zone, parts in content.items()}
 
 
 def same(one: Content, other: Content) -> bool:
     """Whether both hold the same bits; NaN is NaN."""
-    return repr({zone: (sorted(s.items()), sorted(h.items())) for zone, (s, h) in one.items()}) == repr(
-        {zone: (sorted(s.items()), sorted(h.items())) for zone, (s, h) in other.items()}
+    first, second = (
+        {zone: [sorted(rows.items()) for rows in parts] for zone, parts in content.items()} for content in (one, other)
     )
+    return repr(first) == repr(second)
 
 
 def between(found: Content, before: Content, after: Content) -> bool:

@@ -12,7 +12,8 @@ from adapters.edge import Edge
 from adapters.modbus.client import Answer
 from adapters.modbus.codec import ORDERS, TYPES, Format, decode, is_available, other_orders
 from adapters.modbus.plan import TABLES, Limits, Point, halves, plan
-from adapters.modbus.points import Channels, ModbusChannel, probed
+from adapters.modbus.points import Channels, ModbusChannel
+from adapters.modbus.probing import probed
 from adapters.reading import Quality
 from adapters.units import Affine
 
@@ -34,7 +35,7 @@ def read(words: list[int], form: Format, edge: Edge) -> None:
             for reading in channels.readings(request, Answer(words, time)):
                 assert (reading.fault is None) == (reading.quality is not Quality.BAD)
                 assert reading.fault is not None or math.isfinite(reading.value)
-    shown = probed(channel, Answer(words, 1_772_000_000.0))
+    shown = probed(channel, Answer(words, 1_772_000_000.0), Answer(words[::-1], 1_772_000_005.0))
     assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
 
 

@@ -1,4 +1,4 @@
-"""Zenoh payloads, SenML packs, JSON pointers and times: whatever comes is a value or a fault, in a sentence."""
+"""Payloads, posted bodies, SenML packs, JSON pointers, times: whatever comes is a value or a fault, in a sentence."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
 
 from adapters.edge import Edge
+from adapters.http.source import HttpChannel, HttpSource
+from adapters.messages.inbox import Incoming
+from adapters.messages.points import TIMES, Channels, Dating, MessageChannel, probed
 from adapters.payload import json_pointer
+from adapters.payload.line_protocol import UNITS_PER_SECOND, points
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, quality_word
 from adapters.payload.times import TIME_FORMATS, parse_time
 from adapters.reading import Quality, Reading
-from adapters.zenoh.inbox import Incoming
-from adapters.zenoh.points import TIMES, Channels, Dating, ZenohChannel, probed
+from service.web.readings import read
+from service.web.server.refusal import RequestRefused
 
 NOW = 1_772_000_000.0
 BERLIN = ZoneInfo("Europe/Berlin")
@@ -53,14 +57,14 @@ def said(payload: bytes, form: PayloadFormat) -> list[Decoded | Rejected]:
 def become_readings(payload: bytes, form: PayloadFormat, stamp: float | None = None) -> None:
     """Through dating, stuck watch and edge to readings, and to what a person is shown."""
     incoming = Incoming("bms/T", payload, len(payload), stamp, NOW)
-    listed = [ZenohChannel(f"z/{k}", "bms/T", form, edge, 10.0) for k, edge in enumerate(EDGES)]
+    listed = [MessageChannel(f"z/{k}", "bms/T", form, edge, 10.0) for k, edge in enumerate(EDGES)]
     channels = Channels(listed, Dating(TIMES), 900.0)
     for reading in [*channels.readings("bms/T", [incoming]), *channels.readings("bms/T", [incoming])]:
         assert isinstance(reading, Reading)
         assert (reading.fault is None) == (reading.quality is not Quality.BAD)
         assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
     for channel in listed:
-        shown = probed(channel, Dating(TIMES), [incoming], 1.0)
+        shown = probed(channel, Dating(TIMES), [incoming], "nothing came")
         assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
 
 
@@ -103,6 +107,65 @@ def test_payload_time(data: bytes) -> None:
         for zone in (None, BERLIN, ZoneInfo("Pacific/Apia")):
             with suppress(ValueError):
                 assert math.isfinite(parse_time(text, form, zone, NOW))
+
+
+LINES = (
+    b"weather,location=us-midwest temperature=82 1465839830100400200",
+    b'room2,topic=a\\ b T=21.5,u=4i,on=t,note="two\nlines, \\"q\\"" 1772000000000000000\n# end\nroom2 T=-1e-3\r\n',
+)
+
+
+@raw(*LINES, share=16)
+def test_line_protocol(data: bytes) -> None:
+    text = data.decode("utf-8", "replace")
+    for precision in UNITS_PER_SECOND:
+        try:
+            found = list(points(text, precision))
+        except ValueError as error:
+            assert str(error).isprintable()
+            assert str(error).startswith("line ")
+            assert len(str(error)) < 300
+            continue
+        for point in found:
+            assert point.measurement
+            assert point.field
+            assert isinstance(point.value, float | str)
+            assert point.time is None or math.isfinite(point.time)
+
+
+POSTED = HttpSource(
+    "post",
+    [
+        HttpChannel(f"room2/{name}", "roof", "room2", name, unit="degC", edge=edge)
+        for name, edge in zip(("T", "u", "on"), EDGES, strict=True)
+    ],
+)
+BODIES = {
+    "application/json": b'{"readings": [{"channel": "T", "value": 21.5, "time": "2026-02-25T06:13:20Z"}]}',
+    "application/senml+json": PACK,
+    "text/plain": LINES[1],
+}
+
+
+@raw(*BODIES.values(), b'{"readings": [{"channel": "roof", "value": null, "quality": "bad", "unit": "K"}]}', share=16)
+def test_posted_body(data: bytes) -> None:
+    for media_type in BODIES:
+        for encoding in ("identity", "gzip"):
+            headers = {"content-type": media_type, "content-encoding": encoding}
+            try:
+                posted = read(data, headers, "ns", 10_000)
+            except RequestRefused as refused:
+                assert refused.status in (400, 413, 415, 422)
+                json.dumps(refused.members)
+                continue
+            for one in posted:
+                assert one.shown.isprintable()
+                one.shown.encode()
+            for zone in ("room2", None):
+                for reading in POSTED.receive(posted, zone, NOW).readings:
+                    assert (reading.fault is None) == (reading.quality is not Quality.BAD)
+                    assert math.isfinite(reading.time)
+                    assert reading.fault is not None or math.isfinite(reading.value)
 
 
 LEAVES = st.one_of(

@@ -59,7 +59,7 @@ class Load(NamedTuple):
     def lines(self) -> list[str]:
         """For a person."""
         return [
-            f"{self.devices} devices x {self.channels} registers for {self.seconds:.0f} s",
+            f"{self.devices} devices x {self.channels} points for {self.seconds:.0f} s",
             f"polls {self.polls}, missed {self.missed}, readings {self.readings}, worst gap {self.worst_gap:.2f} polls",
             f"processor {100 * self.cpu:.1f} % of one core",
             f"memory {self.memory_before:.1f} MB before, {self.memory_after:.1f} MB after",
@@ -83,7 +83,7 @@ def _serve(devices: int, registers: int, pipe: Connection) -> None:
     asyncio.run(serve())
 
 
-def _memory() -> float:
+def resident_memory() -> float:
     """Resident memory of this process in MB."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 1e6
@@ -118,9 +118,9 @@ async def _measure(ports: list[int], registers: int, seconds: float, poll: float
     await asyncio.sleep(_SETTLING)
     for kept in (*arrivals, *counts):
         kept.clear()
-    memory, cpu, began = _memory(), time.process_time(), time.monotonic()
+    memory, cpu, began = resident_memory(), time.process_time(), time.monotonic()
     await asyncio.sleep(seconds)
-    cpu, took, after = time.process_time() - cpu, time.monotonic() - began, _memory()
+    cpu, took, after = time.process_time() - cpu, time.monotonic() - began, resident_memory()
     for task in tasks:
         task.cancel()
     outcomes = await asyncio.gather(*tasks, return_exceptions=True)

@@ -13,15 +13,22 @@ from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis, Finding, VariantWeight
 from estimator.network import presets
 from estimator.network.network import Network
+from estimator.statespace.simulate import Simulation
 from estimator.types import ParameterSummary
-from service.errors import ServiceError
+from service.errors import NoModel, ServiceError
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import Fan, FanStep
 from service.records.history import HistoryRow
+from service.records.model import CompactFan, CompactOutput, ZoneModel
+from service.records.outlook import InputOrigin, Outlook, Surroundings
 from service.records.sample import Sample
+from service.records.series import COLUMNS, Series
 from service.records.skill import HorizonSkill, Skill
 from service.records.status import ZoneStatus
+from service.records.trust import HorizonTrust, Trust
 from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
+from service.store.series import bucket_of, reduced
+from service.store.series import series_of as journal_series
 
 START = 1_746_230_400  # 2025-05-03T00:00:00Z
 PERIOD = 300
@@ -87,6 +94,52 @@ class FakeZone:
     failure: Exception | None = None
     diagnosis: Diagnosis = field(default_factory=Diagnosis)
     asked: list[tuple[object, ...]] = field(default_factory=list)
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    trusted: Trust | None = None
+
+    def trust(self) -> Trust:
+        if not self.updates:
+            return Trust()
+        return self.trusted or Trust(
+            START, (HorizonTrust(PERIOD, "trusted", "", START), HorizonTrust(86400, "learning", "wait", START))
+        )
+
+    def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+        update = self.latest()
+        if update is None or self.state == "stalled":
+            return None
+        values = [used.value for used in update.forecast.inputs]
+        origins = tuple(
+            InputOrigin(used.channel, "held", "", used.age, used.quality) for used in update.forecast.inputs
+        )
+        return update, Outlook(np.tile(values, (steps, 1)), origins)
+
+    async def compact_fan(
+        self, update: Update, levels: Sequence[float], rows: np.ndarray, scenarios: int
+    ) -> CompactFan | None:
+        self.asked.append(("compact_fan", rows.tolist(), tuple(levels), scenarios))
+        steps = np.arange(len(rows) + 1)
+        outputs = tuple(
+            CompactOutput(
+                o.output,
+                o.mean + 0.01 * steps,
+                o.mean + 0.01 * steps,
+                o.sd + 0.0 * steps,
+                np.array([o.mean - o.sd + 0.01 * steps for _ in levels]),
+                np.array([o.mean + o.sd + 0.01 * steps for _ in levels]),
+            )
+            for o in update.forecast.outputs
+        )
+        return CompactFan(update, outputs, np.full((scenarios, len(steps), len(outputs)), 20.0))
+
+    async def room(self, update: Update) -> Simulation | None:
+        return None
+
+    async def model(self, periods: int, count: int) -> ZoneModel | None:
+        self.asked.append(("model", periods, count))
+        if self.estimator == "arx":
+            raise NoModel("it knows no physics")
+        return None
 
     def status(self) -> ZoneStatus:
         last = self.updates[-1].time if self.updates else None
@@ -150,6 +203,12 @@ class FakeZone:
         rows = [HistoryRow.of(update) for update in self.updates]
         return [r for r in rows if (start is None or r.time >= start) and (end is None or r.time < end)][-limit:]
 
+    async def series(self, start: int, end: int, points: int) -> Series:
+        self.asked.append(("series", start, end, points))
+        if self.failure is not None:
+            raise self.failure
+        return series_of(self, start, end, points)
+
 
 def running(name: str, steps: int = 3, levels: Sequence[float] = (0.95,)) -> FakeZone:
     """A zone with `steps` updates."""
@@ -195,3 +254,18 @@ def announced(
 ) -> Announcement:
     """What a zone tells its sinks."""
     return Announcement(site, zone, status, update, occasion)
+
+
+def series_of(zone: FakeZone, start: int, end: int, points: int) -> Series:
+    """The samples of `zone` in buckets, as the journal would give them."""
+    bucket = bucket_of(start, end, int(zone.period), points)
+    rows = [HistoryRow.of(update) for update in zone.updates if start <= update.time < end]
+    times = np.array([row.time for row in rows], dtype=np.int64)
+    table = np.array([[getattr(row, name) for name in COLUMNS] for row in rows]).reshape(len(rows), len(COLUMNS))
+    band = np.array([[row.y, row.lower] for row in rows]), np.array([[row.y, row.upper] for row in rows])
+    inputs = np.array([[used.value for used in update.forecast.inputs] for update in zone.updates[: len(rows)]])
+    width = len(zone.network.inputs)
+    low, high = (values.reshape(len(rows), 2) for values in band)
+    inputs = inputs.reshape(len(rows), width)
+    history = reduced(times, table, low, high, bucket)
+    return journal_series(history, reduced(times, inputs, inputs[:, :0], inputs[:, :0], bucket), bucket)

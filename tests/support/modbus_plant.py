@@ -30,6 +30,8 @@ class Plant:
     silent: set[int] = field(default_factory=set)
     exceptions: dict[int, ExcCodes] = field(default_factory=dict)
     """Unit to the exception that it answers everything with."""
+    failing: dict[tuple[int, str, int], ExcCodes] = field(default_factory=dict)
+    """(unit, table, address) to the exception that it is answered with."""
     asked: list[tuple[int, int, int, int]] = field(default_factory=list)
     """(unit, function code, address, count) of every request."""
     codes: set[int] = field(default_factory=set)
@@ -101,6 +103,9 @@ def _device(plant: Plant, unit: int) -> SimDevice:
         table = _BLOCKS.get(code, "")
         if any((unit, table, address + k) in plant.refused for k in range(count)):
             return ExcCodes.ILLEGAL_ADDRESS
+        for k in range(count):
+            if (unit, table, address + k) in plant.failing:
+                return plant.failing[unit, table, address + k]
         words = plant.registers.get((unit, table), [])
         current[: len(words)] = words
         return None

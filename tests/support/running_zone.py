@@ -12,6 +12,7 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Occasion
 from service.store.store import Store
 from service.zone.plumbing import Plumbing
+from service.zone.questions import Questions
 from service.zone.zone import Zone
 
 
@@ -30,22 +31,23 @@ class Announced:
 
 
 class Poisoned:
-    """A worker whose step fails on chosen samples, a chosen number of times each."""
+    """A worker whose step fails on chosen samples, a chosen number of times each, with `error` or one of its own."""
 
-    def __init__(self, inner, failures):
+    def __init__(self, inner, failures, error=None):
         object.__setattr__(self, "_inner", inner)
         object.__setattr__(self, "_failures", failures)
+        object.__setattr__(self, "_error", error)
 
     def __getattr__(self, name):
         return getattr(self._inner, name)
 
     def anew(self):
-        return Poisoned(self._inner.anew(), self._failures)
+        return Poisoned(self._inner.anew(), self._failures, self._error)
 
     def step(self, item):
         if self._failures.get(item.time, 0) > 0:
             self._failures[item.time] -= 1
-            raise RuntimeError(f"cannot step over {item.time}")
+            raise self._error or RuntimeError(f"cannot step over {item.time}")
         return self._inner.step(item)
 
 
@@ -55,15 +57,17 @@ async def plumbing(folder, announcer=None, checkpoint_every=1e9):
     sinks = [metrics] if announcer is None else [metrics, announcer]
     store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
-        yield Plumbing("site", store, pool, asking, threading.Event(), metrics, sinks, checkpoint_every)
+        stopping = threading.Event()
+        questions = Questions(asking, stopping)
+        yield Plumbing("site", store, pool, questions, stopping, metrics, sinks, checkpoint_every)
     finally:
         asking.shutdown()
         pool.shutdown()
         store.close()
 
 
-def make(shared, failures=None, name="z", mark="mark"):
-    return Zone(name, "rbpf", mark, worker() if failures is None else Poisoned(worker(), failures), shared)
+def make(shared, failures=None, name="z", mark="mark", error=None):
+    return Zone(name, "rbpf", mark, worker() if failures is None else Poisoned(worker(), failures, error), shared)
 
 
 async def fed(zone, items):

@@ -19,8 +19,7 @@ import zenoh.ext
 from support.harness import free_port
 from support.waiting import until
 
-from adapters.reading import Batch, Reading
-from adapters.zenoh.source import ZenohSource
+from adapters.reading import Batch, Reading, Source
 
 TLS = "transport/link/tls/"
 USER = "transport/auth/usrpwd/"
@@ -79,7 +78,7 @@ def caching_publisher(session: zenoh.Session, key: str) -> Any:
 class Listener:
     """Takes in what a source delivers, and comes back after failures as the daemon does, only sooner."""
 
-    def __init__(self, source: ZenohSource) -> None:
+    def __init__(self, source: Source) -> None:
         self.source = source
         self.readings: list[Reading] = []
         self.batches: list[Batch] = []
@@ -112,7 +111,7 @@ class Listener:
 
 
 @asynccontextmanager
-async def listening(source: ZenohSource) -> AsyncIterator[Listener]:
+async def listening(source: Source) -> AsyncIterator[Listener]:
     listener = Listener(source)
     task = asyncio.create_task(listener.listen())
     try:

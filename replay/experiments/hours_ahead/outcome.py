@@ -11,8 +11,9 @@ from estimator.arrays import Array
 from replay.experiments.hours_ahead.forecasts import Forecasts, point_forecasts
 from replay.experiments.hours_ahead.horizons import THREE_DAYS, WINDOWS, leads_of, scored_from
 from replay.experiments.hours_ahead.recordings import Recording
-from replay.experiments.hours_ahead.rivals import BANK
+from replay.experiments.hours_ahead.rivals import BANK, LEAST_SQUARES
 from replay.experiments.hours_ahead.scores import ByHorizon, score
+from replay.experiments.hours_ahead.truth import Learned, learned
 from replay.experiments.jobs import Arrays, Job
 from replay.localtime import DAY
 
@@ -45,6 +46,8 @@ class Outcome(NamedTuple):
     """By window and label, for every seed."""
     examples: Mapping[str, Forecasts]
     """By label, of the first seed."""
+    learned: Mapping[str, Sequence[Learned]]
+    """By label, for every seed, against what the simulator knows; empty where nobody knows."""
     parameters: Mapping[str, Array]
     """By label the .025, .5 and .975 quantiles (seeds, n_theta, 3) at the end."""
     weights: Weights | None
@@ -59,6 +62,7 @@ def outcome(recording: Recording, planned: Sequence[Planned], results: Sequence[
     scores: dict[str, dict[str, list[ByHorizon]]] = {window: {} for window in WINDOWS}
     examples: dict[str, Forecasts] = {}
     parameters: dict[str, list[Array]] = {}
+    known: dict[str, list[Learned]] = {}
 
     def keep(label: str, windows: Sequence[str], forecasts: Forecasts) -> None:
         for window in windows:
@@ -73,6 +77,8 @@ def outcome(recording: Recording, planned: Sequence[Planned], results: Sequence[
         keep(plan.label, plan.windows, Forecasts(*(arrays[name] for name in Forecasts._fields)))
         if THREE_DAYS in plan.windows:
             parameters.setdefault(plan.label, []).append(arrays["parameters"])
+            if recording.known is not None and plan.label != LEAST_SQUARES:
+                known.setdefault(plan.label, []).append(learned(recording.known, series.times, arrays))
     banks = [arrays for plan, arrays in zip(planned, results, strict=True) if plan.label == BANK]
     return Outcome(
         recording,
@@ -80,6 +86,7 @@ def outcome(recording: Recording, planned: Sequence[Planned], results: Sequence[
         begins,
         scores,
         examples,
+        known,
         {label: np.array(found) for label, found in parameters.items()},
         _weights(recording, leads, banks[0]) if banks else None,
         sum(float(arrays["seconds"]) for arrays in results),

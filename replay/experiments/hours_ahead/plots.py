@@ -10,6 +10,7 @@ from plotly.subplots import make_subplots
 
 from replay.experiments.hours_ahead.horizons import THREE_DAYS
 from replay.experiments.hours_ahead.outcome import Outcome, Weights
+from replay.experiments.hours_ahead.recordings import Known
 from replay.experiments.hours_ahead.rivals import BANK, RBPF
 from replay.experiments.hours_ahead.verdicts import values
 from replay.experiments.report import Plot
@@ -59,6 +60,23 @@ def coverage_by_horizon(outcome: Outcome) -> Plot:
         f"{outcome.recording.name}: coverage of the 95 % interval by horizon",
         figure,
         "Mean over seeds. The dotted line is what an interval promises.",
+    )
+
+
+def heat_loss_by_day(outcome: Outcome, known: Known) -> Plot:
+    """The heat loss that every physical estimator has learned by then, of the first seed, and the true one."""
+    figure = go.Figure()
+    for label, colour in _coloured(outcome):
+        runs = outcome.learned.get(label, ())
+        if runs and np.isfinite(runs[0].by_day).any():
+            line = {"color": colour, "width": 4 if label == BANK else 2}
+            figure.add_trace(go.Scatter(x=runs[0].days, y=runs[0].by_day, name=label, line=line))
+    figure.add_hline(y=known.heat_loss, line={"dash": "dot", "color": "#1b2430"})
+    figure.update_layout(xaxis_title="days", yaxis={"title": "heat loss to outdoors, W/K", "type": "log"})
+    return Plot(
+        f"{outcome.recording.name}: heat loss learned",
+        figure,
+        "Of the median parameters, first seed. The dotted line is that of EnergyPlus.",
     )
 
 

@@ -5,15 +5,24 @@ A new one is a function from the folder of --data to a `Recording`, and one line
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Callable, Mapping
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from estimator.arrays import Array
 from estimator.network import presets
 from estimator.network.network import Network
+from replay.energyplus.buildings import building_named
+from replay.energyplus.heat_loss import heat_loss
+from replay.energyplus.library import EnergyPlusMissing
+from replay.energyplus.plant import STEP
+from replay.energyplus.recording import record
 from replay.errors import ReplayError
 from replay.experiments.ecolar.experiment import configuration
 from replay.experiments.peers.data import read_columns, unbroken_series
@@ -23,6 +32,7 @@ from replay.experiments.series.filtering import Series
 from replay.experiments.series.networks import zone_of
 from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.localtime import DAY, HOUR
+from replay.scores.intervals import Mask
 from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
 from service.config.load import load
@@ -39,6 +49,21 @@ ARMADILLO = "armadillo/armadillo_data_H2.csv"
 WEATHER = "semi_synthetic/weather_lyngby_2016_10min.csv"
 
 
+_FIRST_DAY, _DAYS = date(2025, 1, 6), 28
+"""Of the recordings of EnergyPlus: three weeks to learn in, and one more."""
+
+_log = logging.getLogger(__name__)
+
+
+class Known(NamedTuple):
+    """What only a simulator knows of a room: the unmeasured heat without the sun (K,) [W], the mean over the step that
+    ends at each row, whether that step was `dark` (K,), and the heat loss to outdoors [W/K]."""
+
+    gain: Array
+    dark: Mask
+    heat_loss: float
+
+
 class Recording(NamedTuple):
     """A recording every `period` s and a network for it; `what` says in a phrase where it comes from."""
 
@@ -49,15 +74,19 @@ class Recording(NamedTuple):
     network: Network
     period: int
     series: Series
+    known: Known | None = None
+    """None where nobody knows."""
 
     def first_days(self, days: int) -> Recording:
         """The first `days` of it."""
-        times = self.series.times
-        return self._replace(series=self.series.rows(times < times[0] + days * DAY))
+        first = self.series.times < self.series.times[0] + days * DAY
+        known = self.known and Known(self.known.gain[first], self.known.dark[first], self.known.heat_loss)
+        return self._replace(series=self.series.rows(first), known=known)
 
 
 Reader = Callable[[Path | None], Recording | None]
-"""A recording from the folder of --data (None: none was given); None where what it needs is not there."""
+"""A recording from the folder of --data (None: none was given); None where what it needs is not there, and
+EnergyPlusMissing where that is EnergyPlus."""
 
 
 def recordings(request: Request) -> list[Recording]:
@@ -70,9 +99,24 @@ def recordings(request: Request) -> list[Recording]:
         folder = request.file
         if folder is not None and not any((folder / path).exists() for path in FILES):
             raise ReplayError(f"--data {folder}: it holds none of {', '.join(FILES)}")
-        read = [reader(folder) for reader in RECORDINGS.values()]
-        found = [recording for recording in read if recording is not None]
+        found = _at_hand(folder)
     return found if request.days is None else [recording.first_days(request.days) for recording in found]
+
+
+def _at_hand(folder: Path | None) -> list[Recording]:
+    """Every recording of RECORDINGS whose data are there; one sentence in the log says what EnergyPlus would add."""
+    found, missing = [], None
+    for reader in RECORDINGS.values():
+        try:
+            recording = reader(folder)
+        except EnergyPlusMissing as error:
+            missing = error
+            continue
+        if recording is not None:
+            found.append(recording)
+    if missing is not None:
+        _log.warning("the buildings of EnergyPlus are left out: %s", missing)
+    return found
 
 
 def _with_sun(network: Network) -> Network:
@@ -138,6 +182,25 @@ def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
     return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
 
 
+def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None) -> Recording:
+    """Room `room` of a building of EnergyPlus, with the network that a zone with its channels gets by default."""
+    building = building_named(name)
+    index = [known.name for known in building.rooms].index(room)
+    life = record(building, weather, begin=_FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
+    columns = {"T_out": life.outdoor, "u_heat": life.heating[:, index], "I_sol": life.irradiance}
+    beside = building.neighbours(index)
+    columns |= {f"T_adj_{building.rooms[other].name}": life.air[:, other] for other in beside}
+    network = presets.automatic(columns).validate()
+    series = unbroken_series(life.air[:, index], [columns[channel] for channel in network.inputs], round(STEP))
+    loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
+    ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
+    where = f"its room '{room}', heating {heating}, weather {weather}"
+    what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
+    dark = np.concatenate([[False], life.irradiance[:-1] == 0.0])
+    known = Known(ended, dark, float(loss.outdoors[index]))
+    return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known)
+
+
 def _of_zone(config: Config, zone: ZoneConfig) -> Recording:
     """The recording of a zone, bridged as the daemon would bridge it."""
     record = read_zone(config, zone)
@@ -155,6 +218,9 @@ RECORDINGS: Mapping[str, Reader] = {
     "building 67": _building_67,
     "Ecolar spring": partial(_ecolar, "spring"),
     "Ecolar autumn": partial(_ecolar, "autumn"),
+    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago"),
+    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver"),
+    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago"),
 }
 
 FILES = (FLEXHOUSE, DARKGREYBOX, ARMADILLO, WEATHER)

@@ -30,6 +30,7 @@ def report(outcomes: Sequence[Outcome], request: Request, seeds: Sequence[int]) 
             _done(outcomes, request, seeds),
             _targets(outcomes, request, seeds),
             _compared(outcomes, seeds),
+            *_learned(outcomes),
             *(_recording(outcome) for outcome in outcomes),
             _later(outcomes),
             _settings(outcomes, request),
@@ -139,10 +140,28 @@ def _compared(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> Section:
     return Section(
         "Which forecast is best?",
         (
-            "No single setting serves all horizons: what folothers every sample closely drifts over a day. Compare the "
+            "No single setting serves all horizons: what follows every sample closely drifts over a day. Compare the "
             "columns row by row, and then how far a column is behind the best of its row at worst.",
         ),
         tuple(compared),
+    )
+
+
+def _learned(outcomes: Sequence[Outcome]) -> tuple[Section, ...]:
+    """Nothing where no recording has a simulator that knows."""
+    known = [(outcome, outcome.recording.known) for outcome in outcomes if outcome.recording.known is not None]
+    if not known:
+        return ()
+    return (
+        Section(
+            "Is what was learned true?",
+            (
+                "EnergyPlus knows what its rooms lose, and what nobody measures there: heat of people, equipment and "
+                "lights, and what open windows take away. Least squares is left out: it is fitted to the first days.",
+            ),
+            (tables.against_truth([outcome for outcome, _ in known]),),
+            tuple(plots.heat_loss_by_day(outcome, truth) for outcome, truth in known),
+        ),
     )
 
 

@@ -9,7 +9,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.networks import zone_of
 
 LEAST_SQUARES = "least squares"
-RBPF, BANK = "RBPF default", "bank"
+RBPF, MKF, BANK = "RBPF default", "MKF", "bank"
 
 
 class Rival(NamedTuple):
@@ -27,7 +27,7 @@ _RIVALS = (
     Rival("UKF", "ukf", {}, False),
     Rival("RBPF paper", "rbpf", {"preset": "paper"}, True),
     Rival(RBPF, "rbpf", {}, True),
-    Rival("MKF", "mkf", {}, True),
+    Rival(MKF, "mkf", {}, True),
     Rival(BANK, "bank", {}, True),
 )
 

@@ -11,6 +11,9 @@ import numpy as np
 from estimator import registry
 from estimator.arrays import Array
 from estimator.bank.bank import Bank
+from estimator.network.assembly import assemble
+from estimator.network.discretise import heat_loss
+from estimator.network.network import Network
 from estimator.types import Estimator, Mixture
 from estimator.verification.scores import crps
 from replay.experiments.hours_ahead.forecasts import no_forecasts
@@ -19,6 +22,7 @@ from replay.experiments.jobs import Arrays, Job, Tick
 from replay.experiments.series.filtering import FilterRun, Series, Step, probability_below, steps
 from replay.experiments.series.following import frozen
 from replay.experiments.series.least_squares import STEPS_A_START, LeastSquaresRun, fit, segments_of
+from replay.localtime import DAY
 from replay.scores import LEVEL
 
 SAMPLES = 200
@@ -41,9 +45,11 @@ class HoursRun(NamedTuple):
 
 
 def hours_job(label: str, run: HoursRun) -> Job:
-    """The job of `run`. Its arrays are those of `Forecasts` (K, H), and `parameters` (n_theta, 3), the .025, .5 and
-    .975 quantiles at the end; `seconds` (); of a bank also `members` (E,), and `weights` (n, E, H) at `weight_rows`
-    (n,) and `weight_leads` (H,)."""
+    """The job of `run`. Its arrays are those of `Forecasts` (K, H); of what is learned the .025, .5 and .975 quantiles:
+    `parameters` (n_theta, 3) at the end and `gain` (K, 3) [W], with `on` (K,), the probability that there is one;
+    `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at `heat_loss_rows` (D,);
+    `seconds` (); of a bank also `members` (E,), and `weights` (n, E, H) at `weight_rows` (n,) and `weight_leads` (H,).
+    """
     fitting = STARTS * STEPS_A_START if run.fitted else 0
     return Job(label, run.filter.seed, run_hours, run, fitting + len(run.filter.series.times))
 
@@ -59,9 +65,18 @@ def run_hours(run: HoursRun, tick: Tick) -> Arrays:
     keeper = _Keeper(estimator, series, run.leads)
     for step in steps(estimator, series, seed, keeper.verify):
         keeper.take(step)
+        keeper.learn(step)
         tick(1)
     parameters = estimator.parameters(step.state, _LEVELS).parameters
     return keeper.arrays() | {"parameters": parameters, "seconds": np.array(time.perf_counter() - began)}
+
+
+def _to_first_boundary(network: Network, theta: Array) -> float:
+    """The part of the steady-state heat loss [W/K] of a model with `theta` (n_theta,) that goes to the outdoors."""
+    matrices = assemble(network, theta[:, None])
+    node = network.nodes.index(network.measured[0])
+    share = np.linalg.solve(matrices.internal[0], matrices.inputs[0])[node, 0]
+    return float(share * heat_loss(matrices, node)[0])
 
 
 class _Keeper:
@@ -74,6 +89,9 @@ class _Keeper:
         self._due: dict[int, list[tuple[int, Array]]] = {}
         """By row: steps ahead and means (n_y,) of what was forecast for it."""
         self._weights: dict[int, Array] = {}
+        self._a_day = max(1, round(DAY / estimator.period))
+        self._gain, self._on = np.full((len(series.times), 3), np.nan), np.full(len(series.times), np.nan)
+        self._heat_loss: dict[int, float] = {}
 
     def verify(self, row: int, state: Any) -> Any:
         """`state` after the forecasts for `row` have come true."""
@@ -99,9 +117,21 @@ class _Keeper:
         if isinstance(self._estimator, Bank):
             self._weights[step.row] = np.array(list(self._estimator.member_weights(step.state).values()))
 
+    def learn(self, step: Step) -> None:
+        """Keep what the sample of `step` has taught."""
+        if step.posterior.disturbance is not None:
+            self._gain[step.row] = step.posterior.disturbance.gain
+            self._on[step.row] = step.posterior.disturbance.probability_on
+        if self._estimator.physical and step.row % self._a_day == 0:
+            median = self._estimator.parameters(step.state, _LEVELS).parameters[:, 1]
+            self._heat_loss[step.row] = _to_first_boundary(self._estimator.network, median)
+
     def arrays(self) -> Arrays:
-        """The forecasts, and the weights of a bank."""
+        """The forecasts, what was learned, and the weights of a bank."""
         arrays: Arrays = self._kept._asdict()
+        arrays |= {"gain": self._gain, "on": self._on}
+        arrays["heat_loss"] = np.array([*self._heat_loss.values()], dtype=np.float64)
+        arrays["heat_loss_rows"] = np.array([*self._heat_loss], dtype=np.int64)
         if isinstance(self._estimator, Bank):
             shape = (0, len(self._estimator.names), len(self._estimator.leads))
             arrays["members"] = np.array(self._estimator.names, dtype=np.str_)

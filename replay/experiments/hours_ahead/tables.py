@@ -21,6 +21,15 @@ _FIGURES = {
     "Winkler, K": "winkler",
 }
 
+_LEARNED = {
+    "heat loss over the true one": "heat_loss",
+    "rms error of the gain over its rms": "gain_error",
+    "the same of hourly means": "hourly_error",
+    "the same without sun": "dark_error",
+    "coverage of the gain's 95 % interval": "gain_coverage",
+    "area under the ROC curve of P(on)": "on",
+}
+
 
 def by_recording(outcomes: Sequence[Outcome], figure: str, title: str, window: str = THREE_DAYS) -> Table:
     """One figure of `Scores`: a row for every recording and horizon, a column for every rival."""
@@ -119,6 +128,25 @@ def seeds_compared(outcomes: Sequence[Outcome]) -> Table:
         ),
         tuple(rows),
         "Spread: standard deviation over seeds as a share of the mean. Intervals: 95 %, at the end of the record.",
+    )
+
+
+def against_truth(outcomes: Sequence[Outcome]) -> Table:
+    """What the estimators have learned, against the simulator."""
+    rows: list[tuple[Cell, ...]] = []
+    for outcome in outcomes:
+        for label, runs in outcome.learned.items():
+            figures = [[getattr(run, name) for run in runs] for name in _LEARNED.values()]
+            cells = [spread(found) if np.isfinite(found).all() else None for found in figures]
+            if any(cell is not None for cell in cells):
+                rows.append((outcome.recording.name, label, *cells))
+    return Table(
+        "truth",
+        "What was learned after three weeks, against EnergyPlus",
+        ("recording", "estimator", *_LEARNED),
+        tuple(rows),
+        "Heat loss: the learned one over that of a co-heating test in EnergyPlus; 1 is right. Gain: unmeasured heat in "
+        "the week after; an error of 0 is right, and that of saying that there is none is 1. P(on): 0.5 is chance.",
     )
 
 

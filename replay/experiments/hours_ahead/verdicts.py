@@ -9,7 +9,7 @@ import numpy as np
 from estimator.arrays import Array
 from replay.experiments.hours_ahead.horizons import ONE_STEP, THREE_DAYS
 from replay.experiments.hours_ahead.outcome import Outcome
-from replay.experiments.hours_ahead.rivals import BANK, RBPF
+from replay.experiments.hours_ahead.rivals import BANK, MKF, RBPF
 from replay.experiments.hours_ahead.scores import overlapping
 from replay.experiments.verdict import Verdict, at_least, at_most, between
 
@@ -18,6 +18,8 @@ COVERAGE = (0.93, 0.97)
 OVER_RBPF = 0.7
 WINKLER_OVER_RBPF = 0.6
 SPREAD = 0.03
+HEAT_LOSS_OFF, GAIN_OFF = 0.2, 0.25
+"""Shares by which what was learned of a building of EnergyPlus may be off."""
 
 
 def values(outcome: Outcome, label: str, horizon: str, figure: str, window: str = THREE_DAYS) -> Array:
@@ -44,6 +46,7 @@ def verdicts(outcomes: Sequence[Outcome]) -> list[Verdict]:
         *(verdict for outcome in outcomes for verdict in _coverage(outcome)),
         *_against_the_rbpf(outcomes),
         *(verdict for outcome in outcomes for verdict in _over_seeds(outcome)),
+        *(verdict for outcome in outcomes for verdict in against_the_truth(outcome)),
     ]
 
 
@@ -104,6 +107,32 @@ def _over_seeds(outcome: Outcome) -> list[Verdict]:
         at_least(f"{name}: share of the bank's parameters whose 95 % intervals overlap over seeds", shares, 1.0),
         at_most(
             f"{name}: CRPS of the bank, sd over seeds as a share of the mean, worst horizon", _worst(spreads), SPREAD
+        ),
+    ]
+
+
+def against_the_truth(outcome: Outcome) -> list[Verdict]:
+    """Of the physical models that a user would take."""
+    name, known = outcome.recording.name, outcome.learned
+    return [
+        *(
+            between(
+                f"{name}: heat loss of {label} after three weeks, over the true one",
+                [run.heat_loss for run in known[label]],
+                1.0 - HEAT_LOSS_OFF,
+                1.0 + HEAT_LOSS_OFF,
+            )
+            for label in (RBPF, MKF, BANK)
+            if label in known
+        ),
+        *(
+            at_most(
+                f"{name}: rms error of the gain of {label} after three weeks, over its rms",
+                [run.gain_error for run in known[label]],
+                GAIN_OFF,
+            )
+            for label in (MKF, BANK)
+            if label in known
         ),
     ]
 

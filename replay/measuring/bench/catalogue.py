@@ -18,6 +18,7 @@ _PATIENCE = 3600.0
 def _sections() -> dict[str, Callable[[Sizes], Mapping[str, Any]]]:
     # Imported by the process that measures: the one that starts it needs none of it.
     from replay.measuring.bench.sections.comparisons import comparisons
+    from replay.measuring.bench.sections.control import control
     from replay.measuring.bench.sections.fleet import fleet
     from replay.measuring.bench.sections.growth import growth
     from replay.measuring.bench.sections.memory import memory
@@ -37,11 +38,15 @@ def _sections() -> dict[str, Callable[[Sizes], Mapping[str, Any]]]:
         "start": start,
         "comparisons": comparisons,
         "plain": plain,
+        "control": control,
         "fleet": fleet,
     }
 
 
-SECTIONS = ("update", "threads", "stages", "growth", "months", "memory", "start", "comparisons", "plain", "fleet")
+SECTIONS = (
+    *("update", "threads", "stages", "growth", "months", "memory", "start"),
+    *("comparisons", "plain", "control", "fleet"),
+)
 
 
 def measure(name: str, size: str, out: Path) -> None:

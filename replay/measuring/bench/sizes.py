@@ -25,6 +25,7 @@ class Sizes(NamedTuple):
     fleet_particles: int
     fleet_every: float
     fleet_rounds: int
+    control_zones: int
 
 
 FULL = Sizes(
@@ -42,6 +43,7 @@ FULL = Sizes(
     fleet_particles=9000,
     fleet_every=10.0,
     fleet_rounds=6,
+    control_zones=50,
 )
 
 TINY = Sizes(
@@ -59,6 +61,7 @@ TINY = Sizes(
     fleet_particles=60,
     fleet_every=1.0,
     fleet_rounds=2,
+    control_zones=2,
 )
 """For the test that the measurements run; their figures mean nothing."""
 

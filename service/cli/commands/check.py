@@ -18,5 +18,5 @@ def _check(arguments: argparse.Namespace) -> int:
 
     config = load_config(arguments)
     check_exposure(config)
-    print("\n".join(summary(config)))
+    print("\n".join([*summary(config), *(f"warning: {warning}" for warning in config.warnings)]))
     return 0

@@ -21,10 +21,15 @@ def add_to(add: AddCommand) -> None:
     take_config(parser)
     parser.add_argument("name", nargs="?", metavar="NAME", help="name of the key, an id such as grafana")
     parser.add_argument(
-        "--scope", choices=("read", "admin"), help="create: read for what is served, admin for changes too"
+        "--scope",
+        choices=("read", "write", "admin"),
+        help="create: read for what is served, write for posting readings alone, admin for everything",
     )
     parser.add_argument(
-        "--zone", action="append", metavar="ID", help="create: the key sees this zone only; may be given several times"
+        "--zone",
+        action="append",
+        metavar="ID",
+        help="create: for this zone only; may be given several times",
     )
     parser.add_argument(
         "--expires", metavar="WHEN", help="create: a duration such as 90d, or an RFC 3339 time (default: never)"
@@ -56,8 +61,8 @@ def _mistakes(arguments: argparse.Namespace) -> list[str]:
         return [f"keys {action} needs the name of the key, as in: thermogate keys {action} CONFIG grafana"]
     if action == "create":
         if arguments.scope is None:
-            return ["keys create needs --scope read or --scope admin"]
-        return ["--zone goes with --scope read; a key for administration sees all zones"] * (
+            return ["keys create needs --scope read, --scope write or --scope admin"]
+        return ["--zone goes with --scope read or write; a key for administration sees all zones"] * (
             arguments.scope == "admin" and arguments.zone is not None
         )
     return [f"--{option} is for keys create" for option in options if getattr(arguments, option) is not None]

@@ -9,14 +9,18 @@ import time
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from service.cli.arguments import AddCommand, load_config, take_config
+from service.cli.arguments import AddCommand, load_config, load_source_tables, take_config, whole_range
 from service.fields.numbers import read_number
 
 if TYPE_CHECKING:
     from adapters.reading import Probe
+    from adapters.scanning import Scan
     from service.config.site import Config
+    from service.sources.channel import SourceConfig
 
 LISTEN_SECONDS = 5.0
+
+_LARGEST_DEVICE = 4194302
 
 
 def add_to(add: AddCommand) -> None:
@@ -31,6 +35,26 @@ def add_to(add: AddCommand) -> None:
         metavar="S",
         help=f"how long to listen to a source that publishes by itself, at most (default: {LISTEN_SECONDS:g})",
     )
+    scan = parser.add_argument_group("scan", "list what the devices have, reading only; needs no zones yet")
+    scan.add_argument("--scan", action="store_true", help="list registers (Modbus) or devices and objects (BACnet)")
+    scan.add_argument(
+        "--devices",
+        type=whole_range(0, _LARGEST_DEVICE),
+        metavar="A-B",
+        help="unit ids (Modbus, default: the source's unit_id) or device instances (BACnet, default: all)",
+    )
+    scan.add_argument(
+        "--registers",
+        type=whole_range(0, 65536),
+        metavar="A-B",
+        help="registers, as the source counts them (Modbus, default: the first 100)",
+    )
+    scan.add_argument(
+        "--tables",
+        type=_tables,
+        metavar="T,T",
+        help="which tables (Modbus, default: holding,input)",
+    )
 
 
 def _seconds(text: str) -> float:
@@ -40,17 +64,36 @@ def _seconds(text: str) -> float:
     return seconds
 
 
+def _tables(text: str) -> tuple[str, ...]:
+    from adapters.modbus.plan import TABLES
+
+    chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
+    if not set(chosen) <= set(TABLES):
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of tables; they are {', '.join(TABLES)}")
+    return chosen
+
+
 def _probe(arguments: argparse.Namespace) -> int:
+    from adapters.scanning import Scan
     from service.errors import ConfigError
     from service.fields.words import suggestion
 
-    config = load_config(arguments)
+    for option in ("devices", "registers", "tables"):
+        if getattr(arguments, option) is not None and not arguments.scan:
+            raise ConfigError([f"--{option} says what to scan; give --scan too"])
+    config = None if arguments.scan else load_config(arguments)
+    sources = load_source_tables(arguments) if config is None else config.sources
     wanted = arguments.source
-    if wanted is not None and wanted not in config.sources:
-        known = suggestion(wanted, config.sources, "the sources are")
+    if wanted is not None and wanted not in sources:
+        known = suggestion(wanted, sources, "the sources are")
         raise ConfigError([f'--source: there is no source "{wanted}"; {known}'])
-    names = list(config.sources) if wanted is None else [wanted]
-    return asyncio.run(_probe_all(config, names, arguments.seconds))
+    if config is not None:
+        used = [name for name in sources if config.zones_of(name)]
+        return asyncio.run(_probe_all(config, used if wanted is None else [wanted], arguments.seconds))
+    names = list(sources) if wanted is None else [wanted]
+    tables = arguments.tables or Scan().tables
+    scan = Scan(arguments.devices, arguments.registers, tables, arguments.seconds)
+    return asyncio.run(_scan_all({name: sources[name] for name in names}, scan, asked=wanted is not None))
 
 
 async def _probe_all(config: Config, names: Iterable[str], seconds: float) -> int:
@@ -72,6 +115,38 @@ async def _probe_all(config: Config, names: Iterable[str], seconds: float) -> in
         print("\n".join([f"source {name}: {config.sources[name].described}", *probe_table(probes, units, time.time())]))
         good &= all(probe.verdict == "good" for probe in probes)
     return 0 if good else 1
+
+
+async def _scan_all(sources: Mapping[str, SourceConfig], wanted: Scan, *, asked: bool) -> int:
+    """Scan one source after the other. One that cannot be scanned is an error only if it was `asked` for."""
+    from adapters.errors import SourceError
+    from adapters.scanning import Scannable
+    from service.cli.tables import aligned
+    from service.sources.kinds import SOURCE_KINDS
+
+    good, scanned = True, False
+    for name, table in sources.items():
+        source = SOURCE_KINDS[table.kind].build(name, table, ())
+        try:
+            if not isinstance(source, Scannable):
+                if asked:
+                    print(f"thermogate: a source of kind {table.kind} cannot be scanned", file=sys.stderr)
+                    good = False
+                continue
+            scanned = True
+            found = await source.scan(wanted)
+        except SourceError as error:
+            print(f"thermogate: {error}", file=sys.stderr)
+            good = False
+            continue
+        finally:
+            await source.close()
+        lines = aligned(found.rows) if len(found.rows) > 1 else []
+        print("\n".join([f"source {name}: {table.described}", *lines, *found.remarks]))
+    if not scanned and not asked:
+        kinds = "there is no source that can be scanned; those of kind modbus and bacnet can"
+        print(f"thermogate: {kinds}", file=sys.stderr)
+    return 0 if good and scanned else 1
 
 
 def probe_table(probes: Iterable[Probe], units: Mapping[str, str], now: float) -> list[str]:

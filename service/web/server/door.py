@@ -8,7 +8,7 @@ import logging
 import socket
 import ssl
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from http import HTTPStatus
 from typing import Literal
 
@@ -21,6 +21,7 @@ from service.fields.values import is_loopback
 from service.web.server.peers import peer_of, plain_address
 from service.web.server.protocol import UNIX, Protocol
 from service.web.server.refusal import RequestRefused, refusal
+from service.web.server.turns import Turns
 
 SPARE = 32
 """Connections beyond the limit that are still told so; more are closed at once."""
@@ -55,6 +56,7 @@ class Door:
         self._server = server
         self._state = state
         self._context = context
+        self._turns = Turns()
         self._peers: Counter[str] = Counter()
         self._greetings: set[asyncio.Task[None]] = set()
         self.cut_off: Counter[str] = Counter()
@@ -116,7 +118,9 @@ class Door:
         """Make the connection one of the server's, after the handshake if it is encrypted."""
         context, limits = self._context(), self._limits
         timeouts = {"ssl_handshake_timeout": limits.receive_timeout, "ssl_shutdown_timeout": limits.send_timeout}
-        protocol = Protocol(self._server, self._state, limits, lambda: self._leave(peer), app)
+        protocol = Protocol(
+            self._server, self._state, limits, self._turns, self._relieve, lambda: self._leave(peer), app
+        )
         try:
             await asyncio.get_running_loop().connect_accepted_socket(
                 lambda: protocol, connection, ssl=context, **(timeouts if context else {})
@@ -139,15 +143,15 @@ class Door:
         while True:
             await asyncio.sleep(min(SWEEP_SECONDS, shortest / 4))
             now = asyncio.get_running_loop().time()
-            connections = self.open_connections
-            for connection in connections:
+            for connection in self.open_connections:
                 self.cut_off.update(filter(None, [connection.check(now)]))
-            self._relieve(connections)
+            self._relieve()
 
-    def _relieve(self, connections: Sequence[Protocol]) -> None:
-        """Let go of the slowest readers while more waits to be sent than there is room for."""
+    def _relieve(self) -> None:
+        """Let go of the slowest readers while more waits to be sent than there is room for; one may always stay."""
+        connections = [one for one in self.open_connections if not one.transport.is_closing()]
         waiting = sum(connection.unsent for connection in connections)
-        for connection in sorted(connections, key=lambda one: one.stalled_since):
+        for connection in sorted(connections, key=lambda one: one.stalled_since)[:-1]:
             if waiting <= self._limits.unsent:
                 return
             waiting -= connection.unsent

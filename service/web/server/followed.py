@@ -18,7 +18,11 @@ class FollowedFiles:
     def look(self) -> None:
         """Take the files for known as they are now; to be called before they are read, so that what changes meanwhile
         is read again."""
-        self._seen = self._signatures()
+        self._seen: list[_Signature] | None = self._signatures()
+
+    def forget(self) -> None:
+        """They could not be read after all, and have to be looked at again."""
+        self._seen = None
 
     def changed(self) -> bool:
         """Whether a file is another one than at the last look."""

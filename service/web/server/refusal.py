@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
+from typing import TypeVar
 
 from starlette.responses import Response
 
 from service.errors import ServiceError
 
 MEDIA_TYPE = "application/problem+json"
+
+MOST_SENTENCES = 20
+"""Mistakes that one answer tells; how many more there are is told too."""
+
+LONGEST_SENTENCE = 500
+
+Mistake = TypeVar("Mistake")
 
 
 class RequestRefused(ServiceError):
@@ -28,6 +36,18 @@ class RequestRefused(ServiceError):
         self.status = status
         self.headers = dict(headers or {}) | ({} if retry_after is None else {"Retry-After": str(retry_after)})
         self.members = members
+
+
+def few(mistakes: Sequence[Mistake], tell: Callable[[Mistake], str]) -> list[str]:
+    """One sentence for each of `mistakes`, as far as an answer tells them: MOST_SENTENCES, of LONGEST_SENTENCE
+    characters at most."""
+    told = [_cut(tell(mistake)) for mistake in mistakes[:MOST_SENTENCES]]
+    left = len(mistakes) - len(told)
+    return [*told, f"and {left} more"] if left else told
+
+
+def _cut(sentence: str) -> str:
+    return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 3]}..."
 
 
 def problem_answer(status: int, detail: str, headers: Mapping[str, str] | None = None, **members: object) -> Response:

@@ -46,6 +46,7 @@ class ServerCertificate:
         self._private_key = private_key
         self._client_ca = client_ca
         self._reminded = -math.inf
+        self._complaint = ""
         self._files = FollowedFiles(*(path for path in (certificate, private_key, client_ca) if path is not None))
         self.reload()
 
@@ -56,6 +57,7 @@ class ServerCertificate:
         # A context of its own: one that held an RSA certificate would go on serving it beside its ECDSA successor.
         self.context = _context(self._certificate, self._private_key, self._client_ca)
         self.expires = expires
+        self._complaint = ""
         self._reminded = -math.inf
 
     def follow(self) -> None:
@@ -64,7 +66,11 @@ class ServerCertificate:
             try:
                 self.reload()
             except CertificateError as error:
-                _log.error("%s; until then the certificate as it was before is served", error)
+                # It may be that only the moment was wrong.
+                self._files.forget()
+                if str(error) != self._complaint:
+                    self._complaint = str(error)
+                    _log.error("%s; until then the certificate as it was before is served", error)
             else:
                 _log.info("%s was read again; it is good until %s", self._certificate, written_day(self.expires))
         left = self.expires.timestamp() - time.time()

@@ -17,8 +17,8 @@ export async function request(path, options = {}) {
   return response;
 }
 
-// Shows the form once, and calls `done` when a key has been entered.
-export function askForKey(reason, done) {
+// Shows the form once, and calls `done` when a key has been entered. `texts` are those of the field and the button.
+export function askForKey(reason, done, texts = { label: "API key", open: "Open" }) {
   if (document.getElementById(FORM)) return;
   const label = document.createElement("label");
   const input = document.createElement("input");
@@ -29,8 +29,8 @@ export function askForKey(reason, done) {
   Object.assign(input, { pattern: "\\s*tg_[A-Za-z0-9_\\-]+\\s*", title: "a key begins with tg_" });
   Object.assign(note, { className: "error", role: "alert", textContent: reason });
   Object.assign(form, { id: FORM });
-  label.append("API key ", input);
-  button.textContent = "Open";
+  label.append(`${texts.label} `, input);
+  button.textContent = texts.open;
   form.append(label, button, note);
   form.addEventListener("submit", (event) => {
     event.preventDefault();

@@ -342,3 +342,17 @@ def test_settings_that_cannot_work_are_refused(plain, wrong, sentence):
 def test_a_source_without_files_is_refused():
     with pytest.raises(SourceConfigError, match="list at least one in 'files'"):
         source()
+
+
+def test_a_column_without_a_name(tmp_path):
+    file = write(tmp_path / "pandas.csv", ",T\n2025-05-03 00:00:00Z,20.5\n")
+    assert values(source(file, timestamp_column="")) == [(utc("2025-05-03"), 20.5)]
+    other = write(tmp_path / "last.csv", "t,T,\n2025-05-03 00:00:00Z,20.5,7\n")
+    assert values(source(other, channels=(CsvChannel("living/T_air", ("",)),))) == [(utc("2025-05-03"), 7.0)]
+    twice = write(tmp_path / "twice.csv", ",T,\n")
+    (problem,) = source(twice, timestamp_column="").check()
+    assert "has the column without a name (the timestamp) more than once; rename all but one" in problem
+    (problem,) = source(other, timestamp_column="", channels=()).check() or [""]
+    assert problem == ""
+    (problem,) = source(write(tmp_path / "named.csv", "t,T\n"), timestamp_column="").check()
+    assert "has no column without a name (the timestamp); its columns are: t, T" in problem

@@ -1,6 +1,8 @@
 """The Modbus source against real servers on loopback: what it reads, what it survives, and that it never writes."""
 
 import asyncio
+import contextlib
+import struct
 import time
 from contextlib import aclosing
 from types import SimpleNamespace
@@ -145,6 +147,68 @@ def test_a_refused_register_is_asked_for_again_now_and_then(monkeypatch, caplog)
     with caplog.at_level("INFO"):
         assert run(job()) == (0, 3), "one request again"
     assert "gives z/c1 (unit 1 holding 1) again" in caplog.text
+
+
+@pytest.mark.parametrize("exception", [ExcCodes.DEVICE_FAILURE, ExcCodes.MEMORY_PARITY_ERROR])
+def test_a_failure_that_passes_costs_seconds_and_one_that_lasts_is_left_alone(exception, monkeypatch, caplog):
+    """Exception 4 for 2.5 s had blinded a zone for ten minutes."""
+    monkeypatch.setattr(adapters.modbus.source, "FAILURE", 0.05)
+
+    async def job():
+        site = plant(holding=[1, 2, 3])
+        site.failing[1, "holding", 1] = exception
+        site.refused.add((1, "holding", 2))
+        async with serving(site):
+            bms = source(site.port, [channel(f"c{k}", k) for k in range(3)])
+            async with aclosing(bms.batches(None)) as stream:
+                batches = []
+                async with asyncio.timeout(180):
+                    while len(values(batches)) < 3:
+                        batches.append(await anext(stream))
+                    failures = 0
+                    while failures < 4:
+                        batches.append(await anext(stream))
+                        failures += any(reading.channel == "z/c1" for reading in batches[-1].readings)
+                    pause = bms._refusals[1, "holding", 1, 1].pause
+                    site.failing.clear()
+                    while values(batches)["z/c1"] != 2.0:
+                        batches.append(await anext(stream))
+                return pause, values(batches), [asked for asked in site.requests() if asked == (2, 1)]
+
+    pause, found, lasting = run(job())
+    assert pause > 0.3, "it grows"
+    assert found == {"z/c0": 1.0, "z/c1": 2.0, "z/c2": Fault.REFUSED_BY_DEVICE}
+    assert len(lasting) == 1, "what is not there is not asked for meanwhile"
+    assert caplog.text.count("cannot give z/c1") == 1
+    assert f"exception {int(exception)}" in caplog.text
+
+
+@pytest.mark.parametrize(("table", "code"), [("holding", 4), ("input", 3), ("holding", 1), ("coil", 2)])
+def test_an_answer_with_another_function_code_is_none(table, code):
+    """Registers of another table would be taken for a temperature."""
+
+    async def answer(reader, writer):
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError), contextlib.closing(writer):
+            while True:
+                request = await reader.readexactly(12)
+                content = bytes([2]) + struct.pack(">H", 7777) if code in (3, 4) else bytes([1, 1])
+                pdu = bytes([request[6], code]) + content
+                writer.write(request[:4] + struct.pack(">H", len(pdu)) + pdu)
+
+    async def job():
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        async with server:
+            port = server.sockets[0].getsockname()[1]
+            kind = Format("bool") if table == "coil" else INT16
+            bms = source(port, [channel("c", 0, kind, table=table)], timeout=0.5)
+            (probe,) = await bms.probe(1)
+            with pytest.raises(SourceUnavailable, match="silent"):
+                await exhaust(bms.batches(None))
+            return probe
+
+    probe = run(job())
+    assert probe.value is None
+    assert f"function code {code} instead of" in probe.verdict
 
 
 def test_a_hole_between_the_registers_costs_no_channel():
@@ -394,7 +458,7 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
     assert "exception 2 (illegal data address); check table and register" in refused.verdict
     assert silent.verdict == silent_too.verdict == "no answer within 0.2 s; check unit_id and the device"
     assert asked == 1, "a silent unit is asked once"
-    assert meter.hints == ("the counter stands at 21.5",)
+    assert meter.hints == ("the counter stands at 21.5", "it moved by 0 within 1.0 s")
 
 
 def test_a_probe_marks_the_order_that_would_be_plausible():

@@ -6,12 +6,12 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
+from adapters.messages.inbox import Incoming
+from adapters.messages.points import Channels, Dating, MessageChannel, probed
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, shown
 from adapters.payload.times import NaiveTime, parse_time
 from adapters.reading import Fault, Quality
-from adapters.zenoh.inbox import Incoming
-from adapters.zenoh.points import Channels, Dating, ZenohChannel, probed
 
 NOON = 1_768_478_400.0  # 2026-01-15T12:00:00Z
 PLAIN = PayloadFormat()
@@ -232,10 +232,10 @@ def test_a_time_before_1970_is_refused_and_can_be_probed(time):
     form = PayloadFormat("json", parse("/present/value"), parse("/time"), time_format="epoch")
     payload = json.dumps(document(time=time)).encode()
     incoming = Incoming("bms/T", payload, len(payload), None, NOON)
-    channel = ZenohChannel("z/T", "bms/T", form)
+    channel = MessageChannel("z/T", "bms/T", form)
     (reading,) = Channels([channel], Dating(), 900.0).readings("bms/T", [incoming])
     assert (reading.fault, reading.time) == (Fault.BAD_TIMESTAMP, NOON)
-    assert probed(channel, Dating(), [incoming], 1.0).verdict.endswith("is dated before 1970; look at time_format")
+    assert probed(channel, Dating(), [incoming], "").verdict.endswith("is dated before 1970; look at time_format")
 
 
 @pytest.mark.parametrize(

@@ -16,25 +16,26 @@ import zenoh
 from support.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, opened, session
 
 import adapters.zenoh.source
+from adapters.credentials import Tls
 from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.messages.inbox import Inbox, Incoming
+from adapters.messages.points import Dating, MessageChannel
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import PayloadFormat
 from adapters.reading import Quality
 from adapters.zenoh.access import ANYBODY, collecting
-from adapters.zenoh.connection import Connection, Tls
-from adapters.zenoh.inbox import Inbox, Incoming
-from adapters.zenoh.points import Dating, ZenohChannel
+from adapters.zenoh.connection import Connection
 from adapters.zenoh.source import Intake, ZenohSource
 
-T = ZenohChannel("room/T", "bms/room/T")
+T = MessageChannel("room/T", "bms/room/T")
 CELSIUS = Edge(valid=(-60.0, 80.0))
 JSON = PayloadFormat("json", parse("/value"), parse("/time"), parse("/quality"))
 SENML = PayloadFormat("senml", record="room/T")
 
 
 def source(
-    where: str | Connection, *channels: ZenohChannel, dating: Dating | None = None, **intake: object
+    where: str | Connection, *channels: MessageChannel, dating: Dating | None = None, **intake: object
 ) -> ZenohSource:
     """With access control as the daemon has it, though everyone may put readings."""
     connection = where if isinstance(where, Connection) else Connection(connect=(where,), timeout=1.0)
@@ -60,7 +61,7 @@ def test_every_format_arrives(form: str) -> None:
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            async with listening(source(place, ZenohChannel("room/T", "bms/room/T", written, CELSIUS))) as heard:
+            async with listening(source(place, MessageChannel("room/T", "bms/room/T", written, CELSIUS))) as heard:
                 await heard.until(lambda: heard.values(), lambda: bms.put("bms/room/T", write(21.5)))
                 assert set(heard.values()) == {21.5}
                 assert heard.readings[-1].time == pytest.approx(time.time(), abs=10)
@@ -77,7 +78,7 @@ def test_the_order_of_preference_decides_on_the_time() -> None:
             stamp = zenoh.Timestamp(datetime.fromtimestamp(time.time() - 500, UTC), b"\x01")
             form = PayloadFormat("json", parse("/value"), parse("/time"))
             for times in (("payload", "zenoh"), ("zenoh", "payload"), ("arrival", "zenoh")):
-                tuned = source(place, ZenohChannel("room/T", "bms/room/T", form), dating=Dating(times))
+                tuned = source(place, MessageChannel("room/T", "bms/room/T", form), dating=Dating(times))
                 async with listening(tuned) as heard:
                     await heard.until(
                         lambda heard=heard: heard.readings, lambda: bms.put("bms/room/T", payload, timestamp=stamp)
@@ -107,7 +108,7 @@ def test_a_time_ahead_of_the_clock_is_refused(caplog: pytest.LogCaptureFixture) 
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            async with listening(source(place, ZenohChannel("room/T", "bms/room/T", JSON))) as heard:
+            async with listening(source(place, MessageChannel("room/T", "bms/room/T", JSON))) as heard:
                 document = {"value": 1, "time": iso(time.time() + 3600), "quality": "good"}
                 await heard.until(heard.faults, lambda: bms.put("bms/room/T", json.dumps(document)))
                 assert set(heard.faults()) == {"ahead_of_time"}
@@ -161,7 +162,7 @@ def test_a_client_takes_the_endpoint_that_answers() -> None:
 def test_a_peer_hears_every_endpoint() -> None:
     async def run() -> None:
         one, two = endpoint(), endpoint()
-        channels = (T, ZenohChannel("hall/T", "bms/hall/T"))
+        channels = (T, MessageChannel("hall/T", "bms/hall/T"))
         with session(listen=one) as first, session(listen=two) as second:
             async with listening(source(Connection("peer", (one, two)), *channels)) as heard:
 
@@ -264,7 +265,7 @@ def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(
 
     async def run() -> None:
         place = endpoint()
-        busy, calm = T, ZenohChannel("room/calm", "bms/room/calm")
+        busy, calm = T, MessageChannel("room/calm", "bms/room/calm")
         with session(listen=place) as bms:
             ours = source(place, busy, calm, queue=10)
             async with listening(ours) as heard:
@@ -291,8 +292,8 @@ def test_a_bad_publisher_harms_its_channel_only(caplog: pytest.LogCaptureFixture
     async def run() -> None:
         place = endpoint()
         channels = (
-            ZenohChannel("room/T", "bms/room/T", edge=CELSIUS),
-            ZenohChannel("hall/T", "bms/hall/T", edge=CELSIUS),
+            MessageChannel("room/T", "bms/room/T", edge=CELSIUS),
+            MessageChannel("hall/T", "bms/hall/T", edge=CELSIUS),
         )
         with session(listen=place) as bms:
             async with listening(source(place, *channels)) as heard:
@@ -317,7 +318,7 @@ def test_qualities_go_through() -> None:
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            async with listening(source(place, ZenohChannel("room/T", "bms/room/T", JSON))) as heard:
+            async with listening(source(place, MessageChannel("room/T", "bms/room/T", JSON))) as heard:
                 for word in ("good", "uncertain"):
                     document = json.dumps({"value": 1, "quality": word})
                     await heard.until(
@@ -335,10 +336,10 @@ def test_qualities_go_through() -> None:
 def test_a_counter_becomes_power_and_a_frozen_sensor_is_stuck() -> None:
     async def run() -> None:
         place = endpoint()
-        meter = ZenohChannel(
+        meter = MessageChannel(
             "room/u", "bms/meter", SENML, Edge(conversion=Edge().conversion._replace(scale=3.6e6), counter=True)
         )
-        frozen = ZenohChannel("room/T", "bms/room/T", stuck_after=0.1)
+        frozen = MessageChannel("room/T", "bms/room/T", stuck_after=0.1)
         with session(listen=place) as bms:
             async with listening(source(place, meter, frozen)) as heard:
                 begin = time.time() - 100
@@ -461,7 +462,7 @@ def test_a_password_that_is_not_set_is_a_mistake_of_the_operator() -> None:
 
 @pytest.mark.parametrize(("key", "gist"), [("bms//T", "empty chunks"), ("/bms", "slashes"), ("bms/T?", "forbidden")])
 def test_a_wrong_key_expression_is_one_sentence(key: str, gist: str) -> None:
-    (problem,) = source("tcp/127.0.0.1:1", ZenohChannel("room/T", key)).check()
+    (problem,) = source("tcp/127.0.0.1:1", MessageChannel("room/T", key)).check()
     assert problem.startswith(f'sources.bms: room/T: key "{key}" is no key expression: ')
     assert gist in problem
     assert "/root/" not in problem
@@ -510,10 +511,10 @@ def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
 def test_probe_takes_the_last_value_from_a_cache_or_a_query_and_says_what_is_wrong() -> None:
     async def run() -> None:
         place = endpoint()
-        wrong = ZenohChannel("room/x", "bms/room/Tt")
-        asked = ZenohChannel("room/q", "store/q", JSON)
-        bad = ZenohChannel("room/b", "bms/room/b")
-        hot = ZenohChannel("room/h", "bms/room/h", edge=CELSIUS)
+        wrong = MessageChannel("room/x", "bms/room/Tt")
+        asked = MessageChannel("room/q", "store/q", JSON)
+        bad = MessageChannel("room/b", "bms/room/b")
+        hot = MessageChannel("room/h", "bms/room/h", edge=CELSIUS)
         with session(listen=place) as bms:
             publishers = [caching_publisher(bms, f"bms/room/{name}") for name in "Tbh"]
             for publisher, payload in zip(publishers, ("21.5", "warm", "300"), strict=True):
@@ -546,7 +547,7 @@ def test_probe_says_what_was_heard_instead() -> None:
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            probing = asyncio.create_task(source(place, ZenohChannel("room/x", "bms/room/Temp")).probe(1.0))
+            probing = asyncio.create_task(source(place, MessageChannel("room/x", "bms/room/Temp")).probe(1.0))
             while not probing.done():
                 bms.put("bms/room/T", "1")
                 await asyncio.sleep(0.05)

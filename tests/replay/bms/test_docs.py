@@ -80,7 +80,10 @@ def test_control_examples_work_one_after_the_other() -> None:
 
 
 def test_every_request_of_the_control_surface_is_listed() -> None:
-    documented = {tuple(row[0].strip("`").replace("<id>", "{number}").split()) for row in table("Control surface")}
+    documented = {
+        tuple(row[0].strip("`").replace("<id>", "{number}").replace("<room>", "{room}").split())
+        for row in table("Control surface")
+    }
     offered = {
         (method.upper(), path)
         for path, methods in create_control(simulation(Clock())).openapi()["paths"].items()

@@ -9,7 +9,7 @@ import pytest
 from support.bms_plant import Clock, simulation
 
 from estimator.particle.options import resolve
-from replay.bms.written_config import configuration, write_config, zone_network, zone_period
+from replay.bms.written_config import configuration, over_bacnet, over_modbus, write_config, zone_period
 from replay.simulated.simulate import dynamics
 from service.config.load import load
 from service.errors import ConfigError
@@ -21,7 +21,7 @@ PACES = [0.5, 1.0, 60.0, 77.0, 600.0, 3600.0]
 def test_what_is_written_is_what_the_daemon_reads(pace: float, tmp_path: Path) -> None:
     plant = simulation(Clock(), pace=pace, meters=1)
     path = tmp_path / "made" / "bms.toml"
-    write_config(path, plant, 5020)
+    write_config(path, plant, over_modbus(5020))
     config = load(path)
     assert [zone.id for zone in config.zones] == ["room1", "room2", "room3"]
     assert [*config.sources] == ["weather", "room1", "room2", "room3"]
@@ -45,7 +45,7 @@ def test_a_building_with_a_paceth_of_the_capacitance_does_in_real_time_what_the_
     plant = simulation(Clock())
     pace = 60.0
     room = plant.building.rooms[1]
-    own, seen = (zone_network(plant.building, 1, p) for p in (1.0, pace))
+    own, seen = (plant.building.zone_network(1, p) for p in (1.0, pace))
     partitions = {"g_room1": 25.0, "g_room3": 30.0}
     slow = dynamics(own, room.theta | partitions, 600.0)
     lighter = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
@@ -55,7 +55,7 @@ def test_a_building_with_a_paceth_of_the_capacitance_does_in_real_time_what_the_
 
 
 def test_a_relay_reads_as_the_power_behind_it_and_a_neighbour_as_a_boundary() -> None:
-    first, second, _ = configuration(simulation(Clock()), 5020)["zones"]
+    first, second, _ = configuration(simulation(Clock()), over_modbus(5020))["zones"]
     assert first["channels"]["u_heat"] == {
         "source": "room1",
         "table": "coil",
@@ -72,9 +72,29 @@ def test_a_relay_reads_as_the_power_behind_it_and_a_neighbour_as_a_boundary() ->
 
 def test_changes_from_the_command_line_are_written(tmp_path: Path) -> None:
     plant = simulation(Clock())
-    write_config(tmp_path / "bms.toml", plant, 5020, ["http.port=0", "zones.room2.estimator_options.particles=100"])
+    write_config(
+        tmp_path / "bms.toml", plant, over_modbus(5020), ["http.port=0", "zones.room2.estimator_options.particles=100"]
+    )
     config = load(tmp_path / "bms.toml")
     assert config.http.port == 0
     assert config.zones[1].estimator_options["particles"] == 100
     with pytest.raises(ConfigError, match=r"--set zones\.attic"):
-        write_config(tmp_path / "bms.toml", plant, 5020, ["zones.attic.period=1min"])
+        write_config(tmp_path / "bms.toml", plant, over_modbus(5020), ["zones.attic.period=1min"])
+
+
+def test_over_bacnet_the_same_zones_are_read_from_one_source(tmp_path: Path) -> None:
+    plant = simulation(Clock())
+    path = tmp_path / "bms.toml"
+    write_config(path, plant, over_bacnet(47999))
+    config = load(path)
+    assert [*config.sources] == ["bms"]
+    assert "over BACnet/IP" in path.read_text(encoding="utf-8")
+    room1, room2, room3 = config.zones
+    assert room1.channels["u_heat"].address == "device 1011 binary-input,1"
+    assert (room1.channels["u_heat"].scale, room1.channels["u_heat"].unit) == (1500.0, "W")
+    assert (room2.channels["u_heat"].address, room2.channels["u_heat"].scale) == ("device 1012 analog-input,2", 1.0)
+    assert (room3.channels["T_air"].address, room3.channels["T_air"].unit) == ("device 1013 analog-input,1", "K")
+    by_modbus = configuration(plant, over_modbus(5020))["zones"]
+    assert [zone["network"] for zone in configuration(plant, over_bacnet(47999))["zones"]] == [
+        zone["network"] for zone in by_modbus
+    ]

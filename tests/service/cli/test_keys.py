@@ -54,10 +54,10 @@ def test_list_and_revoke(config: Path, capsys: Capture) -> None:
     ("words", "sentence"),
     [
         (["create"], "keys create needs the name"),
-        (["create", "x"], "needs --scope read or --scope admin"),
+        (["create", "x"], "needs --scope read, --scope write or --scope admin"),
         (["create", "X!", "--scope", "read"], "cannot be an id"),
         (["create", "x", "--scope", "read", "--zone", "attic"], 'there is no zone "attic"; the zones are living'),
-        (["create", "x", "--scope", "admin", "--zone", "living"], "--zone goes with --scope read"),
+        (["create", "x", "--scope", "admin", "--zone", "living"], "--zone goes with --scope read or write"),
         (["create", "x", "--scope", "read", "--expires", "soon"], "neither a duration"),
         (["create", "x", "--scope", "read", "--expires", "2099-01-01T00:00:00"], "no time zone"),
         (["create", "x", "--scope", "read", "--expires", "2020-01-01T00:00:00Z"], "not in the future"),

@@ -93,3 +93,36 @@ def test_contents_of_files_are_not_shown(tmp_path: Path, command: str, capsys: p
     shown = capsys.readouterr()
     assert "k.pem" in shown.out + shown.err or command == "check"
     assert MARK not in shown.out + shown.err
+
+
+PEM = f"-----BEGIN PRIVATE KEY-----\n{MARK}\n-----END PRIVATE KEY-----\n"
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        {"http": {"certificate": "c.pem", "private_key": PEM}},
+        {"http": {"certificate": PEM, "private_key": "k.pem"}},
+        {"http": {"host": PEM}},
+        {"zenoh": {"connect": [f"tcp/thermogate:{MARK}@127.0.0.1:7447"]}},
+        {"zenoh": {"connect": [f"tcp/127.0.0.1:7447#password={MARK}"]}},
+        {"zenoh": {"user": "thermogate", "password_file": PEM}},
+    ],
+)
+def test_a_secret_as_a_value_of_another_key_is_not_repeated(
+    tmp_path: Path, command: str, spoilt: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, str(write(tmp_path, sound(tmp_path) | spoilt)), "--debug"]) != 0
+    shown = capsys.readouterr()
+    assert shown.err
+    assert MARK not in shown.out + shown.err
+
+
+def test_escape_sequences_do_not_reach_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    evil = tmp_path / "evil\x1b[2J.npz"
+    evil.write_bytes(b"no checkpoint")
+    assert main(["inspect", str(evil)]) == 1
+    shown = capsys.readouterr()
+    assert "damaged" in shown.err
+    assert "\x1b" not in shown.out + shown.err

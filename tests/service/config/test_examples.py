@@ -23,6 +23,7 @@ def test_example_passes_its_check(path: Path, capsys: pytest.CaptureFixture[str]
     shown = capsys.readouterr()
     assert shown.out.startswith("OK: site '")
     assert shown.err == ""
+    assert "warning:" not in shown.out
 
 
 def test_flexhouse_learns_a_solar_aperture() -> None:

@@ -27,7 +27,11 @@ from service.errors import ConfigError
 
 # What is changed; where it must be reported; what must be said.
 MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
-    "unknown top-level key": (at(colour=1), "colour", ("not a known key", "site, log, http, zenoh, sources, zones")),
+    "unknown top-level key": (
+        at(colour=1),
+        "colour",
+        ("not a known key", "site, log, http, zenoh, mqtt, sources, weather, zones"),
+    ),
     "misspelt table": (at(zenho={"enabled": False}), "zenho", ("not a known key", 'did you mean "zenoh"?')),
     "unknown key in a table": (at("site", stat_dir="x"), "site.stat_dir", ('did you mean "state_dir"?',)),
     "unknown key in a zone": (living(perod="5min"), f"{LIVING}.perod", ('did you mean "period"?',)),
@@ -59,7 +63,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "no sources": (at(sources=None), "sources", ("is missing", "[sources.recording]")),
     "sources is a list": (at(sources=[1]), "sources", ("must be tables, not [1]",)),
     "source is no table": (at("sources", log="a.csv"), "sources.log", ("must be a table", 'not "a.csv"')),
-    "source without kind": (log(kind=None), "sources.log.kind", ("is missing", "one of: csv")),
+    "source without kind": (log(kind=None), "sources.log.kind", ("is missing", "one of: bacnet, csv")),
     "unknown kind": (log(kind="modbuss"), "sources.log.kind", ('no source of kind "modbuss"', "csv")),
     "kind is a list": (log(kind=["csv"]), "sources.log.kind", ("no source of kind", '["csv"]')),
     "bad source name": (
@@ -69,11 +73,6 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
         ),
         'sources."My log"',
         ('"My log" cannot be an id',),
-    ),
-    "unused source": (
-        lambda tables: tables["sources"].update(spare=tables["sources"]["log"]),
-        "sources.spare",
-        ("not used by any zone", "remove it"),
     ),
     "files is a text": (log(files="a.csv"), "sources.log.files", ("must be the list of files", 'not "a.csv"')),
     "no files": (log(files=[]), "sources.log.files", ("must be the list of files",)),

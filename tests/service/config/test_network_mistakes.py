@@ -33,6 +33,16 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
         f"{NETWORK}.parameters.C_i.lower",
         ("greater than 0, not 0",),
     ),
+    "value next to nothing": (
+        preset(parameters={"C_i": {"value": 1e-300}}),
+        NETWORK,
+        ("value 1e-300", "no building needs it"),
+    ),
+    "initial temperature beyond measure": (
+        preset(initial={"T_e": {"source": 1e300, "sd": 1.0}}),
+        f"{NETWORK}.initial.T_e.source",
+        ("from -273.15 to 10000 degC", "not 1e+300"),
+    ),
     "infinite bound": (
         preset(parameters={"C_i": {"upper": float("inf")}}),
         f"{NETWORK}.parameters.C_i.upper",

@@ -43,7 +43,7 @@ async def lived(config: Config, state: Path) -> list[str]:
         runtime = Runtime(config, ZoneTable(), shared)
         await runtime.restore()
         runtime.start_zones()
-        runtime.start_feeds()
+        await runtime.start_feeds()
         async with asyncio.timeout(120):
             while not all(feed.over for feed in runtime.feeds):
                 await asyncio.sleep(0.01)

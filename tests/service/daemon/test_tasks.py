@@ -1,10 +1,11 @@
 import asyncio
 import gc
+import os
 
 import pytest
 
 import service.daemon.tasks
-from service.daemon.tasks import done_before, end
+from service.daemon.tasks import abandonable, done_before, end
 
 
 def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
@@ -63,3 +64,21 @@ def test_what_is_done_before_the_stop_says_how_it_went():
             await done_before(stop, asyncio.ensure_future(fails()))
 
     asyncio.run(scenario())
+
+
+def test_what_blocks_for_ever_holds_up_no_end(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+
+    async def scenario():
+        reading = asyncio.create_task(abandonable(pipe.read_bytes))
+        await asyncio.sleep(0.05)
+        await end([reading])
+        assert reading.cancelled()
+        assert await abandonable(lambda: 7) == 7
+        with pytest.raises(ValueError, match="cannot"):
+            await abandonable(lambda: int("cannot"))
+
+    asyncio.run(scenario())
+    # asyncio.run would wait for the threads of the loop's own executor.
+    pipe.open("wb").close()

@@ -126,11 +126,11 @@ def test_what_stands_comes_at_once_and_then_what_is_issued():
     async def scenario():
         async with serving() as server:
             client = await server.connect(headers="Accept-Encoding: gzip\r\n")
-            first = await client.events(4)
-            assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "status"]
+            first = await client.events(5)
+            assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "trust", "status"]
             assert {id for _, id, _ in first} == {stamp(2)}
             update = server.announce(3)
-            *_, forecast, volatility, gate, status = await client.events(8)
+            *_, forecast, volatility, gate, status = await client.events(9)
             payloads = [
                 forecast_payload(SITE, "living", update),
                 volatility_payload(SITE, "living", update),
@@ -169,10 +169,10 @@ def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
     async def scenario():
         async with serving() as server:
             client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
-            events = await client.events(5 if rows else 4)
+            events = await client.events(6 if rows else 5)
             history = [data for kind, _, data in events if kind == "history"]
             assert [row["time"] for data in history for row in data["rows"]] == rows
-            assert [kind for kind, _, _ in events][-4:] == ["forecast", "volatility", "gate", "status"]
+            assert [kind for kind, _, _ in events][-5:] == ["forecast", "volatility", "gate", "trust", "status"]
 
     asyncio.run(scenario())
 
@@ -184,14 +184,14 @@ def test_an_unknown_zone_is_404_and_too_many_streams_are_refused():
             assert "404" in (await unknown.to_the_end()).split("\r\n")[0]
             clients = [await server.connect() for _ in range(2)]
             for client in clients:
-                await client.events(4)
+                await client.events(5)
             refused = await (await server.connect(headers="Connection: close\r\n")).to_the_end()
             assert "429" in refused.split("\r\n")[0]
             assert "retry-after: 10" in refused.lower()
             # Who leaves makes room.
             clients[0].writer.close()
             await server.until(lambda: server.app.state.stream_limits.open == 1)
-            await (await server.connect()).events(4)
+            await (await server.connect()).events(5)
             assert server.app.state.stream_limits.open == 2
 
     asyncio.run(scenario())
@@ -203,11 +203,11 @@ def test_a_silent_zone_sends_comments(monkeypatch):
     async def scenario():
         async with serving() as server:
             client = await server.connect()
-            await client.events(4)
+            await client.events(5)
             async with asyncio.timeout(180):
                 while client.text.count(": ping") < 3:
                     client.text += (await client.reader.read(1000)).decode()
-            assert len(client.parsed()) == 4
+            assert len(client.parsed()) == 5
 
     asyncio.run(scenario())
 
@@ -232,7 +232,7 @@ def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
     async def scenario():
         async with serving({"streams_per_client": 200, "streams": 200}) as server:
             clients = await asyncio.gather(*(server.connect() for _ in range(200)))
-            await asyncio.gather(*(client.events(4) for client in clients))
+            await asyncio.gather(*(client.events(5) for client in clients))
             assert server.app.state.stream_limits.open == 200
             for step in (3, 4, 5):
                 server.announce(step)

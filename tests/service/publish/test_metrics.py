@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 
 import pytest
@@ -11,8 +12,9 @@ from support.fake_zones import FakeZone, announced, doubted, make_update, runnin
 
 from estimator.diagnosis.finding import FINDINGS
 from service.publish.metrics import Metrics
+from service.publish.sinks import Announcement
 from service.records.measures import Measure, single
-from service.records.update import Volatility
+from service.records.update import Disturbance, Volatility
 
 
 def scrape(metrics: Metrics) -> dict[tuple[str, frozenset[tuple[str, str]]], float]:
@@ -41,6 +43,37 @@ def test_updates_are_counted_and_described() -> None:
     assert values[at("thermogate_n_eff", zone="living")] == update.effective_sample_size
     width = values[at("thermogate_interval_width_kelvin", zone="living")]
     assert width == interval.upper - interval.lower
+
+
+def test_a_room_can_be_plotted() -> None:
+    metrics = Metrics({"living": running("living")})
+    gained = make_update(0, levels=(0.95, 0.5))._replace(disturbance=Disturbance((-40.0, 130.0, 310.0), 0.8, ()))
+    status = running("living").status()
+    metrics.publish(Announcement("htwg", "living", status, gained, heat_loss=(80.0, 95.0, 120.0)))
+    values = scrape(metrics)
+    forecast = gained.forecast.outputs[0]
+    room = {"zone": "living", "output": forecast.output}
+    assert values[at("thermogate_measured_celsius", **room)] == gained.y[0]
+    assert values[at("thermogate_forecast_celsius", **room)] == forecast.mean
+    bounds = {
+        bound: values[at("thermogate_forecast_bound_celsius", bound=bound, **room)] for bound in ("lower", "upper")
+    }
+    assert bounds == {"lower": forecast.intervals[0].lower, "upper": forecast.intervals[0].upper}
+    quantiles = ("0.025", "0.5", "0.975")
+    gains = [values[at("thermogate_gain_watts", zone="living", quantile=quantile)] for quantile in quantiles]
+    losses = [values[at("thermogate_heat_loss_watts_per_kelvin", zone="living", quantile=q)] for q in quantiles]
+    assert (gains, losses) == ([-40.0, 130.0, 310.0], [80.0, 95.0, 120.0])
+    metrics.publish(announced("living", gained._replace(y=(math.nan,)), status))
+    assert math.isnan(scrape(metrics)[at("thermogate_measured_celsius", **room)])
+    metrics.remove("living")
+    assert not any("celsius" in name or "watts" in name for name, _ in scrape(metrics))
+
+
+def test_what_is_not_known_is_not_shown() -> None:
+    metrics = Metrics({"living": running("living")})
+    unknown = make_update(0)._replace(disturbance=Disturbance((math.nan,) * 3, 0.0, ()))
+    metrics.publish(announced("living", unknown, running("living").status()))
+    assert not any("watts" in name for name, _ in scrape(metrics))
 
 
 def test_status_is_read_at_scrape_time() -> None:

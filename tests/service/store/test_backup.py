@@ -7,6 +7,8 @@ import hashlib
 import io
 import json
 import os
+import stat
+import subprocess
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -264,3 +266,59 @@ def test_the_progress_ends_where_everything_is_done(kept: Path, tmp_path: Path) 
         assert len(told) > 1
         assert sum(more for more, _ in told) == told[-1][1]
         assert all(more >= 0 for more, _ in told)
+
+
+def _archive(path: Path, members: list[tuple[tarfile.TarInfo, bytes]]) -> Path:
+    with tarfile.open(path, "w") as archive:
+        for info, content in members:
+            info.size = len(content)
+            archive.addfile(info, io.BytesIO(content))
+    return path
+
+
+def _manifest(size: int) -> bytes:
+    files = {JOURNAL: {"size": size, "sha256": "0" * 64}}
+    return json.dumps({"format": 1, "site": "house", "made": "2025-01-01T00:00:00+00:00", "files": files}).encode()
+
+
+def _link(name: str) -> tarfile.TarInfo:
+    info = tarfile.TarInfo(name)
+    info.type, info.linkname = tarfile.SYMTYPE, "nowhere"
+    return info
+
+
+@pytest.mark.parametrize("case", ["link", "link for a manifest", "deep", "claims more", "negative", "no numbers"])
+def test_a_made_up_archive_is_refused_in_a_sentence(tmp_path: Path, case: str) -> None:
+    manifest = tarfile.TarInfo("manifest.json")
+    members = {
+        "link": [(manifest, _manifest(10)), (_link(JOURNAL), b"")],
+        "link for a manifest": [(_link("manifest.json"), b"")],
+        "deep": [(manifest, b"[" * 200_000)],
+        "claims more": [(manifest, _manifest(20_000_000_000)), (tarfile.TarInfo(JOURNAL), b"x" * 10)],
+        "negative": [(manifest, _manifest(-1))],
+        "no numbers": [(manifest, _manifest(10).replace(b'"size": 10', b'"size": [1]'))],
+    }[case]
+    evil = _archive(tmp_path / "evil.tar", members)
+    with pytest.raises(BackupError, match="damaged"):
+        restore_backup(tmp_path / "new", "house", evil, replace=False)
+    assert not (tmp_path / "new" / JOURNAL).exists()
+
+
+def test_a_sparse_archive_fills_no_disk(tmp_path: Path) -> None:
+    """GNU tar writes holes as a few bytes; 20 GB of them had been written out."""
+    holes = tmp_path / JOURNAL
+    with holes.open("wb") as file:
+        file.truncate(2**33)
+    (tmp_path / "manifest.json").write_bytes(_manifest(2**33))
+    evil = tmp_path / "evil.tar"
+    made = subprocess.run(
+        ["tar", "--sparse", "-cf", str(evil), "-C", str(tmp_path), "manifest.json", JOURNAL], check=False
+    )
+    if made.returncode != 0 or evil.stat().st_size > 2**20:
+        pytest.skip("this tar makes no sparse archives")
+    with pytest.raises(BackupError, match="claims to hold more than there is"):
+        restore_backup(tmp_path / "new", "house", evil, replace=False)
+
+
+def test_a_backup_is_for_its_owner_only(kept: Path) -> None:
+    assert stat.S_IMODE(kept.stat().st_mode) == 0o600

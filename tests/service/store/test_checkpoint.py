@@ -6,6 +6,7 @@ import io
 import json
 import logging
 import os
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -242,3 +243,35 @@ def test_reset_sets_everything_aside(store: CheckpointStore) -> None:
     store.save("living", make(1, "another"))
     assert store.load("living", "another") is not None
     assert store.reset("living") not in (None, aside)
+
+
+def test_a_checkpoint_of_another_zone_is_not_taken(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Zones alike have the same fingerprint."""
+    store = CheckpointStore(tmp_path)
+    store.save("kitchen", make(300))
+    path = store.save("attic", make(600))
+    path.rename(tmp_path / "kitchen" / path.name)
+    found = store.load("kitchen", "f1")
+    assert found is not None
+    assert (found.step, found.zone) == (300, "kitchen")
+    assert "it is of zone 'attic'" in caplog.text
+
+
+def test_a_checkpoint_of_before_says_no_zone_and_is_taken(tmp_path: Path) -> None:
+    store = CheckpointStore(tmp_path)
+    path = store.save("kitchen", make(300))
+    path.write_bytes(module.encode(make(300)))
+    assert store.load("kitchen", "f1") is not None
+
+
+def test_a_file_that_unpacks_to_more_than_it_is_is_refused_unread(tmp_path: Path) -> None:
+    bomb = io.BytesIO()
+    np.savez_compressed(bomb, header=np.zeros(2**24, dtype=np.uint8))
+    with pytest.raises(ValueError, match="compressed"):
+        module.decode(bomb.getvalue(), tmp_path / "bomb.npz")
+    claims = io.BytesIO()
+    with zipfile.ZipFile(claims, "w") as archive:
+        archive.writestr("header.npy", b"x" * 100)
+    content = claims.getvalue().replace((100).to_bytes(4, "little"), (2**31).to_bytes(4, "little"))
+    with pytest.raises(module.DAMAGE):
+        module.decode(content, tmp_path / "claims.npz")

@@ -238,7 +238,7 @@ def test_a_damaged_page_is_reported_when_it_is_read(path: Path, journal: Journal
 def test_a_damaged_schema_of_which_sqlite_speaks_in_bytes(path: Path, journal: Journal) -> None:
     journal.close()
     path.write_bytes(path.read_bytes().replace(b"CREATE TABLE samples", b"CREATE \xe7\xff\xfeBLE samples"))
-    with pytest.raises(JournalError, match=r"failed .*; restore a backup"):
+    with pytest.raises(JournalError, match=r"failed .*restore a backup"):
         Journal.open(path)
 
 

@@ -1,11 +1,13 @@
 """Journal and checkpoints behind the event loop: samples that come together share commits, and nothing is lost."""
 
 import asyncio
+import shutil
 
 import pytest
 from support.fake_zones import make_update
 from support.zone_samples import sample
 
+import service.store.store
 from service.errors import JournalError
 from service.store.store import Store
 
@@ -95,3 +97,69 @@ def test_what_was_recorded_is_seen_at_once_and_outlives_the_store(store, tmp_pat
         assert len(asyncio.run(again.history("living", None, None, 10))) == 2
     finally:
         again.close()
+
+
+def _delete(folder):
+    shutil.rmtree(folder)
+
+
+def _move(folder):
+    folder.rename(folder.with_name("moved"))
+
+
+def _replace(folder):
+    folder.rename(folder.with_name("moved"))
+    Store(folder).close()
+
+
+def _delete_journal(folder):
+    (folder / "journal.sqlite3").unlink()
+
+
+@pytest.mark.parametrize("take_away", [_delete, _move, _replace, _delete_journal])
+def test_nothing_is_accepted_into_a_folder_that_has_been_taken_away(tmp_path, caplog, take_away):
+    folder = tmp_path / "state"
+    store = Store(folder)
+
+    async def scenario():
+        await store.append("z", sample(0))
+        assert store.problems() == []
+        take_away(folder)
+        for _ in range(2):
+            with pytest.raises(JournalError, match="has been deleted or replaced while the daemon runs"):
+                await store.append("z", sample(1))
+        with pytest.raises(JournalError):
+            await store.flush()
+        assert await store.last_sample_time("z") == sample(0).time, "reading goes on"
+        return store.problems()
+
+    try:
+        (problem,) = asyncio.run(scenario())
+    finally:
+        store.close()
+    assert str(folder) in problem
+    assert [record.levelname for record in caplog.records] == ["ERROR"], "said once"
+
+
+def test_a_folder_that_is_put_back_is_written_to_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(service.store.store, "LOOK_SECONDS", 0.01)
+    folder = tmp_path / "state"
+    store = Store(folder)
+
+    async def scenario():
+        watching = asyncio.create_task(store.watch())
+        _move(folder)
+        async with asyncio.timeout(60):
+            while not store.problems():
+                await asyncio.sleep(0.01)
+            folder.with_name("moved").rename(folder)
+            while store.problems():
+                await asyncio.sleep(0.01)
+        watching.cancel()
+        await store.append("z", sample(0))
+
+    asyncio.run(scenario())
+    store.close()
+    again = Store(folder)
+    assert asyncio.run(again.last_sample_time("z")) == sample(0).time
+    again.close()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import re
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +15,8 @@ from support.http_client import get, problem, request
 
 from service.publish.metrics import Metrics
 from service.web.app import create_app
+
+STATIC = Path(__file__).parents[3] / "service" / "web" / "static"
 
 
 @pytest.fixture
@@ -129,7 +133,15 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
         "/zones/{zone}/history",
         "/zones/{zone}/skill",
         "/zones/{zone}/gain",
+        "/zones/{zone}/model",
+        "/zones/{zone}/trust",
+        "/forecasts",
         "/zones/{zone}/stream",
+        "/zones/{zone}/readings",
+        "/readings",
+        "/zones/{zone}/series",
+        "/overview",
+        "/overview/stream",
         "/healthz",
         "/readyz",
         "/metrics",
@@ -140,7 +152,7 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
     for path, operations in document["paths"].items():
         for operation in operations.values():
             assert operation["summary"], path
-            open_to_all, closed = path == "/healthz", path.startswith("/admin/")
+            open_to_all, closed = path == "/healthz", path.startswith("/admin/") or path.endswith("/readings")
             assert operation["security"] == ([{}] if open_to_all else [{"key": []}] if closed else [{"key": []}, {}])
             for status, answer in operation["responses"].items():
                 if not status.startswith("2"):
@@ -167,25 +179,39 @@ def test_pages_load_only_what_this_daemon_serves(app: FastAPI, page: str) -> Non
         assert not path.startswith(("http", "//")), path
         found = get(app, f"/{path.removeprefix('./')}")
         assert found.status_code == 200, path
-        if path.endswith(".js") and "plotly" not in path:
+        if path.endswith(".js"):
             assert "javascript" in found.headers["content-type"]
-            assert not re.findall(r"https?://", found.text), path
             for module in re.findall(r'from "\./([^"]+)"', found.text):
                 assert get(app, f"/static/{module}").status_code == 200
 
 
+@pytest.mark.parametrize("script", sorted(STATIC.glob("*.js")), ids=lambda path: path.name)
+def test_scripts_name_no_other_host_and_put_no_html_together(script: Path) -> None:
+    text = script.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+    assert not re.findall(r"https?://", text)
+    assert not re.findall(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function", text)
+
+
 def test_plotly_is_served_compressed_and_cached(app: FastAPI) -> None:
-    answer = get(app, "/static/plotly.min.js", headers={"Accept-Encoding": "gzip"})
+    installed = version("plotly")
+    assert f'data-plotly="{installed}"' in get(app, "/").text, "the page asks for this version"
+    answer = get(app, f"/static/plotly.min.js?v={installed}", headers={"Accept-Encoding": "gzip"})
     assert answer.headers["content-encoding"] == "gzip"
     assert int(answer.headers["content-length"]) < 2_500_000
-    assert "max-age" in answer.headers["cache-control"]
+    assert answer.headers["cache-control"] == "max-age=31536000, immutable"
+    other = get(app, "/static/plotly.min.js?v=0", headers={"Accept-Encoding": "gzip"})
+    assert other.headers["cache-control"] == "no-cache", "another version is not kept under this address"
     assert "plotly.js" in answer.text[:200]
 
 
 def test_the_page_asks_only_for_routes_that_exist(app: FastAPI) -> None:
-    script = get(app, "/static/live.js").text
-    for path in re.findall(r"get\([`\"](zones[^`\"?]*)", script):
-        assert get(app, "/" + path.replace("${summary.id}", "living")).status_code == 200, path
+    for script in ("overview.js", "zone.js", "history_chart.js", "next_hours.js"):
+        text = get(app, f"/static/{script}").text
+        asked = re.findall(r"get\w*\([`\"]([^`\"?]*)", text)
+        paths = [re.sub(r"\$\{(zonePath\(id\)|path)\}", "zones/living", path) for path in asked]
+        assert paths, script
+        for path in paths:
+            assert get(app, f"/{path}").status_code == 200, path
 
 
 def test_a_site_without_a_sample_has_a_page(caplog: pytest.LogCaptureFixture) -> None:

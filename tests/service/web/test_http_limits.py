@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
+import time
 from collections.abc import AsyncIterator, Coroutine
 from typing import Any
 
+import h11
 import pytest
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import StreamingResponse
@@ -16,7 +19,11 @@ from support.waiting import until
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.server import door as http_door
+from service.web.server import turns
+from service.web.server.parser import FREE_CHUNKS, Parser
 from service.web.server.peers import peer_of
+from service.web.server.protocol import PIECE
+from service.web.server.turns import Account, Turns
 
 QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
 
@@ -183,6 +190,39 @@ def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
     run(scenario())
 
 
+def test_a_large_answer_is_given_to_the_transport_in_pieces() -> None:
+    """The transport copies what it is given, and a TLS transport twice."""
+
+    async def scenario() -> None:
+        async with serving(small_app(), config()) as server:
+            deaf = await Client.to(server, limit=1024)
+            await deaf.send(b"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
+            (waiting,) = server.open_connections
+            assert waiting.transport.get_write_buffer_size() <= 3 * PIECE
+            await deaf.close()
+            await until(lambda: not server.open_connections)
+
+    run(scenario())
+
+
+def test_room_for_answers_is_made_before_the_next_one_is_taken_in() -> None:
+    """Between two sweeps a thousand answers could begin to wait."""
+
+    async def scenario() -> None:
+        limits = {"unsent": 2**20, "send_timeout": 170}
+        async with serving(small_app(), config(limits=limits)) as server:
+            deaf = [await Client.to(server, limit=1024) for _ in range(8)]
+            for client in deaf:
+                await client.send(b"GET /large?megabytes=24 HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            await until(lambda: server.cut_off["slow to read"] == 7)
+            assert len([one for one in server.open_connections if not one.transport.is_closing()]) == 1
+            for client in deaf:
+                await client.close()
+
+    run(scenario())
+
+
 def test_too_many_connections_are_told_so_and_then_shut_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(http_door, "SPARE", 2)
 
@@ -260,9 +300,22 @@ def daemon_app(limits: dict[str, int]) -> FastAPI:
 REFUSED = {
     "body by its length": (b"POST /zones HTTP/1.1\r\nHost: localhost\r\nContent-Length: 999999\r\n\r\n", 413),
     "body in chunks": (
-        b"POST /zones HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+        b"POST /zones/a/forecast HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
         + b"400\r\n" + b"x" * 1024 + b"\r\n400\r\n" + b"x" * 1024 + b"\r\n",
         413,
+    ),
+    "length and chunks": (
+        b"POST /zones HTTP/1.1\r\nHost: localhost\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n"
+        + b"0\r\n\r\n",
+        400,
+    ),
+    "chunks in HTTP/1.0": (
+        b"POST /zones HTTP/1.0\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+        400,
+    ),
+    "many headers in one piece": (
+        b"GET / HTTP/1.1\r\nHost: localhost\r\n" + b"a: b\r\n" * 1000 + b"\r\n",
+        431,
     ),
     "long path": (b"GET /" + b"x" * 300 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 414),
     "long query": (b"GET /zones?" + b"x" * 300 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 414),
@@ -323,3 +376,90 @@ def test_a_client_that_goes_in_the_middle_of_its_body_leaves_nothing(caplog: pyt
 
     run(scenario())
     assert not caplog.records
+
+
+CHUNKED = b"POST /size HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+
+
+@pytest.mark.parametrize(("path", "answered"), [("/size", b"HTTP/1.1 400"), ("/", b"HTTP/1.1 405")])
+def test_a_body_in_endless_tiny_chunks_ends_its_connection(path: str, answered: bytes) -> None:
+    async def scenario() -> None:
+        patient = {"receive_timeout": 170, "idle_timeout": 170}
+        async with serving(small_app(), config(limits=patient)) as server:
+            client = await Client.to(server)
+            await client.send(CHUNKED.replace(b"/size", path.encode()) + b"1\r\na\r\n" * (FREE_CHUNKS + 10))
+            answer = await client.ended()
+            assert answer.startswith(answered), "whether a route reads the body or not"
+            assert (b"send it in larger ones" in answer) == (path == "/size")
+            await client.close()
+            assert (await ask(server)).status == 200
+
+    run(scenario())
+
+
+def test_chunks_of_a_fair_size_are_taken_however_many() -> None:
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits={"body": 4_000_000})) as server:
+            client = await Client.to(server)
+            count = 3 * FREE_CHUNKS
+            await client.send(CHUNKED + (b"200\r\n" + b"x" * 512 + b"\r\n") * count + b"0\r\n\r\n")
+            assert (await client.answer()).body == str(512 * count).encode()
+            await client.close()
+
+    run(scenario())
+
+
+def test_a_quiet_client_comes_before_those_that_send_much() -> None:
+    """The loop never spends more than a pass on all of them, and begins with who has used least."""
+    served: list[str] = []
+
+    class Busy:
+        def __init__(self, name: str, left: int) -> None:
+            self.name, self.left, self.account = name, left, Account()
+
+        def take_turn(self, deadline: float) -> bool:
+            served.append(self.name)
+            self.account.charge(1.0, time.monotonic())
+            self.left -= 1
+            return self.left > 0
+
+    async def scenario() -> None:
+        turns = Turns()
+        greedy = Busy("greedy", 3)
+        turns.ask(greedy)
+        while len(served) < 2:
+            await asyncio.sleep(0)
+        turns.ask(Busy("quiet", 1))
+        gone = Busy("gone", 1)
+        turns.ask(gone)
+        turns.leave(gone)
+        await until(lambda: len(served) == 4)
+        await asyncio.sleep(0.01)
+
+    run(scenario())
+    assert served == ["greedy", "greedy", "quiet", "greedy"]
+
+
+def test_the_parser_stops_at_its_deadline_and_goes_on_there() -> None:
+    parser = Parser(headers=1024, body=1024)
+    parser.receive_data(CHUNKED + b"1\r\na\r\n" * 20)
+    parser.deadline = time.monotonic() - 1
+    assert parser.next_event() is h11.NEED_DATA
+    assert parser.interrupted
+    parser.deadline = math.inf
+    assert isinstance(parser.next_event(), h11.Request)
+    assert not parser.interrupted
+
+
+def test_a_request_that_needs_many_turns_is_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(turns, "TURN_SECONDS", 1e-5)
+
+    async def scenario() -> None:
+        async with serving(small_app(), config()) as server:
+            client = await Client.to(server)
+            await client.send(CHUNKED + b"1\r\na\r\n" * 1000 + b"0\r\n\r\nGET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert (await client.answer()).body == b"1000"
+            assert (await client.answer()).status == 200, "what was pipelined behind it"
+            await client.close()
+
+    run(scenario())

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import json
 import logging
 import os
+import resource
 import stat
 import threading
 from datetime import UTC, datetime, timedelta
@@ -120,7 +123,7 @@ def test_only_keys_that_are_there_can_be_revoked(file: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"schema": 2}', b'{"schema": 1, "keys": [{}]}', b"\xff\xfe"])
-def test_a_damaged_file_is_refused_at_the_start_and_overlooked_later(
+def test_a_damaged_file_is_refused_at_the_start_and_closes_later(
     file: Path, content: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     secret = create_key(file, "one", "read")
@@ -132,9 +135,12 @@ def test_a_damaged_file_is_refused_at_the_start_and_overlooked_later(
         create_key(file, "two", "read")
     assert file.read_bytes() == content, "a file that cannot be read is not overwritten"
     with caplog.at_level(logging.ERROR):
-        assert ring.find(secret) is not None, "a running daemon goes on with the keys it has"
-        assert ring.find(secret) is not None
+        for _ in range(3):
+            with pytest.raises(KeyFileError, match="cannot be read now"):
+                ring.find(secret)
+        assert ring.in_force
     assert len(caplog.records) == 1, "and says so once"
+    assert "no API key is accepted" in caplog.text
 
 
 @pytest.mark.parametrize("mode", [0o620, 0o602])
@@ -145,7 +151,55 @@ def test_a_file_that_others_can_write_is_not_believed(file: Path, mode: int) -> 
     with pytest.raises(KeyFileError, match=r"can be changed by other accounts.*chmod 600"):
         read_keys(file)
     file.write_text(file.read_text().replace(hashlib.sha256(secret.encode()).hexdigest(), "0" * 64))
-    assert ring.find(secret) is not None, "what others wrote is not taken over"
+    with pytest.raises(KeyFileError, match="cannot be read now"):
+        ring.find(secret)
+    file.chmod(0o600)
+    assert ring.find(secret) is None
+    assert ring.find("tg_forged") is None
+
+
+@pytest.mark.parametrize("failure", [errno.EMFILE, errno.EACCES, errno.EIO])
+def test_a_file_that_cannot_be_read_at_the_moment_closes_and_is_read_later(
+    file: Path, monkeypatch: pytest.MonkeyPatch, failure: int
+) -> None:
+    """With all descriptors in use, the file had been taken for read, and the revoked key stayed good."""
+    secret, other = create_key(file, "one", "read"), create_key(file, "two", "read")
+    ring = KeyRing(file, required=False)
+    key = ring.find(secret)
+    assert key is not None
+    revoke_key(file, "one")
+    with monkeypatch.context() as patched:
+
+        def refuse(path: Path, *_: object) -> None:
+            raise OSError(failure, os.strerror(failure))
+
+        patched.setattr(Path, "open", refuse)
+        assert not ring.accepts(key), "a stream ends"
+        for asked in (secret, other):
+            with pytest.raises(KeyFileError):
+                ring.find(asked)
+    assert ring.find(secret) is None
+    assert ring.find(other) is not None
+
+
+def test_descriptors_that_are_used_up_open_nothing(file: Path) -> None:
+    secret = create_key(file, "one", "read")
+    ring = KeyRing(file, required=True)
+    revoke_key(file, "one")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    taken: list[int] = []
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
+        with contextlib.suppress(OSError):
+            while True:
+                taken.append(os.open("/dev/null", os.O_RDONLY))
+        with pytest.raises(KeyFileError):
+            ring.find(secret)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for descriptor in taken:
+            os.close(descriptor)
+    assert ring.find(secret) is None
 
 
 def test_what_stands_in_the_way_is_said_in_one_sentence(tmp_path: Path) -> None:

@@ -208,7 +208,7 @@ def test_a_failing_journal_is_503_with_its_sentence(app: FastAPI) -> None:
         ("horizon=0s", "horizon 0s is not a whole number of the zone's periods of 5min; 5min would be"),
         ("horizon=12min", "horizon 12min is not a whole number of the zone's periods of 5min; 10min would be"),
         ("horizon=2017h", "at most 2016 are forecast at once, that is 7d"),
-        ("&".join(f"level=.{i:03}" for i in range(1, 34)), "at most 32 levels at a time, not 33"),
+        ("&".join(f"level=.{i:03}" for i in range(1, 34)), "takes at most 32 values"),
     ],
 )
 def test_mistakes_in_a_forecast_query(app: FastAPI, query: str, sentence: str) -> None:
@@ -291,3 +291,10 @@ def test_a_body_that_is_not_json(app: FastAPI) -> None:
     assert "Content-Type: application/json" in problem(answer, 422)["errors"][0]
     answer = request(app, "POST", "/zones/living/forecast")
     assert problem(answer, 422)["errors"] == ["the JSON body is missing"]
+
+
+def test_a_plan_beyond_all_measure_is_refused(app: FastAPI) -> None:
+    """1e308 W had been answered with a lower bound above the upper one."""
+    for value in (1e308, -1e308, [1e308] * 12):
+        found = problem(post(app, "/zones/living/forecast", {"horizon": "1h", "inputs": {"u_heat": value}}), 422)
+        assert "-1e+06 to 1e+06 W can be planned" in found["detail"]

@@ -5,12 +5,13 @@ import logging
 from math import isnan
 
 import pytest
+from support.running_zone import make, plumbing
 from support.zone_samples import PERIOD, worker
 
-import service.daemon.feeding
-from adapters.reading import Quality, Reading
+import service.daemon.supply.feeding
+from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
-from service.daemon.feeding import keep_time, watch_clock
+from service.daemon.supply.feeding import keep_time, watch_clock
 from service.zone.alignment import Alignment
 from service.zone.clock import Clock
 from service.zone.health import state_and_reason
@@ -173,7 +174,7 @@ class SetClock:
     def __init__(self, monkeypatch, *, steps):
         self.now, self.beside, self.steps, self.jumps = 1000.0, 50.0, steps, {}
         self.clock = Clock(lambda: self.now, lambda: self.beside)
-        monkeypatch.setattr(service.daemon.feeding.asyncio, "sleep", self.sleep)
+        monkeypatch.setattr(service.daemon.supply.feeding.asyncio, "sleep", self.sleep)
 
     async def sleep(self, seconds):
         if self.steps == 0:
@@ -203,7 +204,7 @@ def run(coroutine):
 
 def test_every_live_zone_is_told_the_time_and_a_failure_does_not_stop_it(monkeypatch, caplog):
     SetClock(monkeypatch, steps=4)
-    names = [f"z{k}" for k in range(2 * service.daemon.feeding.TOGETHER + 1)]
+    names = [f"z{k}" for k in range(2 * service.daemon.supply.feeding.TOGETHER + 1)]
     zones = {name: Noting(name) for name in names} | {"r": Noting("r", due=False)}
     run(keep_time(zones))
     assert {zone.asked for name, zone in zones.items() if name != "r"} == {4}
@@ -219,3 +220,23 @@ def test_a_wall_clock_that_is_set_is_said_once(monkeypatch, caplog, jump, said):
         run(watch_clock(clock.clock))
     assert [record.args[0] for record in caplog.records] == ([] if said is None else [pytest.approx(jump)])
     assert said is None or said in caplog.text
+
+
+def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            await zone.prepare()
+            network = zone.network
+            zone.align(Alignment(network, zone.period, {}, sources=["bms"]), live=True)
+            channel = network.channels[0]
+            now = shared.clock.wall()
+            refused = Reading(channel, now, float("nan"), Quality.BAD, Fault.REFUSED_BY_DEVICE)
+            await zone.deliver("bms", [refused], now)
+            assert f"the device refuses {channel}; the log says why" in zone.status().reason
+            begin = now // zone.period * zone.period
+            await zone.deliver("bms", [Reading(channel, begin, 20.0)], begin)
+            await zone.elapse(begin + 3 * zone.period)
+            assert "refuses" not in zone.status().reason
+
+    asyncio.run(scenario())

@@ -1,9 +1,12 @@
 """A zone in the daemon: samples journaled before they are used, failures retried, poison passed over, nothing lost."""
 
 import asyncio
+import errno
 import logging
+import pickle
 
 import pytest
+from numba.core.errors import NumbaError
 from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight
 from support.zone_samples import PERIOD, comparable, sample
 
@@ -101,6 +104,43 @@ def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path
     with caplog.at_level(logging.ERROR):
         asyncio.run(scenario())
     assert f"passes over its sample at {10 * PERIOD}" in caplog.text
+
+
+def _caused() -> Exception:
+    error = RuntimeError("the step failed")
+    error.__cause__ = OSError(errno.EIO, "Input/output error")
+    return error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOSPC, "No space left on device"),
+        MemoryError(),
+        EOFError("Ran out of input"),
+        pickle.UnpicklingError("pickle data was truncated"),
+        RuntimeError("can't start new thread"),
+        NumbaError("cannot compile"),
+        _caused(),
+    ],
+    ids=repr,
+)
+def test_no_sample_is_to_blame_for_the_environment(tmp_path, caplog, error):
+
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            items = [sample(k) for k in range(12)]
+            failures = {items[5].time: 3 * ATTEMPTS}
+            zone = make(shared, failures, error=error)
+            running = await fed(zone, items)
+            await caught_up(zone, items)
+            await finished(zone, running)
+            rows = await zone.history(None, None, 100)
+            assert [row.time for row in rows] == [item.time for item in items]
+            assert comparable(zone.latest()) == straight(items)[-1]
+
+    asyncio.run(scenario())
+    assert "passes over" not in caplog.text
 
 
 def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, monkeypatch):

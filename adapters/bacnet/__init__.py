@@ -1,0 +1,1 @@
+"""BACnet/IP, read only: objects, connection, subscriptions, polling. What needs bacpypes3 is imported when it runs."""

@@ -1,0 +1,176 @@
+"""What the values of a BACnet object mean to the channels: readings for the daemon, and probes for a person."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from adapters.bacnet.objects import ObjectId
+from adapters.bacnet.units import NO_UNITS, differs, unit_of
+from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number
+from adapters.edge import PLAIN, Converter, Edge
+from adapters.reading import Fault, Probe, Quality, Reading
+from adapters.stuck import StuckWatch
+
+
+@dataclass(frozen=True)
+class BacnetChannel:
+    """Which object's present value is the raw value of channel `id` ("zone/channel"), and what becomes of it.
+
+    `device` is the device's instance, `address` where it is if it is not to be searched for. A value is refused where
+    the device states another unit than `unit`, None for any. `cov` allows a subscription. A raw value that has not
+    changed for `stuck_after` s is uncertain, for twice as long bad.
+    """
+
+    id: str
+    device: int
+    object: ObjectId
+    address: str | None = None
+    unit: str | None = None
+    cov: bool = True
+    edge: Edge = PLAIN
+    stuck_after: float | None = None
+
+    @property
+    def is_temperature(self) -> bool:
+        """Whether it is known to be a temperature."""
+        return self.unit in ("degC", "K", "degF")
+
+    @property
+    def place(self) -> str:
+        """Where it stands, in the operator's words."""
+        return f"device {self.device} {self.object}"
+
+
+class Seen(NamedTuple):
+    """What a device last said of an object: present value, status flags where it has them, and the number of the unit,
+    None where it states none."""
+
+    value: Tagged
+    flags: Tagged | None = None
+    units: int | None = None
+
+
+class Verdict(NamedTuple):
+    """The number in what was seen, and how far it can be believed, with the sentence for a person."""
+
+    raw: float | None
+    quality: Quality
+    fault: Fault | None = None
+    sentence: str = "good"
+
+
+def judged(channel: BacnetChannel, seen: Seen) -> Verdict:
+    """What `seen` says to `channel`."""
+    try:
+        stated = Flags() if seen.flags is None else flags(seen.flags)
+        raw = number(seen.value)
+    except Unreadable as error:
+        return Verdict(None, Quality.BAD, Fault.NON_NUMERIC, f"not usable: the value or its status {error}")
+    if raw is None:
+        return Verdict(None, Quality.BAD, Fault.NOT_AVAILABLE, "not available: the device has no value here now")
+    if stated.quality is Quality.BAD:
+        return Verdict(raw, Quality.BAD, Fault.REPORTED_BAD, f"reported bad: its status is {stated}")
+    if channel.unit is not None and differs(seen.units, channel.unit):
+        ours = unit_of(seen.units or NO_UNITS)
+        remedy = f'write unit = "{ours}"' if ours else "no channel can have that"
+        sentence = f"wrong unit: the device states {ours or f'unit {seen.units}'}; {remedy}, or compare_units = false"
+        return Verdict(raw, Quality.BAD, Fault.WRONG_UNIT, sentence)
+    sentence = "good" if stated.quality is Quality.GOOD else f"uncertain: its status is {stated}"
+    return Verdict(raw, stated.quality, None, sentence)
+
+
+class _Watched:
+    """A channel, and what has to be remembered of its last values."""
+
+    def __init__(self, channel: BacnetChannel, longest_stretch: float) -> None:
+        self.channel = channel
+        self.converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
+        self.stuck = StuckWatch(channel.stuck_after)
+
+
+class Channels:
+    """The channels of a source by device and object."""
+
+    def __init__(self, channels: Sequence[BacnetChannel], longest_stretch: float) -> None:
+        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
+        self._longest_stretch = longest_stretch
+        self._at: dict[tuple[int, ObjectId], list[_Watched]] = {}
+        self.replace(channels)
+
+    def replace(self, channels: Sequence[BacnetChannel]) -> None:
+        """These are the channels from now on; what is remembered of those that stay is kept."""
+        known = {watched.channel: watched for at_object in self._at.values() for watched in at_object}
+        self._at = {}
+        for channel in channels:
+            watched = known.get(channel) or _Watched(channel, self._longest_stretch)
+            self._at.setdefault((channel.device, channel.object), []).append(watched)
+
+    @property
+    def devices(self) -> dict[int, str | None]:
+        """Every device, with its address where one is given."""
+        found: dict[int, str | None] = {}
+        for (device, _), at_object in self._at.items():
+            addresses = [watched.channel.address for watched in at_object if watched.channel.address]
+            found[device] = found.get(device) or next(iter(addresses), None)
+        return found
+
+    def objects(self, device: int) -> list[ObjectId]:
+        """The objects of `device` that have channels."""
+        return [object for one, object in self._at if one == device]
+
+    def may_subscribe(self, device: int, object: ObjectId) -> bool:
+        """Whether every channel of the object allows a subscription."""
+        return all(watched.channel.cov for watched in self._at[device, object])
+
+    def names(self, device: int, object: ObjectId) -> str:
+        """The channels of an object and where that is, for the log."""
+        at_object = self._at[device, object]
+        return f"{', '.join(watched.channel.id for watched in at_object)} ({at_object[0].channel.place})"
+
+    def readings(self, device: int, object: ObjectId, seen: Seen, when: float) -> Iterator[Reading]:
+        """The readings that `seen` brings at `when` (UTC s)."""
+        for watched in self._at.get((device, object), ()):
+            reading = _reading(watched, seen, when)
+            if reading is not None:
+                yield reading
+
+    def refused(self, device: int, object: ObjectId) -> Iterator[Reading]:
+        """Bad readings of the channels of an object that the device does not give away."""
+        at_object = self._at.get((device, object), ())
+        return (watched.converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for watched in at_object)
+
+
+def _reading(watched: _Watched, seen: Seen, when: float) -> Reading | None:
+    verdict = judged(watched.channel, seen)
+    if verdict.fault is not None or verdict.raw is None:
+        return watched.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
+    moving = watched.stuck.quality(time.monotonic(), seen.value)
+    if moving is Quality.BAD:
+        return watched.converter.bad(when, Fault.STUCK)
+    doubtful = Quality.UNCERTAIN in (moving, verdict.quality)
+    return watched.converter.reading(when, verdict.raw, Quality.UNCERTAIN if doubtful else Quality.GOOD)
+
+
+def probed(channel: BacnetChannel, seen: Seen, when: float, hints: Sequence[str] = ()) -> Probe:
+    """What a person should know about what was `seen` for `channel` at `when` (UTC s)."""
+    verdict = judged(channel, seen)
+    edge, raw = channel.edge, verdict.raw
+    stated = "" if seen.units is None else f" {unit_of(seen.units) or f'(unit {seen.units})'}"
+    shown = "-" if raw is None else f"{raw:.6g}{stated}"
+    if raw is None or verdict.fault is not None:
+        return Probe(channel.id, channel.place, shown, None, when, verdict.sentence, tuple(hints))
+    if edge.counter:
+        stand = f"the counter stands at {raw * edge.scale + edge.offset:g}"
+        return Probe(channel.id, channel.place, shown, None, when, verdict.sentence, (stand, *hints))
+    value = edge.value(raw)
+    sentence = verdict.sentence
+    fault = edge.fault(value)
+    if fault is not None:
+        lower, upper = edge.valid
+        sentence = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+    elif not edge.is_usual(value):
+        sentence = f"doubtful: usually {edge.usual[0]:g} to {edge.usual[1]:g} here; if it is right, give valid"
+    return Probe(channel.id, channel.place, shown, value, when, sentence, tuple(hints))

@@ -1,0 +1,117 @@
+"""Who is on a BACnet network, and what numbers each device has to offer. Reads only."""
+
+from __future__ import annotations
+
+from adapters.bacnet.asking import Asking
+from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused
+from adapters.bacnet.objects import (
+    DEVICE,
+    LARGEST_INSTANCE,
+    OBJECT_LIST,
+    OBJECT_NAME,
+    PRESENT_VALUE,
+    STATUS_FLAGS,
+    UNITS,
+    ObjectId,
+    Property,
+    is_numeric,
+)
+from adapters.bacnet.units import unit_of
+from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number, object_id, text, whole
+from adapters.errors import SourceConfigError
+from adapters.scanning import Scan, Scanned
+
+MOST_DEVICES = 250
+MOST_OBJECTS = 2000
+"""Bounds of one scan: devices, and objects of each."""
+
+HEADINGS = ("device", "address", "object", "name", "value", "unit", "status")
+
+_OCTETS = 128
+
+
+async def scan(link: BacnetLink, wanted: Scan, *, broadcasts: bool) -> Scanned:
+    """The devices that answer a Who-Is within the time of `wanted`, and their objects whose values are numbers."""
+    if not broadcasts:
+        raise SourceConfigError(
+            "a scan asks everybody: give interface its prefix, such as 192.168.1.10/24, or bbmd; or name the devices "
+            "in channels, with at, and probe without --scan"
+        )
+    lowest, highest = wanted.devices or (0, LARGEST_INSTANCE)
+    found = {device.instance: device for device in await link.who_is(wanted.seconds, lowest, highest)}
+    rows: list[tuple[str, ...]] = [HEADINGS]
+    remarks = [] if found else [f"no device from {lowest} to {highest} answers within {wanted.seconds:g} s"]
+    for instance in sorted(found)[:MOST_DEVICES]:
+        try:
+            device = await link.find(instance, found[instance].address)
+            rows += await _rows(link, device, remarks)
+        except (NoAnswer, Refused) as error:
+            remarks.append(f"device {instance}: {error}")
+    if len(found) > MOST_DEVICES:
+        remarks.append(f"{len(found)} devices answer, {MOST_DEVICES} were looked at; narrow it with --devices")
+    return Scanned(rows, remarks)
+
+
+async def _rows(link: BacnetLink, device: Device, remarks: list[str]) -> list[tuple[str, ...]]:
+    objects = [object for object in await _objects(link, device, remarks) if is_numeric(object)]
+    if not objects:
+        remarks.append(f"device {device.instance} ({device.address}) has no object whose value is a number")
+    answers = await Asking(link, device, _OCTETS).ask(objects, (OBJECT_NAME, PRESENT_VALUE, UNITS, STATUS_FLAGS))
+    values = {what: value for answer in answers for what, value in answer.values.items()}
+
+    def cell(object: ObjectId, kind: int) -> Tagged | None:
+        value = values.get(Property(object, kind))
+        return value if isinstance(value, Tagged) else None
+
+    return [
+        (
+            str(device.instance),
+            str(device.address),
+            str(object),
+            _shown(text, cell(object, OBJECT_NAME)),
+            _shown(_value, cell(object, PRESENT_VALUE)),
+            _shown(_unit, cell(object, UNITS)),
+            _shown(_status, cell(object, STATUS_FLAGS)),
+        )
+        for object in objects
+    ]
+
+
+async def _objects(link: BacnetLink, device: Device, remarks: list[str]) -> list[ObjectId]:
+    """The object list of a device, at once or, where that is too long, one by one."""
+    what = Property(ObjectId(DEVICE, device.instance), OBJECT_LIST)
+    try:
+        listed = await link.read_list(device, what)
+    except Refused:
+        count = min(whole(await link.read_one(device, what, 0)), MOST_OBJECTS + 1)
+        listed = [await link.read_one(device, what, index) for index in range(1, count + 1)]
+    if len(listed) > MOST_OBJECTS:
+        remarks.append(f"device {device.instance} has more than {MOST_OBJECTS} objects; the first were looked at")
+    try:
+        return [ObjectId(*object_id(value)) for value in listed[:MOST_OBJECTS]]
+    except Unreadable as error:
+        raise Refused(f"its list of objects {error}") from error
+
+
+def _shown(read: object, value: Tagged | None) -> str:
+    if value is None:
+        return "-"
+    try:
+        return str(read(value))  # type: ignore[operator]
+    except Unreadable as error:
+        return str(error)
+
+
+def _value(value: Tagged) -> str:
+    found = number(value)
+    if found is None:
+        return "-"
+    return f"{found:.0f}" if found.is_integer() else f"{found:.6g}"
+
+
+def _unit(value: Tagged) -> str:
+    return unit_of(whole(value)) or f"(unit {whole(value)})"
+
+
+def _status(value: Tagged) -> str:
+    return str(flags(value)) if flags(value) != Flags() else "ok"

@@ -1,0 +1,274 @@
+"""Live telemetry of BACnet/IP devices, read only."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+import zlib
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, TypeVar
+
+from adapters.bacnet.network import Network
+from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
+from adapters.bacnet.points import BacnetChannel, Channels, Seen, probed
+from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.reading import Batch, Probe
+
+if TYPE_CHECKING:
+    from adapters.bacnet.client import BacnetLink, Device, Notification
+    from adapters.bacnet.session import Session
+    from adapters.scanning import Scan, Scanned
+
+__all__ = ["BacnetChannel", "BacnetSource", "Polling"]
+
+REPEAT = 600.0
+"""That something malformed comes is said again after this time at the earliest, in s."""
+
+LARGEST_PROCESS = 0x3FFFFF
+
+_ROOM = 1000
+_LOOK = 0.5
+_DEVICES_SHOWN = 8
+_COARSE = 0.2
+"""A subscription that shows no smaller change than this, in K, hides what a model of a room lives on."""
+
+
+# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
+_POLLS_IN_A_STRETCH = 10
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Polling:
+    """Every channel has a reading each `poll` s; where a device offers subscriptions of `lifetime` s (None: not wanted)
+    it is told of changes, and read seldom."""
+
+    poll: float = 10.0
+    lifetime: float | None = 300.0
+
+
+class BacnetSource:
+    """Devices of a BACnet/IP network, each followed by itself; readings are dated when their answer arrives.
+
+    A batch is what one device brings in one poll. An object that its device refuses costs its channels alone. A device
+    that is silent is asked again after pauses that grow to 30 s; if all are, `batches` raises SourceUnavailable, and is
+    to be called again.
+    """
+
+    def __init__(self, name: str, network: Network, channels: Sequence[BacnetChannel], polling: Polling) -> None:
+        self.name = name
+        self.malformed: Counter[str] = Counter()
+        """What came and could not be used, by kind: no BACnet/IP at all, a frame or an APDU that cannot be decoded, a
+        notification without values, and what found no room (overrun)."""
+        self._network, self._listed, self._polling = network, tuple(channels), polling
+        self._channels = Channels(channels, _POLLS_IN_A_STRETCH * polling.poll)
+        self._rebound = False
+        self._link: BacnetLink | None = None
+        self._late = 0
+        self._sessions: dict[int, Session] = {}
+        self._said: dict[str, float] = {}
+
+    @property
+    def late(self) -> int:
+        """How many polls of a device began later than they should have by a whole `poll` or more."""
+        return self._late + sum(session.late for session in self._sessions.values())
+
+    def check(self) -> list[str]:
+        """Sentences about a library that is not installed, and about devices that cannot be found."""
+        problems = []
+        if find_spec("bacpypes3") is None:
+            problems.append(
+                f"sources.{self.name}: BACnet needs bacpypes3; install it with: pip install 'thermogate[bacnet]'"
+            )
+        lost = [str(device) for device, address in self._channels.devices.items() if address is None]
+        if lost and not self._network.broadcasts:
+            problems.append(
+                f"sources.{self.name}: nobody can be asked where device {lost[0]} is: give interface its prefix, such "
+                f'as interface = "{self._network.interface.split("/")[0]}/24", or give bbmd, or say at '
+                "which address each device is"
+            )
+        return problems
+
+    def rebind(self, channels: Sequence[BacnetChannel]) -> None:
+        """Read `channels` from the next poll on, over the same port."""
+        self._listed, self._rebound = tuple(channels), True
+
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
+        link = await self._open()
+        arrived: asyncio.Queue[Batch] = asyncio.Queue(_ROOM)
+        tasks: dict[int, asyncio.Task[None]] = {}
+        try:
+            link.listen(self._heard)
+            self._follow(link, arrived, tasks)
+            while True:
+                batch = await _soon(arrived)
+                if batch is not None:
+                    yield batch
+                for task in tasks.values():
+                    if task.done():
+                        task.result()
+                if self._rebound:
+                    self._rebound = False
+                    self._channels.replace(self._listed)
+                    self._follow(link, arrived, tasks)
+                if arrived.empty() and self._sessions and all(session.silent for session in self._sessions.values()):
+                    raise SourceUnavailable(self._nobody())
+        finally:
+            for task in tasks.values():
+                task.cancel()
+            await asyncio.gather(*tasks.values(), return_exceptions=True)
+            self._late, self._sessions = self.late, {}
+            await link.close()
+
+    async def probe(self, seconds: float) -> list[Probe]:
+        """Every channel, by a request of its own; who else is there, if a device does not answer."""
+        from adapters.bacnet.client import NoAnswer, Refused
+
+        link = await self._open(beside=True)
+        devices: dict[int, Device | str] = {}
+        others: tuple[str, ...] = ()
+        try:
+            for instance, address in self._channels.devices.items():
+                try:
+                    devices[instance] = await link.find(instance, address)
+                except (NoAnswer, Refused) as error:
+                    devices[instance] = f"{error}; check device, address and the network"
+            if self._network.broadcasts and any(isinstance(device, str) for device in devices.values()):
+                found = await link.who_is(seconds)
+                listed = ", ".join(f"{one.instance} ({one.address})" for one in found[:_DEVICES_SHOWN])
+                others = (f"devices that answer: {listed or 'none'}",)
+            probes = []
+            for channel in self._listed:
+                device = devices[channel.device]
+                if isinstance(device, str):
+                    probes.append(Probe(channel.id, channel.place, "-", None, None, device, others))
+                    continue
+                try:
+                    probes.append(await _look(link, device, channel))
+                except NoAnswer as error:
+                    probes.append(Probe(channel.id, channel.place, "-", None, None, str(error)))
+                except Refused as error:
+                    verdict = f"the device refuses it: {error}; check object, or list what there is with --scan"
+                    probes.append(Probe(channel.id, channel.place, "-", None, None, verdict))
+            return probes
+        finally:
+            await link.close()
+
+    async def scan(self, wanted: Scan) -> Scanned:
+        """The devices that answer within the time of `wanted`, and their objects whose values are numbers."""
+        from adapters.bacnet.scan import scan
+
+        link = await self._open(beside=True)
+        try:
+            return await scan(link, wanted, broadcasts=self._network.broadcasts)
+        except SourceError as error:
+            raise type(error)(f"sources.{self.name}: {error}") from error
+        finally:
+            await link.close()
+
+    async def close(self) -> None:
+        """Close the port; safe to call twice."""
+        if self._link is not None:
+            await self._link.close()
+
+    async def _open(self, *, beside: bool = False) -> BacnetLink:
+        for problem in self.check():
+            raise SourceConfigError(problem)
+        from adapters.bacnet.client import BacnetLink
+
+        self._link = link = BacnetLink(self._network, self._note, beside=beside)
+        try:
+            await link.open()
+        except SourceUnavailable as error:
+            await link.close()
+            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
+        return link
+
+    def _follow(self, link: BacnetLink, arrived: asyncio.Queue[Batch], tasks: dict[int, asyncio.Task[None]]) -> None:
+        """Follow every device that has channels, and no other."""
+        from adapters.bacnet.session import Manner, Session
+
+        process = zlib.crc32(self.name.encode()) % LARGEST_PROCESS + 1
+        devices = self._channels.devices
+        for device in tasks.keys() - devices.keys():
+            tasks.pop(device).cancel()
+            self._late += self._sessions.pop(device).late
+        poll, lifetime = self._polling.poll, self._polling.lifetime
+        for index, device in enumerate(devices):
+            if device in tasks:
+                self._sessions[device].rebound()
+                continue
+            manner = Manner(poll, lifetime, process, phase=poll * (index + 1) / len(devices))
+            session = Session(self.name, device, link, self._channels, manner, arrived.put)
+            self._sessions[device] = session
+            tasks[device] = asyncio.create_task(session.follow(), name=f"source {self.name} device {device}")
+
+    def _heard(self, notification: Notification) -> None:
+        for session in self._sessions.values():
+            if session.heard(notification):
+                return
+
+    def _nobody(self) -> str:
+        reasons = [session.reason for session in self._sessions.values()]
+        more = "" if len(reasons) == 1 else f", and {len(reasons) - 1} other{'s' * (len(reasons) > 2)}"
+        return f"sources.{self.name}: {reasons[0]}{more}; check device, address and the network"
+
+    def _note(self, kind: str) -> None:
+        """Something came that cannot be used."""
+        self.malformed[kind] += 1
+        now = time.monotonic()
+        if now >= self._said.get(kind, float("-inf")):
+            self._said[kind] = now + REPEAT
+            _log.warning(
+                "sources.%s: something came that cannot be used (%s); %d of this kind so far",
+                self.name,
+                kind,
+                self.malformed[kind],
+            )
+
+
+async def _soon(arrived: asyncio.Queue[Batch]) -> Batch | None:
+    try:
+        async with asyncio.timeout(_LOOK):
+            return await arrived.get()
+    except TimeoutError:
+        return None
+
+
+async def _look(link: BacnetLink, device: Device, channel: BacnetChannel) -> Probe:
+    """One channel's object. Raises NoAnswer or Refused."""
+    from adapters.bacnet.client import Refused
+
+    value = await link.read_one(device, Property(channel.object, PRESENT_VALUE))
+    when = time.time()
+
+    async def other(kind: int) -> Tagged | None:
+        try:
+            return await link.read_one(device, Property(channel.object, kind))
+        except Refused:
+            return None
+
+    units, name = _read(whole, await other(UNITS)), _read(text, await other(OBJECT_NAME))
+    increment = _read(number, await other(COV_INCREMENT))
+    hints = [] if name is None else [f'the device calls it "{name}"']
+    if increment and channel.cov and channel.is_temperature and channel.edge.change(increment) > _COARSE:
+        hints.append(f"its COV increment is {increment:g}: a subscription shows no smaller change; cov = false polls")
+    return probed(channel, Seen(value, await other(STATUS_FLAGS), units), when, hints)
+
+
+_Read = TypeVar("_Read")
+
+
+def _read(read: Callable[[Tagged], _Read], value: Tagged | None) -> _Read | None:
+    """What `read` makes of `value`; None where it makes nothing of it."""
+    try:
+        return None if value is None else read(value)
+    except Unreadable:
+        return None

@@ -1,0 +1,173 @@
+"""Live telemetry that clients post over HTTP: from posted values to readings of channels."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from math import inf
+from typing import NamedTuple
+
+from adapters.edge import PLAIN, Converter, Edge
+from adapters.http.posted import NO_TAGS, Posted
+from adapters.reading import Batch, Fault, Probe, Quality, Reading
+from adapters.stuck import StuckWatch
+from adapters.timestamps import EARLIEST
+
+_UNHEARD = "this source is posted to, and only the running daemon hears that; look at last_good in GET /zones/{zone}"
+
+
+class HttpChannel(NamedTuple):
+    """What the values of channel `id` ("zone/channel") are called where they are posted, and what becomes of them.
+
+    `name` is what JSON and SenML may call it besides its id. Values of line protocol have the measurement and the
+    field, and every one of `tags`. A value that comes with a unit has to be in `unit` (None: in any). A raw value that
+    has not changed for `stuck_after` s is uncertain, for twice as long bad.
+    """
+
+    id: str
+    name: str | None = None
+    measurement: str = ""
+    field: str = "value"
+    tags: Mapping[str, str] = NO_TAGS
+    unit: str | None = None
+    edge: Edge = PLAIN
+    stuck_after: float | None = None
+
+    @property
+    def zone(self) -> str:
+        """The zone that it belongs to."""
+        return self.id.split("/", 1)[0]
+
+
+class Received(NamedTuple):
+    """What a post brings: readings in the order of time; how many first counts of counters, which are no power yet;
+    and which of the posted values, by their places, some channel asks for."""
+
+    readings: list[Reading]
+    begun: int
+    used: frozenset[int]
+
+
+class HttpSource:
+    """Channels that are posted to. `receive` makes readings of a post at once; there is nothing to connect to."""
+
+    def __init__(
+        self, name: str, channels: Sequence[HttpChannel], max_ahead: float = 10.0, longest_stretch: float = 900.0
+    ) -> None:
+        """A time more than `max_ahead` s ahead of this machine's clock is refused, and no power is made of counts
+        further apart than `longest_stretch` s."""
+        self.name = name
+        self._max_ahead, self._longest_stretch = max_ahead, longest_stretch
+        self._named: dict[str, list[_Watched]] = {}
+        self._measured: dict[tuple[str, str], list[_Watched]] = {}
+        self._listed: tuple[HttpChannel, ...] = ()
+        self._news = asyncio.Event()
+        self.rebind(channels)
+
+    def check(self) -> list[str]:
+        """Nothing can be wrong that its tables do not tell."""
+        return []
+
+    def rebind(self, channels: Sequence[HttpChannel]) -> None:
+        """These are the channels from now on; what is remembered of those that stay is kept."""
+        known = {watched.channel.id: watched for watched in self._all()}
+        self._listed = tuple(channels)
+        self._named, self._measured = {}, {}
+        for channel in channels:
+            watched = known.get(channel.id)
+            if watched is None or watched.channel != channel:
+                watched = _Watched(channel, self._longest_stretch)
+            for name in {channel.id, channel.name} - {None}:
+                self._named.setdefault(str(name), []).append(watched)
+            self._measured.setdefault((channel.measurement, channel.field), []).append(watched)
+
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """An empty batch whenever something was posted, for ever: the readings themselves go to the zones as they come,
+        while their client waits."""
+        while True:
+            await self._news.wait()
+            self._news.clear()
+            yield Batch([], -inf)
+
+    async def probe(self, seconds: float) -> list[Probe]:
+        """Where to look instead: nobody posts to a probe."""
+        return [
+            Probe(channel.id, _place(channel), "-", None, None, _UNHEARD.format(zone=channel.zone))
+            for channel in self._listed
+        ]
+
+    async def close(self) -> None:
+        """Nothing is held."""
+
+    def receive(self, posted: Sequence[Posted], zone: str | None = None, now: float | None = None) -> Received:
+        """The readings of what was posted at `now` (UTC s), for the channels of `zone` alone if one is given; such a
+        post may leave the zone out of the names."""
+        arrived = time.time() if now is None else now
+        found = [(place, watched) for place, one in enumerate(posted) for watched in self._meant(one, zone)]
+        # Counters need their counts in the order of time.
+        found.sort(key=lambda pair: arrived if (when := posted[pair[0]].time) is None else when)
+        readings = [watched.reading(posted[place], arrived, self._max_ahead) for place, watched in found]
+        if found:
+            self._news.set()
+        taken = [reading for reading in readings if reading is not None]
+        return Received(taken, len(readings) - len(taken), frozenset(place for place, _ in found))
+
+    def _all(self) -> Iterator[_Watched]:
+        return (watched for listed in self._measured.values() for watched in listed)
+
+    def _meant(self, posted: Posted, zone: str | None) -> list[_Watched]:
+        if posted.field is None:
+            short = [] if zone is None else self._named.get(f"{zone}/{posted.name}", [])
+            listed = short or self._named.get(posted.name, [])
+        else:
+            listed = [
+                watched
+                for watched in self._measured.get((posted.name, posted.field), [])
+                if watched.channel.tags.items() <= posted.tags.items()
+            ]
+        return [watched for watched in listed if zone in (None, watched.channel.zone)]
+
+
+class _Watched:
+    """A channel, and what has to be remembered of its last values."""
+
+    def __init__(self, channel: HttpChannel, longest_stretch: float) -> None:
+        self.channel = channel
+        self._converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
+        self._stuck = StuckWatch(channel.stuck_after)
+        self._counted_until = -inf
+
+    def reading(self, posted: Posted, arrived: float, max_ahead: float) -> Reading | None:
+        """The reading that `posted` brings; None for the first count of a counter."""
+        when = arrived if posted.time is None else posted.time
+        if when > arrived + max_ahead:
+            return self._converter.bad(arrived, Fault.AHEAD_OF_TIME)
+        if when < EARLIEST:
+            return self._converter.bad(arrived, Fault.BAD_TIMESTAMP)
+        fault = self._fault(posted)
+        if fault is not None or isinstance(posted.value, Fault):
+            return self._converter.bad(when, fault or Fault.NON_NUMERIC)
+        if self.channel.edge.counter:
+            if when <= self._counted_until:
+                # Most probably posted a second time, which the zone knows.
+                return self._converter.bad(when, Fault.OUT_OF_ORDER)
+            self._counted_until = when
+        moving = self._stuck.quality(time.monotonic(), posted.value)
+        if moving is Quality.BAD:
+            return self._converter.bad(when, Fault.STUCK)
+        doubtful = Quality.UNCERTAIN in (moving, posted.quality)
+        return self._converter.reading(when, posted.value, Quality.UNCERTAIN if doubtful else Quality.GOOD)
+
+    def _fault(self, posted: Posted) -> Fault | None:
+        if isinstance(posted.value, Fault):
+            return posted.value
+        if posted.quality is Quality.BAD:
+            return Fault.REPORTED_BAD
+        wrong_unit = self.channel.unit is not None and posted.unit not in (None, self.channel.unit)
+        return Fault.WRONG_UNIT if wrong_unit else None
+
+
+def _place(channel: HttpChannel) -> str:
+    tags = "".join(f",{key}={value}" for key, value in channel.tags.items())
+    return f"{channel.name or channel.id}, or {channel.measurement}{tags} {channel.field}"

@@ -1,0 +1,1 @@
+"""What publishers send by themselves, whoever brings it: it waits here, is dated, and becomes readings."""

@@ -1,0 +1,192 @@
+"""One look at the channels of a Modbus source for the person who sets it up: what is there, and what might be meant."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator, Sequence
+from math import isfinite
+
+from adapters.modbus.client import Answer, ModbusLink, NoAnswer, Refused
+from adapters.modbus.codec import Format, decode, is_available, other_orders, other_sign
+from adapters.modbus.plan import Point
+from adapters.modbus.points import ModbusChannel
+from adapters.reading import Fault, Probe
+
+_NEARLY_NOTHING = 1e-6
+_SCALES = (0.1, 0.01, 0.001, 10.0)
+_SWAPPED_STEP = 65536
+_LIFETIME = 50 * 365.25 * 86_400.0
+_OTHER_TABLE = {"holding": "input", "input": "holding", "coil": "discrete", "discrete": "coil"}
+_NUMBERED = {"1": "discrete", "3": "input", "4": "holding"}
+"""What the first of five digits means in lists that number registers 40001 and so on."""
+
+
+async def probe_all(link: ModbusLink, channels: Sequence[ModbusChannel], seconds: float) -> list[Probe]:
+    """A probe of every channel, in their order. Counters are read twice, `seconds` apart. Raises SourceUnavailable."""
+    answers: list[Answer | Refused | str] = []
+    silent: dict[int, str] = {}
+    for channel in channels:
+        answers.append(await _look(link, channel, silent))
+    again: dict[int, Answer | Refused | str] = {}
+    counters = [k for k, channel in enumerate(channels) if channel.edge.counter and isinstance(answers[k], Answer)]
+    if counters:
+        await asyncio.sleep(seconds)
+        again = {k: await _look(link, channels[k], silent) for k in counters}
+    probes = []
+    for k, (channel, answer) in enumerate(zip(channels, answers, strict=True)):
+        if isinstance(answer, str):
+            probes.append(Probe(channel.id, channel.place, "-", None, None, answer))
+            continue
+        if isinstance(answer, Refused):
+            verdict = f"the device refuses it: {answer}; check table and register"
+            probe = Probe(channel.id, channel.place, "-", None, None, verdict, tuple(_numbered(channel)))
+        else:
+            later = again.get(k)
+            probe = probed(channel, answer, later if isinstance(later, Answer) else None)
+        if probe.verdict != "good" and not probe.verdict.startswith("not available") and channel.unit not in silent:
+            probe = probe._replace(hints=(*probe.hints, *await _nearby(link, channel)))
+        probes.append(probe)
+    return probes
+
+
+async def _look(link: ModbusLink, channel: ModbusChannel, silent: dict[int, str]) -> Answer | Refused | str:
+    """The answer for `channel`, or the sentence about a unit that is silent, which is not asked again."""
+    if channel.unit not in silent:
+        try:
+            return await link.read(*channel.point)
+        except Refused as error:
+            return error
+        except NoAnswer as error:
+            silent[channel.unit] = f"{error}; check unit_id and the device"
+    return silent[channel.unit]
+
+
+def probed(channel: ModbusChannel, answer: Answer, later: Answer | None = None) -> Probe:
+    """What a person should know about the answer for `channel`; a counter has been read a second time `later`."""
+    words, edge = answer.words, channel.edge
+    bits = channel.table in ("coil", "discrete")
+    raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
+    layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
+    place = f"{channel.place} {layout}"
+    if not is_available(words, channel.format):
+        return Probe(channel.id, place, raw, None, answer.time, "not available: the device has no value here now")
+    number = decode(words, channel.format)
+    if edge.counter:
+        verdict, hints = _counted(channel, answer, later)
+        return Probe(channel.id, place, raw, None, answer.time, verdict, tuple(hints))
+    value = edge.value(number)
+    fault = edge.fault(value)
+    lower, upper = edge.valid
+    if fault is not None:
+        verdict = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+    elif 0 < abs(number) < _NEARLY_NOTHING:
+        verdict = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
+    elif not edge.is_usual(value):
+        verdict = f"doubtful: usually {edge.usual[0]:g} to {edge.usual[1]:g} here; if it is right, give valid"
+    else:
+        return Probe(channel.id, place, raw, value, answer.time)
+    return Probe(channel.id, place, raw, value, answer.time, verdict, tuple(_hints(channel, words)))
+
+
+def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:
+    for order, number in other_orders(words, channel.format).items():
+        value = channel.edge.value(number)
+        mark = ", which is plausible" if _plausible(channel, number) else ""
+        yield f"{order} would be {value:.6g}{mark}"
+    twin = other_sign(words, channel.format)
+    if twin is not None and _plausible(channel, twin[1]):
+        yield f"{twin[0]} would be {channel.edge.value(twin[1]):.6g}, which is plausible"
+    number = decode(words, channel.format)
+    for scale in _SCALES:
+        if isfinite(number) and channel.format.type != "bool" and _plausible(channel, number * scale):
+            written = f"{channel.edge.scale * scale:g}"
+            yield f"scale = {written} would be {channel.edge.value(number * scale):.6g}, which is plausible"
+
+
+def _plausible(channel: ModbusChannel, number: float) -> bool:
+    return abs(number) >= _NEARLY_NOTHING and channel.edge.is_usual(channel.edge.value(number))
+
+
+def _numbered(channel: ModbusChannel) -> Iterator[str]:
+    """Lists that begin with 40001 name the table by the first digit."""
+    digits = str(channel.register)
+    if len(digits) == 5 and digits[0] in _NUMBERED and 1 <= channel.register % 10_000 <= 9999:
+        table, register = _NUMBERED[digits[0]], channel.register % 10_000
+        yield (
+            f"a list that writes {digits} means register {register} of table {table}: write first_register = 1, "
+            f'table = "{table}" and register = {register}'
+        )
+
+
+async def _nearby(link: ModbusLink, channel: ModbusChannel) -> list[str]:
+    """What stands beside the channel's registers, and in the other table, where it would be plausible."""
+    point, found = channel.point, []
+    steps = sorted({-point.size, -1, 1, point.size}, key=lambda step: (abs(step), step))
+    places = [(f"register {channel.register + step}", point._replace(address=point.address + step)) for step in steps]
+    other = _OTHER_TABLE[point.table]
+    places.append((f"table {other}", point._replace(table=other)))
+    for name, place in places:
+        if not 0 <= place.address <= 65536 - place.size or channel.format.type == "bool":
+            continue
+        try:
+            words = (await link.read(*Point(*place))).words
+        except Refused:
+            continue
+        except NoAnswer:
+            break
+        number = decode(words, channel.format)
+        if is_available(words, channel.format) and _plausible(channel, number) and not channel.edge.counter:
+            found.append(f"{name} would be {channel.edge.value(number):.6g}, which is plausible")
+    return found
+
+
+def _counted(channel: ModbusChannel, first: Answer, second: Answer | None) -> tuple[str, list[str]]:
+    """What one or two readings of a counter say."""
+    edge, form = channel.edge, channel.format
+    number = decode(first.words, form)
+    hints = [f"the counter stands at {number * edge.scale + edge.offset:g}"]
+    verdict = "good"
+    whole = not form.type.startswith("float")
+    if whole and form.registers > 1 and number >= _SWAPPED_STEP and number % _SWAPPED_STEP == 0:
+        verdict = f"doubtful: it stands at a multiple of {_SWAPPED_STEP}, as counters with swapped words do"
+    elif not isfinite(number) or number < 0 or 0 < number < _NEARLY_NOTHING:
+        verdict = "doubtful: no counter stands there"
+    elif second is not None and is_available(second.words, form):
+        power = _power(channel, form, first, second)
+        span = second.time - first.time
+        moved = decode(second.words, form) - number
+        if power is None:
+            verdict = f"doubtful: it went back by {-moved * edge.scale:g} within {span:.1f} s"
+        elif not edge.is_usual(power):
+            verdict = f"doubtful: it moved by {moved * edge.scale:g} within {span:.1f} s, which would be {power:.6g}"
+        else:
+            hints.append(f"it moved by {moved * edge.scale:g} within {span:.1f} s")
+    if verdict == "good" and not _lived(channel, number):
+        verdict = "doubtful: it stands higher than it could in fifty years"
+    if verdict != "good":
+        for order in other_orders(first.words, form):
+            other = Format(form.type, order)
+            stand = decode(first.words, other)
+            power = None if second is None else _power(channel, other, first, second)
+            steady = power is not None and edge.is_usual(power) and not (whole and stand and stand % _SWAPPED_STEP == 0)
+            believable = _lived(channel, stand) and (whole or stand >= _NEARLY_NOTHING)
+            mark = ", which is plausible" if steady and believable else ""
+            hints.append(f"{order} would stand at {stand * edge.scale + edge.offset:g}{mark}")
+    return verdict, hints
+
+
+def _lived(channel: ModbusChannel, stand: float) -> bool:
+    """Whether a counter can have come to `stand` at the usual power."""
+    edge = channel.edge
+    return stand * edge.scale * edge.conversion.scale <= edge.usual[1] * _LIFETIME
+
+
+def _power(channel: ModbusChannel, form: Format, first: Answer, second: Answer) -> float | None:
+    """The least power that two readings allow, since a counter of whole steps may just have made one; None where it
+    went back."""
+    moved = decode(second.words, form) - decode(first.words, form)
+    span = second.time - first.time
+    if not moved >= 0 or span <= 0:
+        return None
+    steps = moved if form.type.startswith("float") else max(moved - 1.0, 0.0)
+    return steps * channel.edge.scale * channel.edge.conversion.scale / span

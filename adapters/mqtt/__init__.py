@@ -1,0 +1,1 @@
+"""MQTT: the connection to a broker, subscriptions, and the source on top."""

@@ -1,0 +1,92 @@
+"""Forecasts as JSON in the form of Open-Meteo: `{"hourly": {"time": [...], "temperature_2m": [...]}}`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from adapters.errors import SourceUnavailable
+from adapters.weather.forecast import Array, WeatherForecast, WeatherSeries, series_of
+
+LONGEST = 4 * 10**6
+"""Bytes of a document at most."""
+
+_BLOCKS = ("minutely_15", "hourly")
+"""Blocks of a document that hold series, the finest first: of a series that is in both, the finest counts."""
+
+_UNITS = {"°C": "degC", "°F": "degF", "W/m²": "W/m2", "K": "K"}
+_PRECEDING = ("radiation", "irradiance")
+
+
+def parse(text: bytes, arrived: float) -> WeatherForecast:
+    """The forecast in a document that `arrived` at UTC s. SourceUnavailable says what is wrong with it.
+
+    Times without a zone are in `utc_offset_seconds`, or UTC. Numbers are seconds since 1970. A document may say in
+    `issued` (RFC 3339) when it was issued.
+    """
+    if len(text) > LONGEST:
+        raise SourceUnavailable(f"the document has {len(text)} bytes; at most {LONGEST} are read")
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise SourceUnavailable(f"this is not JSON ({error})") from None
+    if not isinstance(document, dict):
+        raise SourceUnavailable("the document is no JSON object with the block hourly")
+    if document.get("error") is True:
+        raise SourceUnavailable(f"the service refuses: {document.get('reason', 'it does not say why')}")
+    series: dict[str, WeatherSeries] = {}
+    for block in reversed(_BLOCKS):
+        if block in document:
+            series |= _series(document, block)
+    if not series:
+        raise SourceUnavailable(f"the document has no series; it needs a block {' or '.join(reversed(_BLOCKS))}")
+    issued = document.get("issued")
+    return WeatherForecast(arrived if issued is None else float(_seconds([issued], 0.0)[0]), series)
+
+
+def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]:
+    columns, units = document[block], document.get(f"{block}_units", {})
+    if not isinstance(columns, dict) or not isinstance(columns.get("time"), list) or not isinstance(units, dict):
+        raise SourceUnavailable(f"the block {block} has no list of times called time")
+    offset = document.get("utc_offset_seconds", 0)
+    if isinstance(offset, bool) or not isinstance(offset, int | float):
+        raise SourceUnavailable(f"utc_offset_seconds is {offset!r}; it must be a number")
+    times = _seconds(columns["time"], float(offset))
+    found = {}
+    for name, values in columns.items():
+        if name == "time":
+            continue
+        if not isinstance(values, list) or len(values) != len(times):
+            raise SourceUnavailable(f"{block}.{name} must be a list with as many values as there are times")
+        if not all(
+            value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values
+        ):
+            raise SourceUnavailable(f"{block}.{name} must hold numbers or null")
+        numbers = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        unit = str(units.get(name, ""))
+        # Radiation is told as the mean of the time before, unless the name says instant.
+        preceding = any(word in name for word in _PRECEDING) and not name.endswith("_instant")
+        found[name] = series_of(times, numbers, _UNITS.get(unit, unit), "preceding" if preceding else "instant")
+    return found
+
+
+def _seconds(times: list[Any], offset: float) -> Array:
+    """UTC s of times as numbers or as RFC 3339; those without a zone are `offset` s ahead of UTC."""
+    seconds = np.full(len(times), np.nan)
+    for place, value in enumerate(times):
+        try:
+            if isinstance(value, str):
+                moment = datetime.fromisoformat(value)
+                ahead = 0.0 if moment.tzinfo else offset
+                seconds[place] = moment.replace(tzinfo=moment.tzinfo or UTC).timestamp() - ahead
+            elif isinstance(value, int | float) and not isinstance(value, bool):
+                seconds[place] = float(value)
+            else:
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise SourceUnavailable(f"{value!r} is no time; write 2026-01-31T12:00 or seconds since 1970") from None
+    return seconds

@@ -1,0 +1,62 @@
+"""Forecasts that are published on Zenoh, as documents."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import suppress
+
+from adapters.errors import SourceError, SourceUnavailable
+from adapters.messages.inbox import Incoming
+from adapters.weather.document import parse
+from adapters.weather.forecast import WeatherForecast
+from adapters.zenoh.connection import Connection
+from adapters.zenoh.link import ZenohLink, key_problem
+
+
+class HeardForecasts:
+    """Documents on one key; one is issued when it was sent, unless it says otherwise."""
+
+    def __init__(self, name: str, connection: Connection, key: str) -> None:
+        self.name = name
+        self._connection, self._key = connection, key
+        self._link: ZenohLink | None = None
+
+    def check(self) -> list[str]:
+        """What is wrong with the key and with the files that the session names."""
+        problem = key_problem(self._key)
+        found = [] if problem is None else [f"weather.{self.name}.key: {problem}"]
+        return found + [f"weather.{self.name}: {problem}" for problem in self._connection.problems()]
+
+    async def forecasts(self) -> AsyncIterator[WeatherForecast]:
+        """Every document as it comes, beginning with the last one if its publisher keeps it."""
+        loop, newest = asyncio.get_running_loop(), asyncio.Queue[Incoming](maxsize=1)
+
+        def keep(sample: Incoming) -> None:
+            # Only the newest forecast matters.
+            with suppress(asyncio.QueueEmpty):
+                newest.get_nowait()
+            newest.put_nowait(sample)
+
+        def heard(sample: Incoming) -> None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(keep, sample)
+
+        try:
+            await self.close()
+            self._link = link = await ZenohLink.open(self._connection)
+            link.subscribe(self._key, heard, last=True)
+            link.ask(self._key, heard, 5.0)
+            while True:
+                sample = await newest.get()
+                if sample.payload is None:
+                    raise SourceUnavailable(f"the document on {sample.key} has {sample.size} bytes, or was deleted")
+                yield parse(sample.payload, sample.arrived if sample.stamp is None else sample.stamp)
+        except SourceError as error:
+            raise SourceUnavailable(f"weather.{self.name}: {error}") from error
+
+    async def close(self) -> None:
+        """Close the session."""
+        link, self._link = self._link, None
+        if link is not None:
+            await link.close()

@@ -1,0 +1,222 @@
+"""A controller that heats a zone as cheaply as comfort allows, over Thermogate's REST API.
+
+    python mpc.py --url http://127.0.0.1:8080 --zone living --heater u_heat --power 2000 --low 20 --high 23
+
+It asks for the trust in the zone's forecasts, for the forecast without heating and for the zone's model, plans the
+heating by a linear programme, and prints what to do now. Where the forecasts cannot be trusted, or no answer comes, it
+is a thermostat. It needs NumPy and SciPy. Writing the power to the plant is yours: Thermogate never writes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+
+Array = npt.NDArray[np.float64]
+Ask = Callable[[str, str, Any], Any]
+"""Method, path and body (None for none) to the JSON that answers; OSError or ValueError if there is no answer."""
+
+HOUR = 3600.0
+SHORTEST = HOUR
+"""Below this horizon in s there is nothing to plan."""
+DISCOMFORT = 100.0
+"""What a kelvin outside the comfort band costs for an hour, in the currency of the price."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is controlled and how. Powers in W, temperatures in degC, times in s, prices per kWh."""
+
+    zone: str
+    heater: str = "u_heat"
+    power: float = 2000.0
+    low: float = 20.0
+    high: float = 23.0
+    step: float = 900.0
+    horizon: float = 86400.0
+    differential: float = 0.3
+    """Between the thermostat's switching on and off, K."""
+
+
+class Decision(NamedTuple):
+    """The power [W] until the next decision, who decided, why, and the planned powers [W] and temperatures [degC]."""
+
+    power: float
+    by: str
+    reason: str
+    plan: Array
+    temperatures: Array
+
+
+class Free(NamedTuple):
+    """What the zone does without heating: mean and lower end of an interval [degC] at each step, and the valid time."""
+
+    mean: Array
+    lower: Array
+    valid_time: str
+
+
+def rest(url: str, key: str | None = None, timeout: float = 20.0) -> Ask:
+    """Thermogate at `url`, with an API key if it wants one."""
+
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        headers = {"Content-Type": "application/json"} | ({"Authorization": f"Bearer {key}"} if key else {})
+        content = None if body is None else json.dumps(body).encode()
+        request = urllib.request.Request(url.rstrip("/") + path, content, headers, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=timeout) as answer:
+                return json.load(answer)
+        except urllib.error.HTTPError as error:
+            with error:
+                raise OSError(json.load(error)["detail"]) from error
+
+    return ask
+
+
+def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
+    """How far ahead (s, at most `wanted`) the forecasts are to be relied on, how, and why no further.
+
+    The rule: plan as far as the trust reaches without a gap. "trusted" is planned with; "doubtful" with a margin; from
+    the first horizon that is "learning" or "untrusted" on, not at all.
+    """
+    trusted, worst = 0.0, "trusted"
+    for horizon in ask("GET", f"/zones/{zone}/trust", None)["horizons"]:
+        if horizon["trust"] not in ("trusted", "doubtful"):
+            return trusted, worst, f"{horizon['trust']}: {horizon['reason']}"
+        if trusted < wanted and horizon["trust"] == "doubtful":
+            worst = "doubtful"
+        trusted = min(float(horizon["lead_s"]), wanted)
+    return trusted, worst, ""
+
+
+def free_response(ask: Ask, settings: Settings, horizon: float) -> Free:
+    """The forecast with the heating off, at every step; weather and neighbours are Thermogate's."""
+    request = {
+        "horizon": f"{horizon:.0f}s",
+        "zones": [settings.zone],
+        "levels": [0.8],
+        "plans": [{"inputs": {settings.zone: {settings.heater: 0.0}}}],
+    }
+    (zone,) = ask("POST", "/forecasts", request)["plans"][0]["zones"]
+    if zone["problem"] or zone["quality"] == "bad":
+        raise ValueError(zone["problem"] or "the forecast has the quality bad")
+    output, every = zone["outputs"][0], round(settings.step / zone["period_s"])
+    mean, lower = (np.array(values, dtype=float)[::every] for values in (output["mean"], output["lower"][0]))
+    return Free(mean, lower, zone["valid_time"])
+
+
+def heating_response(ask: Ask, settings: Settings, steps: int) -> Array:
+    """(steps,): K of the room at the end of each step after one W over the first, the mean over all draws."""
+    model = ask("GET", f"/zones/{settings.zone}/model?step={settings.step:.0f}s&draws=100", None)
+    heater = [channel["name"] for channel in model["inputs"]].index(settings.heater)
+    a, b = (np.array(model["draws"][name]) for name in ("A", "B"))
+    weights, c = np.array(model["draws"]["weights"]), np.array(model["mean"]["C"])[0]
+    state, response = b[:, :, heater], []
+    for _ in range(steps):
+        response.append(float(weights @ (state @ c)))
+        state = np.einsum("kij,kj->ki", a, state)
+    return np.array(response)
+
+
+def plan(settings: Settings, free: Array, response: Array, prices: Sequence[float], low: Array, high: Array) -> Array:
+    """The powers (n,) [W] of least cost: a linear programme, solved by HiGHS.
+
+    `free` (n + 1,) [degC] is what happens without heating, `response` (n,) what a W does, `prices` (n,) per kWh; `low`
+    and `high` (n,) [degC] are to be kept after each step. Leaving them costs DISCOMFORT, so there is always a plan.
+    """
+    steps, hours = len(response), settings.step / HOUR
+    moved = np.array([[response[k - j] if j <= k else 0.0 for j in range(steps)] for k in range(steps)])
+    nothing, slack = np.zeros((steps, steps)), np.eye(steps)
+    cost = np.concatenate([np.asarray(prices) * hours / 1000.0, np.full(2 * steps, DISCOMFORT * hours)])
+    # Too cold by at most the first slack, too warm by at most the second.
+    sides = np.block([[-moved, -slack, nothing], [moved, nothing, -slack]])
+    margins = np.concatenate([free[1:] - low, high - free[1:]])
+    bounds = [(0.0, settings.power)] * steps + [(0.0, None)] * (2 * steps)
+    solved = linprog(cost, A_ub=sides, b_ub=margins, bounds=bounds, method="highs")
+    if not solved.success:
+        raise ValueError(f"no plan was found: {solved.message}")
+    return np.asarray(solved.x[:steps], dtype=float)
+
+
+def thermostat(settings: Settings, temperature: float, heating: bool) -> float:
+    """The power [W] of a thermostat at `temperature` [degC] that was `heating`."""
+    on_below = settings.low + (settings.differential if heating else 0.0)
+    return settings.power if temperature < on_below else 0.0
+
+
+def decide(
+    ask: Ask,
+    settings: Settings,
+    temperature: float,
+    heating: bool,
+    prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
+    low: Callable[[int], Sequence[float]] | None = None,
+) -> Decision:
+    """The power now: by the plan if the forecasts can be trusted far enough, otherwise by a thermostat.
+
+    `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` give the price and the
+    lower end of comfort of as many steps as asked for, from now on.
+    """
+    try:
+        horizon, trust, why = reach(ask, settings.zone, settings.horizon)
+        horizon -= horizon % settings.step
+        if horizon < SHORTEST:
+            raise ValueError(f"the forecasts are not trusted for an hour ({why})")
+        free = free_response(ask, settings, horizon)
+        steps = len(free.mean) - 1
+        lowest = np.array(low(steps) if low is not None else [settings.low] * steps)
+        # Where intervals have been too narrow, comfort is kept for the lower end of the forecast.
+        margin = (free.mean - free.lower)[1:] if trust == "doubtful" else np.zeros(steps)
+        wanted = np.minimum(lowest + margin, settings.high)
+        response = heating_response(ask, settings, steps)
+        powers = plan(settings, free.mean, response, prices(steps), wanted, np.full(steps, settings.high))
+        temperatures = free.mean[1:] + np.convolve(powers, response)[:steps]
+        reason = f"planned {horizon / HOUR:.0f} h ahead from {free.valid_time}, {trust}{'; then ' + why if why else ''}"
+        return Decision(float(powers[0]), "plan", reason, powers, temperatures)
+    except (OSError, ValueError, KeyError) as error:
+        nothing: Array = np.empty(0)
+        return Decision(thermostat(settings, temperature, heating), "thermostat", str(error), nothing, nothing)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a decision every step, for ever or `--times` often."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--url", default="http://127.0.0.1:8080")
+    parser.add_argument("--key", help="API key, if the daemon wants one")
+    parser.add_argument("--times", type=int, default=0, help="how many decisions; 0: for ever")
+    defaults: Mapping[str, Any] = Settings("").__dict__
+    for name, default in defaults.items():
+        parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default)
+    given = vars(parser.parse_args(arguments))
+    settings, ask = Settings(**{name: given[name] for name in defaults}), rest(given["url"], given["key"])
+    heating, count = False, 0
+    while True:
+        try:
+            history = ask("GET", f"/zones/{urllib.parse.quote(settings.zone)}/history?limit=1", None)
+            temperature = float(history["rows"][-1]["y"])
+        except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+            print(f"no measured temperature ({error}); the plant's own thermostat has to heat", file=sys.stderr)
+        else:
+            decision = decide(ask, settings, temperature, heating)
+            heating = decision.power > 0.0
+            print(f"{decision.power:.0f} W by {decision.by} at {temperature:.1f} degC: {decision.reason}", flush=True)
+        count += 1
+        if count == given["times"]:
+            return 0
+        time.sleep(settings.step)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""A building of EnergyPlus behind the servers of the simulated BMS. Needs the extra `energyplus`."""

@@ -1,0 +1,307 @@
+"""A `Building` as EnergyPlus reads it (epJSON).
+
+Nothing in the model has a schedule of its own: heaters, people, equipment, lights and windows are objects of size one
+that the plant drives from outside. There is no HVAC system, and the system's step is the zone's step, so that whatever
+is set at the beginning of a step acts during the whole of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import date
+from typing import Any
+
+from replay.energyplus.buildings import OPPOSITE, SIDES, Building, Room, Side
+from replay.energyplus.construction import Construction
+
+STEP = 300.0
+"""Seconds of a step."""
+AIR_MULTIPLIER = 4.0
+"""Heat capacity of the air with what is quick to follow it (furniture, books), over that of the air alone."""
+HEATER_RADIANT = 0.3
+"""Share of a panel's heat that goes to the surfaces by radiation; the rest heats the air."""
+
+_YEARS = 20
+_ALWAYS, _ACTIVITY = "always", "activity"
+_WATTS_PER_PERSON = 120.0
+
+Model = dict[str, dict[str, dict[str, Any]]]
+
+
+def heater(room: str) -> str:
+    """The name of a room's heater in the model."""
+    return f"{room} heater"
+
+
+def people(room: str) -> str:
+    """The name of a room's people in the model."""
+    return f"{room} people"
+
+
+def equipment(room: str) -> str:
+    """The name of a room's equipment in the model."""
+    return f"{room} equipment"
+
+
+def lights(room: str) -> str:
+    """The name of a room's lights in the model."""
+    return f"{room} lights"
+
+
+def windows(room: str) -> str:
+    """The name of what comes in through a room's open windows in the model."""
+    return f"{room} windows"
+
+
+def surface(room: str, side: Side) -> str:
+    """The name of one side of a room in the model."""
+    return f"{room} {side}"
+
+
+def model_of(building: Building, begin: date) -> Model:
+    """The model of `building` from the midnight that begins the day `begin` on, for twenty years."""
+    model: Model = {
+        "Version": {"Version": {"version_identifier": "25.2"}},
+        "Building": {
+            building.name: {
+                "terrain": "Suburbs",
+                "solar_distribution": "FullExterior",
+                "minimum_number_of_warmup_days": 6,
+                "maximum_number_of_warmup_days": 50,
+            }
+        },
+        "GlobalGeometryRules": {
+            "rules": {
+                "starting_vertex_position": "UpperLeftCorner",
+                "vertex_entry_direction": "Counterclockwise",
+                "coordinate_system": "World",
+            }
+        },
+        "Timestep": {"step": {"number_of_timesteps_per_hour": round(3600 / STEP)}},
+        "ConvergenceLimits": {"limits": {"minimum_system_timestep": round(STEP / 60)}},
+        # The step's balance is that of its two ends: heat in = C (T_(k+1) - T_k), without a memory of earlier steps.
+        "ZoneAirHeatBalanceAlgorithm": {"algorithm": {"algorithm": "EulerMethod"}},
+        "ZoneCapacitanceMultiplier:ResearchSpecial": {
+            "air": {"temperature_capacity_multiplier": AIR_MULTIPLIER},
+        },
+        "SimulationControl": {
+            "control": {
+                "run_simulation_for_sizing_periods": "No",
+                "run_simulation_for_weather_file_run_periods": "Yes",
+            }
+        },
+        "RunPeriod": {"period": _period(begin)},
+        "OutputControl:Files": {"files": dict.fromkeys(_FILES, "No")},
+        "Schedule:Constant": {
+            _ALWAYS: {"hourly_value": 1.0},
+            _ACTIVITY: {"hourly_value": _WATTS_PER_PERSON},
+        },
+        "WindowMaterial:SimpleGlazingSystem": {
+            "glazing": {
+                "u_factor": building.glazing.u_value,
+                "solar_heat_gain_coefficient": building.glazing.solar_heat_gain,
+            }
+        },
+        "Construction": {"window": {"outside_layer": "glazing"}},
+        "Material": {},
+        "Zone": {},
+        "BuildingSurface:Detailed": {},
+        "FenestrationSurface:Detailed": {},
+        "ZoneCrossMixing": {},
+    }
+    for name in ("wall", "roof", "ground", "partition", "storey"):
+        _add_construction(model, name, getattr(building, name))
+    for room in building.rooms:
+        model["Zone"][room.name] = {"volume": room.volume}
+        for side in SIDES:
+            _add_side(model, room, side)
+        _add_doors(model, room, building.doors)
+        _add_loads(model, room, building.air_changes)
+    return {kind: objects for kind, objects in model.items() if objects}
+
+
+def _period(begin: date) -> dict[str, Any]:
+    return {
+        "begin_year": begin.year,
+        "begin_month": begin.month,
+        "begin_day_of_month": begin.day,
+        "end_year": begin.year + _YEARS,
+        "end_month": 12,
+        "end_day_of_month": 31,
+        "use_weather_file_holidays_and_special_days": "No",
+        "use_weather_file_daylight_saving_period": "No",
+    }
+
+
+def _add_construction(model: Model, name: str, layers: Construction) -> None:
+    """Construction `name`, and its mirror image for the neighbour's side of it."""
+    names = []
+    for material, thickness in layers:
+        layer = f"{material.name} {1000 * thickness:g} mm"
+        names.append(layer)
+        model["Material"][layer] = {
+            "roughness": "MediumRough",
+            "thickness": thickness,
+            "conductivity": material.conductivity,
+            "density": material.density,
+            "specific_heat": material.specific_heat,
+        }
+    for key, ordered in ((name, names), (f"{name} reversed", names[::-1])):
+        fields = ("outside_layer", *(f"layer_{number}" for number in range(2, len(ordered) + 1)))
+        model["Construction"][key] = dict(zip(fields, ordered, strict=True))
+
+
+def _add_side(model: Model, room: Room, side: Side) -> None:
+    """One side of the box. Its floor lies over a ventilated crawl space, so that all heat goes to the outdoor air."""
+    kind = {"floor": "Floor", "ceiling": "Roof"}.get(side, "Wall")
+    construction = {"floor": "ground", "ceiling": "roof"}.get(side, "wall")
+    fields: dict[str, Any] = {"outside_boundary_condition": "Outdoors"}
+    if side == "floor":
+        fields |= {"sun_exposure": "NoSun", "wind_exposure": "NoWind"}
+    if side in room.beside:
+        kind = "Ceiling" if side == "ceiling" else kind
+        # The layers are listed once, and the other room sees them in the reverse order.
+        mirrored = side in ("ceiling", "west", "north")
+        construction = "storey" if side in ("floor", "ceiling") else "partition"
+        construction += " reversed" if mirrored else ""
+        fields = {
+            "outside_boundary_condition": "Surface",
+            "outside_boundary_condition_object": surface(room.beside[side], OPPOSITE[side]),
+            "sun_exposure": "NoSun",
+            "wind_exposure": "NoWind",
+        }
+    corners = _corners(room, side)
+    model["BuildingSurface:Detailed"][surface(room.name, side)] = fields | {
+        "surface_type": kind,
+        "construction_name": construction,
+        "zone_name": room.name,
+        "vertices": [
+            {f"vertex_{axis}_coordinate": value for axis, value in zip("xyz", corner, strict=True)}
+            for corner in corners
+        ],
+    }
+    if side in room.windows:
+        _add_window(model, surface(room.name, side), corners, room.windows[side])
+
+
+def _corners(room: Room, side: Side) -> list[tuple[float, float, float]]:
+    """The four corners of a side, counterclockwise from the upper left as seen from outside."""
+    (x, y, z), (dx, dy, dz) = room.corner, room.size
+    base, top = z, z + dz
+    # Left and right are as seen from outside.
+    feet = {
+        "south": ((x, y), (x + dx, y)),
+        "east": ((x + dx, y), (x + dx, y + dy)),
+        "north": ((x + dx, y + dy), (x, y + dy)),
+        "west": ((x, y + dy), (x, y)),
+    }
+    if side in feet:
+        left, right = feet[side]
+        return [(*left, top), (*left, base), (*right, base), (*right, top)]
+    if side == "ceiling":
+        return [(x, y + dy, top), (x, y, top), (x + dx, y, top), (x + dx, y + dy, top)]
+    return [(x, y, base), (x, y + dy, base), (x + dx, y + dy, base), (x + dx, y, base)]
+
+
+def _add_window(model: Model, wall: str, corners: Sequence[tuple[float, float, float]], area: float) -> None:
+    """A window of `area` m2 in the middle of a wall, of the wall's proportions."""
+    centre = [sum(values) / 4 for values in zip(*corners, strict=True)]
+    whole = _distance(corners[0], corners[1]) * _distance(corners[1], corners[2])
+    shrink = (area / whole) ** 0.5
+    fields: dict[str, Any] = {
+        "surface_type": "Window",
+        "construction_name": "window",
+        "building_surface_name": wall,
+        "number_of_vertices": 4,
+    }
+    for number, corner in enumerate(corners, start=1):
+        for axis, middle, value in zip("xyz", centre, corner, strict=True):
+            fields[f"vertex_{number}_{axis}_coordinate"] = middle + shrink * (value - middle)
+    model["FenestrationSurface:Detailed"][f"{wall} window"] = fields
+
+
+def _distance(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    return float(sum((left - right) ** 2 for left, right in zip(a, b, strict=True)) ** 0.5)
+
+
+def _add_doors(model: Model, room: Room, flow: float) -> None:
+    """Air that neighbours exchange; each pair once, as the exchange goes both ways."""
+    for other in room.beside.values():
+        if flow > 0.0 and room.name < other:
+            model["ZoneCrossMixing"][f"{room.name} {other} door"] = {
+                "zone_or_space_name": room.name,
+                "source_zone_or_space_name": other,
+                "schedule_name": _ALWAYS,
+                "design_flow_rate": flow,
+            }
+
+
+def _add_loads(model: Model, room: Room, air_changes: float) -> None:
+    """What the plant drives, and the joints of the envelope, which the weather drives."""
+    zone = "zone_or_zonelist_or_space_or_spacelist_name"
+    for kind, name, fields in _loads(room.name):
+        model.setdefault(kind, {})[name] = {zone: room.name} | fields
+    model.setdefault("ZoneInfiltration:DesignFlowRate", {})[f"{room.name} joints"] = {
+        zone: room.name,
+        "schedule_name": _ALWAYS,
+        "design_flow_rate_calculation_method": "AirChanges/Hour",
+        "air_changes_per_hour": air_changes / _BLAST_AT_DESIGN,
+        "constant_term_coefficient": _BLAST[0],
+        "temperature_term_coefficient": _BLAST[1],
+        "velocity_term_coefficient": _BLAST[2],
+    }
+
+
+def _loads(room: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    scheduled = {"schedule_name": _ALWAYS}
+    yield "OtherEquipment", heater(room), scheduled | {"design_level": 1.0, "fraction_radiant": HEATER_RADIANT}
+    yield "ElectricEquipment", equipment(room), scheduled | {"design_level": 1.0, "fraction_radiant": 0.3}
+    yield "Lights", lights(room), scheduled | {"lighting_level": 1.0, "fraction_radiant": 0.4, "fraction_visible": 0.2}
+    yield (
+        "People",
+        people(room),
+        {
+            "number_of_people_schedule_name": _ALWAYS,
+            "number_of_people": 1.0,
+            "activity_level_schedule_name": _ACTIVITY,
+        },
+    )
+    yield "ZoneVentilation:DesignFlowRate", windows(room), scheduled | {"design_flow_rate": 1.0}
+
+
+_BLAST = (0.606, 0.03636, 0.1177)
+"""Infiltration: constant, per K inside over outside and per m/s of wind (the coefficients of BLAST)."""
+_BLAST_AT_DESIGN = _BLAST[0] + 20.0 * _BLAST[1] + 3.4 * _BLAST[2]
+
+_FILES = (
+    "output_csv",
+    "output_mtr",
+    "output_eso",
+    "output_eio",
+    "output_tabular",
+    "output_sqlite",
+    "output_json",
+    "output_audit",
+    "output_space_sizing",
+    "output_zone_sizing",
+    "output_system_sizing",
+    "output_dxf",
+    "output_bnd",
+    "output_rdd",
+    "output_mdd",
+    "output_mtd",
+    "output_end",
+    "output_shd",
+    "output_dfs",
+    "output_glhe",
+    "output_edd",
+    "output_dbg",
+    "output_perflog",
+    "output_sln",
+    "output_sci",
+    "output_wrl",
+    "output_screen",
+    "output_extshd",
+    "output_tarcog",
+    "output_plant_component_sizing",
+)

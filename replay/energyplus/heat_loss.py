@@ -1,0 +1,72 @@
+"""How much heat a building loses, found as one would in the field: a co-heating test in weather that stands still.
+
+Each room in turn is held warmer than the others until nothing changes any more. In steady state the heating powers p
+and the temperatures over outdoors d of all tests obey P = G D, with one column for each test, so G = P D^-1: row i of
+G holds the conductances of room i. Its sum is what the room loses to outdoors per kelvin (UA).
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.energyplus.buildings import Building
+from replay.energyplus.plant import STEP, Inputs, Plant, Readings
+from replay.energyplus.weather import WeatherFile, write_steady
+from replay.localtime import DAY
+
+_COOL, _WARM = 19.0, 23.0  # degC
+_BAND = 2.0  # K
+_DAYS = 10
+_AVERAGED = round(DAY / STEP)
+
+
+class HeatLoss(NamedTuple):
+    """In W/K: `outdoors` (N,) from each room to outdoors, and `between` (N, N) from room to room, 0 on the diagonal."""
+
+    outdoors: Array
+    between: Array
+
+    @property
+    def total(self) -> Array:
+        """From each room to outdoors and to all its neighbours (N,), W/K."""
+        return np.asarray(self.outdoors + self.between.sum(axis=1))
+
+
+def heat_loss(building: Building, weather: WeatherFile, *, outdoor: float, wind: float) -> HeatLoss:
+    """The heat loss of `building` at an outdoor temperature [degC] and a wind [m/s], without sun, under a cloudy sky.
+
+    `weather` says where the building stands: the density of the air depends on the height above the sea.
+    """
+    rooms = len(building.rooms)
+    powers, excess = np.empty((rooms, rooms)), np.empty((rooms, rooms))
+    with tempfile.TemporaryDirectory(prefix="thermogate-co-heating-") as folder:
+        steady = write_steady(Path(folder) / "steady.epw", weather, outdoor=outdoor, wind=wind)
+        for test in range(rooms):
+            held = np.where(np.arange(rooms) == test, _WARM, _COOL)
+            powers[:, test], excess[:, test] = _settled(building, steady, held)
+    conductances = powers @ np.linalg.inv(excess)
+    between = -np.where(np.eye(rooms, dtype=bool), 0.0, conductances)
+    return HeatLoss(conductances.sum(axis=1), between)
+
+
+def _settled(building: Building, weather: WeatherFile, held: Array) -> tuple[Array, Array]:
+    """Mean power [W] and temperature over outdoors [K] of every room (N,) on the last day."""
+    rated = np.array([room.heater for room in building.rooms])
+
+    def keep(now: Readings) -> Inputs:
+        power = np.clip((held - now.air) / _BAND, 0.0, 1.0) * rated
+        return Inputs(power, *np.zeros((len(Inputs._fields) - 1, len(rated))))
+
+    powers, excess = [], []
+    with Plant(building, weather, warm_up=keep) as plant:
+        for _ in range(_DAYS * _AVERAGED):
+            inputs = keep(plant.now)
+            now = plant.step(inputs)
+            powers.append(inputs.heating)
+            excess.append(now.air - now.outdoor)
+    return np.mean(powers[-_AVERAGED:], axis=0), np.mean(excess[-_AVERAGED:], axis=0)

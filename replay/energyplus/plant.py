@@ -1,0 +1,254 @@
+"""The live plant: a building of EnergyPlus, stepped by a caller who sets its heaters and its people."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from datetime import UTC, date, datetime
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.energyplus import epjson
+from replay.energyplus.buildings import Building
+from replay.energyplus.engine import Actuator, EnergyPlusError, Engine, Values, Variable
+from replay.energyplus.library import weather_folder
+from replay.energyplus.weather import WeatherFile, weather_file
+
+STEP = epjson.STEP
+
+FIRST_DAY = date(2025, 1, 13)
+_WARM_UP_TEMPERATURE = 20.0
+_WARM_UP_BAND = 2.0  # K below it, at which heaters give all they have
+_AIR_HEAT_CAPACITY = 1006.0  # J/(kg K)
+
+
+class Inputs(NamedTuple):
+    """What acts on the rooms (N,) during one step.
+
+    `heating` in W, cut to what the heaters can give; `people` as a number; `equipment` and `lights` in W; `opening` of
+    windows to outdoors in W/K.
+    """
+
+    heating: Array
+    people: Array
+    equipment: Array
+    lights: Array
+    opening: Array
+
+
+class Truth(NamedTuple):
+    """What no sensor of the plant tells, per room (N,), mean over one step. Flows are in W, into the room.
+
+    `sun` comes through the glass, `windows` through open ones, `infiltration` through joints, and `doors` with the air
+    of the neighbours. `convective` is what heaters, people, equipment and lights give to the air at once, `convection`
+    what all surfaces give to it, and `storage` what it keeps. So the balance of the air is
+    `storage = convective + convection + windows + infiltration + doors`.
+    """
+
+    people: Array
+    equipment: Array
+    lights: Array
+    heating: Array
+    sun: Array
+    windows: Array
+    infiltration: Array
+    doors: Array
+    convective: Array
+    convection: Array
+    storage: Array
+
+    @property
+    def gain(self) -> Array:
+        """Heat (N,) in W that nobody measures and the sun does not bring: people, equipment, lights, open windows."""
+        return self.people + self.equipment + self.lights + self.windows
+
+
+class Readings(NamedTuple):
+    """The plant at the time `time` (UTC seconds since 1970), the boundary between two steps.
+
+    `air` (N,) and `radiant` (N,), the mean over the surfaces of a room, are in degC at that time. `outdoor` [degC],
+    `irradiance` (global, on the horizontal), `facade` (on the southern wall) [W/m2], `wind` [m/s] and `air_density`
+    [kg/m3] hold over the step to come. `truth` is of the step that has just ended; of no use before the first.
+    """
+
+    time: float
+    air: Array
+    radiant: Array
+    outdoor: float
+    irradiance: float
+    facade: float
+    wind: float
+    air_density: float
+    truth: Truth
+
+
+Controller = Callable[[Readings], Inputs]
+
+
+class Plant:
+    """A building under a year of weather that repeats, in steps of STEP s; several may live at once.
+
+    `now` is what the plant shows before the next step; `step` sets the inputs of that step, lives it, and returns the
+    new `now`. Before its first moment, EnergyPlus repeats the first day until the building has settled; `warm_up`
+    controls it meanwhile, by default with heaters that keep 20 degC in empty rooms. Close it, or use it in a `with`.
+
+    The first moment is the local midnight (standard time of the weather file's place) that begins the day `begin`.
+    Raises EnergyPlusMissing without the extra, WeatherFileError, and EnergyPlusError where EnergyPlus gives up.
+    """
+
+    def __init__(
+        self,
+        building: Building,
+        weather: WeatherFile | str = "denver",
+        *,
+        begin: date = FIRST_DAY,
+        warm_up: Controller | None = None,
+    ) -> None:
+        folder = weather_folder()
+        self.weather = weather_file(weather, folder) if isinstance(weather, str) else weather
+        self.building = building
+        self.begin = datetime(begin.year, begin.month, begin.day, tzinfo=UTC).timestamp() - self.weather.ahead_of_utc
+        self._steps = 0
+        self._heaters = np.array([room.heater for room in building.rooms])
+        control = warm_up or self._keep_warm
+
+        def settle(values: Values) -> Values:
+            readings = self._look(values)
+            return self._set(readings, control(readings))
+
+        self._engine = Engine(
+            epjson.model_of(building, begin),
+            self.weather.path,
+            _variables(building),
+            _actuators(building),
+            settle,
+        )
+        self.now = self._look(self._engine.first)
+
+    def step(self, inputs: Inputs) -> Readings:
+        """Live one step under `inputs`; the readings at its end. EnergyPlusError if EnergyPlus gives up."""
+        values = self._engine.step(self._set(self.now, inputs))
+        self._steps += 1
+        self.now = self._look(values)
+        return self.now
+
+    @property
+    def local_time(self) -> float:
+        """Seconds since 1970-01-01 00:00 by the standard time of the place, at `now`."""
+        return self.now.time + self.weather.ahead_of_utc
+
+    def idle(self) -> Inputs:
+        """Inputs with which nothing is on, nobody is there and every window is closed."""
+        return Inputs(*np.zeros((len(Inputs._fields), len(self.building.rooms))))
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._engine.close()
+
+    def __enter__(self) -> Plant:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _keep_warm(self, readings: Readings) -> Inputs:
+        missing = (_WARM_UP_TEMPERATURE - readings.air) / _WARM_UP_BAND
+        return self.idle()._replace(heating=np.clip(missing, 0.0, 1.0) * self._heaters)
+
+    def _look(self, values: Values) -> Readings:
+        rooms = len(self.building.rooms)
+        outdoor, density, beam, diffuse, altitude, facade, wind = values[: len(_SITE)]
+        table = np.array(values[len(_SITE) :]).reshape(rooms, len(_ROOM))
+        of = dict(zip(_ROOM, table.T, strict=True))
+        return Readings(
+            time=self.begin + self._steps * STEP,
+            air=of["Zone Mean Air Temperature"],
+            radiant=of["Zone Mean Radiant Temperature"],
+            outdoor=outdoor,
+            irradiance=diffuse + beam * max(math.sin(math.radians(altitude)), 0.0),
+            facade=facade,
+            wind=wind,
+            air_density=density,
+            truth=Truth(
+                people=of["Zone People Sensible Heating Rate"],
+                equipment=of["Zone Electric Equipment Total Heating Rate"],
+                lights=of["Zone Lights Total Heating Rate"],
+                heating=of["Zone Other Equipment Total Heating Rate"],
+                sun=of["Enclosure Windows Total Transmitted Solar Radiation Rate"],
+                windows=_net(of, "Zone Ventilation Sensible Heat"),
+                infiltration=_net(of, "Zone Infiltration Sensible Heat"),
+                doors=of["Zone Air Heat Balance Interzone Air Transfer Rate"],
+                convective=of["Zone Air Heat Balance Internal Convective Heat Gain Rate"],
+                convection=of["Zone Air Heat Balance Surface Convection Rate"],
+                storage=of["Zone Air Heat Balance Air Energy Storage Rate"],
+            ),
+        )
+
+    def _set(self, readings: Readings, inputs: Inputs) -> Values:
+        """The values of `_actuators`, in their order."""
+        table = np.array([np.broadcast_to(field, self._heaters.shape) for field in inputs], dtype=np.float64)
+        if not np.isfinite(table).all():
+            raise EnergyPlusError("the plant was given an input that is not a finite number; give one for every room")
+        table = np.maximum(table, 0.0)
+        table[0] = np.minimum(table[0], self._heaters)
+        table[-1] /= _AIR_HEAT_CAPACITY * readings.air_density
+        return [float(value) for value in table.T.ravel()]
+
+
+def _net(of: dict[str, Array], name: str) -> Array:
+    return (of[f"{name} Gain Energy"] - of[f"{name} Loss Energy"]) / STEP
+
+
+_SITE = (
+    "Site Outdoor Air Drybulb Temperature",
+    "Site Outdoor Air Density",
+    "Site Direct Solar Radiation Rate per Area",
+    "Site Diffuse Solar Radiation Rate per Area",
+    "Site Solar Altitude Angle",
+    "Surface Outside Face Incident Solar Radiation Rate per Area",
+    "Site Wind Speed",
+)
+_ROOM = (
+    "Zone Mean Air Temperature",
+    "Zone Mean Radiant Temperature",
+    "Zone People Sensible Heating Rate",
+    "Zone Electric Equipment Total Heating Rate",
+    "Zone Lights Total Heating Rate",
+    "Zone Other Equipment Total Heating Rate",
+    "Enclosure Windows Total Transmitted Solar Radiation Rate",
+    "Zone Ventilation Sensible Heat Gain Energy",
+    "Zone Ventilation Sensible Heat Loss Energy",
+    "Zone Infiltration Sensible Heat Gain Energy",
+    "Zone Infiltration Sensible Heat Loss Energy",
+    "Zone Air Heat Balance Interzone Air Transfer Rate",
+    "Zone Air Heat Balance Internal Convective Heat Gain Rate",
+    "Zone Air Heat Balance Surface Convection Rate",
+    "Zone Air Heat Balance Air Energy Storage Rate",
+)
+
+
+def _variables(building: Building) -> list[Variable]:
+    """_SITE, then _ROOM of every room."""
+    southern = epjson.surface(building.rooms[0].name, "south")
+    site = [Variable(name, southern if name.startswith("Surface") else "Environment") for name in _SITE]
+    return site + [Variable(name, room.name) for room in building.rooms for name in _ROOM]
+
+
+def _actuators(building: Building) -> list[Actuator]:
+    """Those of every field of `Inputs`, room by room."""
+    return [
+        actuator
+        for room in building.rooms
+        for actuator in (
+            Actuator("OtherEquipment", "Power Level", epjson.heater(room.name)),
+            Actuator("People", "Number of People", epjson.people(room.name)),
+            Actuator("ElectricEquipment", "Electricity Rate", epjson.equipment(room.name)),
+            Actuator("Lights", "Electricity Rate", epjson.lights(room.name)),
+            Actuator("Zone Ventilation", "Air Exchange Flow Rate", epjson.windows(room.name)),
+        )
+    ]

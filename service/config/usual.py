@@ -1,0 +1,29 @@
+"""Where the values of a channel usually lie, by what it measures: for a person who connects a plant."""
+
+from __future__ import annotations
+
+from math import inf
+
+from adapters.units import default_valid_range
+from estimator.network.network import Network
+from service.sources.channel import ChannelConfig
+
+Span = tuple[float, float]
+
+_ROOM, _OUTDOORS, _NEIGHBOUR = (5.0, 40.0), (-40.0, 50.0), (0.0, 45.0)  # degC
+_HEATING = (-10e3, 10e3)  # W of one zone
+_SUN = (-20.0, 1400.0)  # W/m2
+_ANYWHERE = (-inf, inf)
+
+
+def usual(network: Network, name: str, channel: ChannelConfig) -> Span:
+    """The range, in the network's unit, in which channel `name` of a zone usually lies. Whoever gives `valid` has said
+    so already: then it is any."""
+    unit = network.channel_unit(name)
+    if channel.valid not in (None, default_valid_range(unit)):
+        return _ANYWHERE
+    if unit == "degC":
+        if name in network.measured:
+            return _ROOM
+        return _NEIGHBOUR if name.startswith("T_adj") else _OUTDOORS
+    return {"W": _HEATING, "W/m2": _SUN}.get(unit, _ANYWHERE)

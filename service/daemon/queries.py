@@ -1,0 +1,88 @@
+"""Questions on Zenoh, answered by the routes of REST: the same parameters, answers and errors."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from http import HTTPStatus
+from urllib.parse import quote, urlencode
+
+from starlette.types import ASGIApp, Message
+
+from service.publish.zenoh import Question, Reply
+from service.web.access import Caller
+
+ROUTES = {
+    "fan": ("GET", "/zones/{zone}/forecast"),
+    "plan": ("POST", "/zones/{zone}/forecast"),
+    "model": ("GET", "/zones/{zone}/model"),
+    "parameters": ("GET", "/zones/{zone}/parameters"),
+    "forecasts": ("POST", "/forecasts"),
+}
+"""The route that answers each question."""
+
+LONGEST = 1_000_000
+"""Bytes of a payload at most, as a body of REST by default."""
+
+_CALLER = Caller("zenoh")
+"""Who may connect to Zenoh is decided there, and may read every zone."""
+
+_log = logging.getLogger(__name__)
+
+
+class Queries:
+    """Asks the routes of an application what comes on Zenoh."""
+
+    def __init__(self, routes: ASGIApp, loop: asyncio.AbstractEventLoop) -> None:
+        """`routes` are those of REST without what guards them from other machines; they run in `loop`."""
+        self._routes, self._loop = routes, loop
+
+    def answer(self, question: Question, reply: Callable[[Reply], None]) -> None:
+        """Begin to answer `question`; `reply` gets the answer. From any thread."""
+        try:
+            asyncio.run_coroutine_threadsafe(self._answered(question, reply), self._loop)
+        except RuntimeError:
+            # The loop has ended, and with it the daemon.
+            reply(Reply(False, b'{"detail": "the daemon is stopping"}'))
+
+    async def _answered(self, question: Question, reply: Callable[[Reply], None]) -> None:
+        answer = Reply(False, b'{"detail": "the daemon failed to answer this question; its log says why"}')
+        try:
+            answer = await self._asked(question)
+        except Exception as error:
+            _log.error("the question %s on Zenoh failed: %r", question.topic, error)
+        finally:
+            reply(answer)
+
+    async def _asked(self, question: Question) -> Reply:
+        method, pattern = ROUTES[question.topic]
+        if len(question.payload) > LONGEST:
+            return Reply(False, b'{"detail": "the payload has more than %d bytes; send less"}' % LONGEST)
+        path = pattern.format(zone=question.zone)
+        status, parts = int(HTTPStatus.INTERNAL_SERVER_ERROR), list[bytes]()
+        body: list[Message] = [{"type": "http.request", "body": question.payload, "more_body": False}]
+
+        async def receive() -> Message:
+            return body.pop() if body else {"type": "http.disconnect"}
+
+        async def send(message: Message) -> None:
+            nonlocal status
+            status = message.get("status", status)
+            parts.append(message.get("body", b""))
+
+        scope = {
+            "type": "http",
+            "asgi": {"version": "3.0"},
+            "http_version": "1.1",
+            "method": method,
+            "scheme": "zenoh",
+            "path": path,
+            "raw_path": quote(path).encode(),
+            "root_path": "",
+            "query_string": urlencode(question.parameters).encode(),
+            "headers": [(b"content-type", b"application/json")],
+            "state": {"caller": _CALLER, "client": "zenoh"},
+        }
+        await self._routes(scope, receive, send)
+        return Reply(status < HTTPStatus.MULTIPLE_CHOICES, b"".join(parts))

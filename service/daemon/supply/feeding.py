@@ -1,0 +1,114 @@
+"""One task per source: its batches, split by zone, aligned and accepted; its failures retried. And the wall clock."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+from collections.abc import Mapping, Sequence
+from math import inf, isfinite, nextafter
+
+from adapters.errors import SourceConfigError, SourceError
+from adapters.reading import Source
+from service.pauses import GrowingPause
+from service.sources.routing import Delivery, Router
+from service.zone.clock import Clock
+from service.zone.zone import Zone
+
+FIRST_PAUSE = 1.0
+LONGEST_PAUSE = 30.0
+
+TICK = 0.5
+"""How often the wall clock is looked at, in s."""
+
+NOTABLE_JUMP = 2.0
+"""What the wall clock may be set by without a word, in s."""
+
+TOGETHER = 32
+"""Zones that take in their shares in one turn of the event loop: some ms of it at most."""
+
+_log = logging.getLogger(__name__)
+
+
+async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start: float | None) -> None:
+    """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures.
+
+    What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
+    """
+    pause, position, failed = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), start, False
+    while True:
+        try:
+            async for batch in source.batches(position):
+                await _deliver(router.split(batch), zones)
+                if failed:
+                    failed = False
+                    _log.info("source '%s' works again", source.name)
+                if isfinite(batch.now):
+                    # Were it asked again, it is for what comes after this.
+                    position = nextafter(batch.now, inf)
+                    pause.reset()
+            break
+        except SourceConfigError as error:
+            _log.error("%s; it stays off", error)
+            await _tell(zones, router, source.name, str(error))
+            return
+        except SourceError as error:
+            reason = str(error)
+        except Exception as error:
+            # Whatever else goes wrong in one source must not take the others down.
+            reason = f"sources.{source.name} failed: {error!r}"
+            _log.debug("%s", reason, exc_info=error)
+        # Many daemons behind one switch must not all come back at the same moment.
+        failed = True
+        wait = pause.seconds * random.uniform(0.5, 1.0)
+        _log.error("%s; trying again in %.1f s", reason, wait)
+        await _tell(zones, router, source.name, reason)
+        await asyncio.sleep(wait)
+        pause.grow()
+    for name in router.zones:
+        await zones[name].end(source.name)
+    _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
+
+
+async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) -> None:
+    """Hand every zone its share, some zones at a time, whose samples then share a commit of the journal."""
+    for first in range(0, len(deliveries), TOGETHER):
+        # A zone that a reload has taken away meanwhile wants nothing more.
+        delivering = [
+            zones[share.zone].deliver(share.source, share.readings, share.now)
+            for share in deliveries[first : first + TOGETHER]
+            if share.zone in zones
+        ]
+        # One zone's failure must not keep the others from their samples.
+        for result in await asyncio.gather(*delivering, return_exceptions=True):
+            if isinstance(result, BaseException):
+                raise result
+
+
+async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
+    for name in router.zones:
+        await zones[name].source_failed(source, reason)
+
+
+async def keep_time(zones: Mapping[str, Zone]) -> None:
+    """Let the wall clock close the intervals of live zones, for ever."""
+    while True:
+        await asyncio.sleep(TICK)
+        due = [zone for zone in tuple(zones.values()) if zone.is_due()]
+        for first in range(0, len(due), TOGETHER):
+            together = due[first : first + TOGETHER]
+            results = await asyncio.gather(*(zone.keep_time() for zone in together), return_exceptions=True)
+            for zone, result in zip(together, results, strict=True):
+                if isinstance(result, Exception):
+                    _log.error("zone '%s' cannot close its interval: %r", zone.id, result)
+
+
+async def watch_clock(clock: Clock) -> None:
+    """Say when the wall clock of this machine is set, or has gone on while the machine slept, for ever."""
+    beside = clock.wall() - clock.steady()
+    while True:
+        await asyncio.sleep(TICK)
+        jump = clock.wall() - clock.steady() - beside
+        if abs(jump) > NOTABLE_JUMP:
+            _log.warning("the wall clock of this machine was set by %+.1f s, or the machine slept", jump)
+            beside += jump

@@ -1,0 +1,143 @@
+"""Sources at work: for each, the task that delivers what it brings, and what is counted of it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Collection, Mapping, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+from adapters.http.posted import Posted
+from adapters.http.source import HttpSource
+from adapters.reading import Batch, Source
+from service.config.site import Config
+from service.daemon.supply.feeding import feed
+from service.daemon.tasks import end
+from service.records.receipt import NOTHING, Receipt
+from service.sources.routing import Router
+from service.zone.zone import Zone
+
+
+@dataclass
+class Tally:
+    """What a source has done since the daemon started."""
+
+    readings: int = 0
+    failures: int = 0
+    delivers: bool = False
+    """Whether it is at work and did not fail since it last delivered."""
+    last: float | None = None
+    """When it last delivered, UTC s."""
+
+
+class Handed(NamedTuple):
+    """What became of a post at one source, and which of its values, by their places, some channel asks for."""
+
+    receipt: Receipt
+    used: frozenset[int]
+
+
+class Feed:
+    """One source delivering to some zones."""
+
+    def __init__(
+        self, name: str, config: Config, zones: Mapping[str, Zone], served: Collection[str], tally: Tally
+    ) -> None:
+        """`served` are the zones of `config` that it is for; `zones` finds them when something comes for them."""
+        self.name = name
+        self.tally = tally
+        self._zones = zones
+        self._config = _narrowed(config, served)
+        self.source = self._config.build_source(name)
+        self._router = Router(name, _channels(name, self._config))
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def served(self) -> tuple[str, ...]:
+        """The zones it delivers to."""
+        return self._router.zones
+
+    @property
+    def is_posted_to(self) -> bool:
+        """Whether clients hand its readings over (`receive`)."""
+        return isinstance(self.source, HttpSource)
+
+    async def receive(self, posted: Sequence[Posted], zone: str | None) -> Handed:
+        """Hand what was posted to the zones, or to `zone` alone; what is accepted is durable on return. Raises
+        ServiceError."""
+        assert isinstance(self.source, HttpSource)
+        received = self.source.receive(posted, zone)
+        self.tally.readings += len(received.readings)
+        receipt = NOTHING._replace(begun=received.begun)
+        for share in self._router.split(Batch(received.readings, -inf)):
+            if share.readings and share.zone in self._zones:
+                receipt = receipt.plus(await self._zones[share.zone].take(self.name, share.readings))
+        return Handed(receipt, received.used)
+
+    @property
+    def over(self) -> bool:
+        """Whether it has come to its end, or given up."""
+        return self._task is not None and self._task.done()
+
+    def start(self, position: float | None) -> None:
+        """Begin to deliver, a recording from UTC time `position` on (None: its beginning)."""
+        self._task = asyncio.create_task(self._run(position), name=f"source {self.name}")
+
+    def leave(self, zones: Collection[str]) -> None:
+        """Deliver nothing to `zones` any more."""
+        self._router.keep(zone for zone in self._router.zones if zone not in zones)
+
+    def rebind(self, config: Config, served: Collection[str]) -> None:
+        """Deliver to the zones `served` of `config` from now on, over the same connection. Live sources only."""
+        narrowed = _narrowed(config, served)
+        if narrowed.bindings(self.name) != self._config.bindings(self.name):
+            narrowed.rebind_source(self.name, self.source)
+        self._config = narrowed
+        self._router.adopt(_channels(self.name, narrowed))
+
+    async def stop(self) -> None:
+        """Stop delivering and release what the source holds."""
+        if self._task is not None:
+            await end([self._task])
+
+    async def _run(self, position: float | None) -> None:
+        try:
+            await feed(_Counted(self.source, self.tally), self._router, self._zones, position)
+        finally:
+            self.tally.delivers = False
+            await self.source.close()
+
+
+class _Counted:
+    """A source, and what it brings counted."""
+
+    def __init__(self, source: Source, tally: Tally) -> None:
+        self.name = source.name
+        self.check, self.probe, self.close = source.check, source.probe, source.close
+        self._source, self._tally = source, tally
+
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        tally = self._tally
+        try:
+            async with aclosing(self._source.batches(start)) as batches:  # type: ignore[type-var]
+                async for batch in batches:
+                    tally.readings += len(batch.readings)
+                    tally.delivers, tally.last = True, time.time()
+                    yield batch
+        except Exception:
+            tally.failures += 1
+            tally.delivers = False
+            raise
+
+
+def _narrowed(config: Config, served: Collection[str]) -> Config:
+    """`config` with the zones `served` alone."""
+    return config.model_copy(update={"zones": tuple(zone for zone in config.zones if zone.id in served)})
+
+
+def _channels(source: str, config: Config) -> list[str]:
+    """Ids "zone/channel" of the readings that `source` delivers."""
+    return [binding.id for binding in config.bindings(source)]

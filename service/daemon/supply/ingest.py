@@ -1,0 +1,52 @@
+"""Readings that clients post: to every source that is posted to, and an answer that can be relied on."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from http import HTTPStatus
+
+from adapters.http.posted import Posted
+from service.daemon.supply.feeds import Feed
+from service.records.receipt import NOTHING
+from service.web.readings import RETRY_SECONDS, Taken
+from service.web.server.refusal import RequestRefused
+
+REPEAT = 600.0
+"""That nobody asks for what is posted is said again after this time at the earliest, in s."""
+
+_SHOWN = 5
+
+_log = logging.getLogger(__name__)
+
+
+class Ingest:
+    """Takes what was posted to the sources that run."""
+
+    def __init__(self, feeds: Callable[[], Sequence[Feed]], expected: Callable[[], bool]) -> None:
+        """`feeds` gives the sources at work, `expected` says whether one of them should be posted to."""
+        self._feeds, self._expected = feeds, expected
+        self._say_at = float("-inf")
+
+    async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
+        """Hand `posted` to the zones, or to `zone` alone; what counts as accepted is durable on return. Raises
+        RequestRefused without a source to post to, and ServiceError where the journal fails."""
+        feeds = [feed for feed in self._feeds() if feed.is_posted_to]
+        if not feeds and self._expected():
+            sentence = "the daemon is starting, or going over to another configuration; post again in a moment"
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=RETRY_SECONDS)
+        if not feeds:
+            sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
+            raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
+        receipt, used = NOTHING, set[int]()
+        for feed in feeds:
+            handed = await feed.receive(posted, zone)
+            receipt = receipt.plus(handed.receipt)
+            used |= handed.used
+        unknown = [one.shown for place, one in enumerate(posted) if place not in used]
+        names = tuple(dict.fromkeys(unknown))[:_SHOWN]
+        if unknown and time.monotonic() >= self._say_at:
+            self._say_at = time.monotonic() + REPEAT
+            _log.info("no channel asks for %d of %d posted values, such as %s", len(unknown), len(posted), names[0])
+        return Taken(receipt, len(unknown), names)

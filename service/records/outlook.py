@@ -1,0 +1,94 @@
+"""What is known of the inputs to come: where each comes from, what may be planned, and the forecasts of the weather."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adapters.reading import Quality
+from adapters.units import Affine
+from adapters.weather.forecast import WeatherForecast
+
+Array = npt.NDArray[np.float64]
+
+ORIGINS = ("plan", "neighbour", "weather", "yesterday", "held")
+"""Where the values of an input in a forecast come from, from the first choice to the last: the request; the forecast of
+the zone next door; a forecast of the weather; the values of the day before; the last measured value."""
+
+
+class InputOrigin(NamedTuple):
+    """Where the values of one input come from.
+
+    `source` is the zone or the forecast of the weather that they are from, empty otherwise. `age` is how old that
+    forecast, or the value that is held, is at issue time, s; NaN for a plan. `quality` is uncertain where they cover
+    the horizon in part only, or an older value is held.
+    """
+
+    channel: str
+    origin: str
+    source: str
+    age: float
+    quality: Quality
+
+
+class Outlook(NamedTuple):
+    """The inputs (h, n_u) of the steps to come, in the order of the network, and where each comes from."""
+
+    rows: Array
+    origins: tuple[InputOrigin, ...]
+
+
+class WeatherLink(NamedTuple):
+    """An input that a forecast of the weather foresees: the source's name, the series, the unit that it is expected in,
+    and how that becomes the network's. A forecast older than `max_age` s at issue time is not used."""
+
+    source: str
+    series: str
+    unit: str
+    conversion: Affine
+    max_age: float
+
+
+class WeatherBook:
+    """The newest forecast of every source; written by its task, read from any thread."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, WeatherForecast] = {}
+
+    def put(self, source: str, forecast: WeatherForecast) -> None:
+        """`forecast` is what `source` says now."""
+        # A dictionary that readers hold is not changed.
+        self._newest = self._newest | {source: forecast}
+
+    def keep(self, sources: frozenset[str]) -> None:
+        """Forget what came from others than `sources`."""
+        self._newest = {name: forecast for name, forecast in self._newest.items() if name in sources}
+
+    def newest(self, source: str) -> WeatherForecast | None:
+        """The newest forecast of `source`; None before the first."""
+        return self._newest.get(source)
+
+
+class Weather(NamedTuple):
+    """The inputs that forecasts of the weather foresee, by channel, and where those are."""
+
+    links: Mapping[str, WeatherLink] = {}
+    book: WeatherBook = WeatherBook()
+
+
+class Surroundings(NamedTuple):
+    """What a zone's configuration says of its inputs beyond where they are measured."""
+
+    limits: Mapping[str, tuple[float, float]] = {}
+    """The smallest and the largest believable value of every channel, in the network's unit; of an input that is
+    planned, no more than is installed."""
+    neighbours: Mapping[str, tuple[str, str]] = {}
+    """Inputs that are the output of another zone: (zone, output)."""
+    weather: Mapping[str, WeatherLink] = {}
+    """Inputs that a forecast of the weather foresees."""
+
+
+NO_SURROUNDINGS = Surroundings()

@@ -1,0 +1,32 @@
+"""A stretch of a zone's history, thinned out for a chart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate")
+"""Columns of the history that a chart shows."""
+
+
+class Series(NamedTuple):
+    """n buckets of `bucket` s, oldest first; a bucket without any sample is left out.
+
+    Temperatures are degC of the first output. `means` (n,) are by COLUMNS; `y_low`, `y_high`, `band_low` and
+    `band_high` (n,) are the extremes of the measurement and of the published interval in each bucket, so that a
+    thinned chart hides no peak. `inputs` (n, n_u) are means in the network's units. NaN where there was no value.
+    """
+
+    bucket: int
+    times: npt.NDArray[np.int64]
+    """(n,) UTC s, when each bucket begins."""
+    means: dict[str, Array]
+    y_low: Array
+    y_high: Array
+    band_low: Array
+    band_high: Array
+    inputs: Array

@@ -1,0 +1,187 @@
+"""Sources of kind "bacnet": devices of a BACnet/IP network, subscribed to and polled."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
+
+from adapters.bacnet.network import PORT, Network
+from adapters.bacnet.objects import LARGEST_INSTANCE, parse_object
+from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
+from service.fields.durations import format_duration
+from service.fields.tables import TABLE
+from service.fields.values import Flag, PositiveDuration, Timeout, whole
+from service.fields.words import shown
+from service.sources.channel import Binding, ChannelConfig, SourceKind, edge_of
+
+_INHERITED = ("device", "at", "cov", "compare_units", "stuck_after")
+_ROUTED = re.compile(r"(?P<net>[0-9]{1,5}):(?:0x[0-9a-fA-F]{2,14}|[0-9]{1,3})")
+_LARGEST_NETWORK = 65534
+_LONGEST_LIFETIME = 86_400.0
+
+
+def interface(value: object) -> str:
+    """An IPv4 address of this machine, with or without the length of its prefix."""
+    try:
+        if isinstance(value, str):
+            return str(ipaddress.IPv4Interface(value)) if "/" in value else str(ipaddress.IPv4Address(value))
+    except ValueError:
+        pass
+    raise ValueError(
+        "must be this machine's IPv4 address on the BACnet network with the length of its prefix, such as "
+        f'"192.168.1.10/24", not {shown(value)}'
+    )
+
+
+def with_port(value: object) -> str:
+    """An IPv4 address and a port, which is BACnet's own where there is none."""
+    host, _, port = value.partition(":") if isinstance(value, str) else ("", "", "")
+    try:
+        return f"{ipaddress.IPv4Address(host)}:{whole(1, 65535)(int(port) if port else PORT)}"
+    except ValueError:
+        raise ValueError(f'must be an IPv4 address such as "192.168.1.20:{PORT}", not {shown(value)}') from None
+
+
+def address(value: object) -> str:
+    """Where a device is: an IPv4 address, or a network number and an address there, behind a router."""
+    routed = _ROUTED.fullmatch(value) if isinstance(value, str) else None
+    if routed and 1 <= int(routed["net"]) <= _LARGEST_NETWORK:
+        return str(value)
+    try:
+        with_port(value)
+        return str(value)
+    except ValueError:
+        raise ValueError(
+            f'must be an IPv4 address such as "192.168.1.20", or behind a router the number of the network and the '
+            f'address there, such as "2001:5", not {shown(value)}'
+        ) from None
+
+
+def object_name(value: object) -> str:
+    """The type and the instance of an object, as BACnet writes them."""
+    if not isinstance(value, str):
+        raise ValueError(f'must be a type and an instance in quotes, such as "analog-input,3", not {shown(value)}')
+    return str(parse_object(value))
+
+
+def lifetime(seconds: float) -> float:
+    if not 30.0 <= seconds <= _LONGEST_LIFETIME:
+        raise ValueError(f"must be from 30s to 1d, not {format_duration(seconds)}")
+    return seconds
+
+
+Instance = Annotated[int, BeforeValidator(whole(0, LARGEST_INSTANCE))]
+Interface = Annotated[str, BeforeValidator(interface)]
+HostAndPort = Annotated[str, BeforeValidator(with_port)]
+Place = Annotated[str, BeforeValidator(address)]
+Lifetime = Annotated[PositiveDuration, AfterValidator(lifetime)]
+
+
+class BacnetConfig(BaseModel):
+    """[sources.<name>] of kind "bacnet": devices of a BACnet/IP network, read only."""
+
+    model_config = TABLE
+
+    kind: Literal["bacnet"] = "bacnet"
+    interface: Interface = Field(
+        description='this machine\'s address on the BACnet network with its prefix, such as "192.168.1.10/24"'
+    )
+    port: Annotated[int, BeforeValidator(whole(1, 65535))] = PORT
+    bbmd: HostAndPort | None = None
+    ttl: Lifetime = 300.0
+    poll: PositiveDuration = 10.0
+    timeout: Timeout = 3.0
+    retries: Annotated[int, BeforeValidator(whole(0, 10))] = 1
+    lifetime: Lifetime = 300.0
+    device: Instance | None = None
+    at: Place | None = None
+    cov: Flag = True
+    compare_units: Flag = True
+    stuck_after: PositiveDuration | None = None
+
+    @model_validator(mode="after")
+    def _addressed(self) -> Self:
+        if self.at is not None and self.device is None:
+            raise ValueError("at says where device is; give device too, or at in the channels")
+        return self
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        through = f" through the BBMD {self.bbmd}" if self.bbmd else ""
+        return f"BACnet/IP from {self.interface} port {self.port}{through}, polled every {format_duration(self.poll)}"
+
+
+class BacnetChannelConfig(ChannelConfig):
+    """A channel of a BACnet source; what is None is taken over from the source."""
+
+    object: Annotated[str, BeforeValidator(object_name)] = Field(
+        description='the object whose present value it is, such as "analog-input,3"'
+    )
+    device: Instance | None = None
+    at: Place | None = None
+    cov: Flag | None = None
+    compare_units: Flag | None = None
+    stuck_after: PositiveDuration | None = None
+
+    @property
+    def address(self) -> str:
+        """Device and object."""
+        return f"device {self.device} {self.object}"
+
+    def within(self, table: BacnetConfig) -> Self:
+        """With what the source says for all of its channels; ValueError where the result cannot be read."""
+        taken = {name: getattr(table, name) for name in _INHERITED if getattr(self, name) is None}
+        if self.device not in (None, table.device):
+            # Where the source's own device is.
+            taken.pop("at", None)
+        channel = self.model_copy(update=taken)
+        if channel.device is None:
+            raise ValueError(f"device is missing; give the device's instance here or in sources.{self.source}")
+        return channel
+
+
+def _build(name: str, table: BacnetConfig, bindings: Sequence[Binding]) -> BacnetSource:
+    network = Network(
+        table.interface,
+        port=table.port,
+        bbmd=table.bbmd,
+        ttl=table.ttl,
+        timeout=table.timeout,
+        retries=table.retries,
+    )
+    return BacnetSource(name, network, _channels(bindings), Polling(table.poll, table.lifetime))
+
+
+def _rebind(source: BacnetSource, table: BacnetConfig, bindings: Sequence[Binding]) -> None:
+    source.rebind(_channels(bindings))
+
+
+def _channels(bindings: Sequence[Binding]) -> list[BacnetChannel]:
+    return [_channel(binding) for binding in bindings]
+
+
+def _channel(binding: Binding) -> BacnetChannel:
+    channel: BacnetChannelConfig = binding.channel
+    assert channel.device is not None
+    # What a device states is the unit of its own number, before scale and offset.
+    untouched = channel.scale == 1.0 and channel.offset == 0.0
+    return BacnetChannel(
+        binding.id,
+        channel.device,
+        parse_object(channel.object),
+        address=channel.at,
+        unit=channel.unit if untouched and channel.compare_units else None,
+        cov=bool(channel.cov),
+        edge=edge_of(channel, binding.unit, usual=binding.usual),
+        stuck_after=channel.stuck_after,
+    )
+
+
+KIND = SourceKind(
+    "bacnet", BacnetConfig, BacnetChannelConfig, True, 'device = 1201, object = "analog-input,3"', _build, _rebind
+)

@@ -1,0 +1,129 @@
+"""History thinned out in the journal's thread: a year in a thousand points, without a year in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from service.records.history import HistoryRow
+from service.records.series import COLUMNS, Array, Series
+from service.store.journal import Journal
+
+MAX_ROWS = 600_000
+"""Rows that are read in all; of a longer stretch, only every second, third, ... sample is."""
+
+_INDEX = {name: index for index, name in enumerate(HistoryRow._fields)}
+_LOWER, _UPPER, _Y = _INDEX["lower"], _INDEX["upper"], _INDEX["y"]
+_MEANS = [_INDEX[name] for name in COLUMNS]
+
+
+class Stretch(NamedTuple):
+    """What is asked of a zone: [start, end) in UTC s, in buckets of whole periods (s), with `width` inputs."""
+
+    zone: str
+    start: int
+    end: int
+    period: int
+    bucket: int
+    width: int
+
+    @property
+    def stride(self) -> int:
+        """Every which sample is read."""
+        return max(1, -(-(self.end - self.start) // (self.period * MAX_ROWS)))
+
+
+class Buckets(NamedTuple):
+    """Partial results by bucket: begin [UTC s] (n,), sums and counts (n, m), lowest and highest (n, k)."""
+
+    times: npt.NDArray[np.int64]
+    sums: Array
+    counts: Array
+    low: Array
+    high: Array
+
+
+def bucket_of(start: int, end: int, period: int, points: int) -> int:
+    """The shortest bucket [s] of whole periods of which at most `points` cover [start, end)."""
+    # The first bucket may begin before the stretch, and the last one end after it.
+    return max(1, -(-(end - start) // (period * max(1, points - 1)))) * period
+
+
+def history_page(journal: Journal, wanted: Stretch, start: int) -> tuple[Buckets, int | None]:
+    """The next rows of the history from `start` on, in buckets, and where the page after them begins."""
+    times, rows, following = journal.history_columns(wanted.zone, start, wanted.end, wanted.stride * wanted.period)
+    return reduced(times, rows[:, _MEANS], rows[:, [_Y, _LOWER]], rows[:, [_Y, _UPPER]], wanted.bucket), following
+
+
+def inputs_page(journal: Journal, wanted: Stretch, start: int) -> tuple[Buckets, int | None]:
+    """The same for the inputs of the accepted samples."""
+    step = wanted.stride * wanted.period
+    times, inputs, following = journal.input_columns(wanted.zone, start, wanted.end, step, wanted.width)
+    return reduced(times, inputs, inputs[:, :0], inputs[:, :0], wanted.bucket), following
+
+
+Page = Callable[[Journal, Stretch, int], tuple[Buckets, int | None]]
+"""Reads a page that begins at a time (UTC s); the last of the two is where the next one begins."""
+
+
+def reduced(times: npt.NDArray[np.int64], values: Array, low: Array, high: Array, bucket: int) -> Buckets:
+    """Samples at ascending `times` (n,) in buckets: sums and counts of `values` (n, m), extremes of `low` and `high`
+    (n, k)."""
+    begins = times - times % bucket
+    first = np.flatnonzero(np.diff(begins, prepend=begins[:1] - 1))
+    if not first.size:
+        return Buckets(begins, values, values, low, high)
+    return Buckets(
+        begins[first],
+        np.add.reduceat(np.nan_to_num(values), first, axis=0),
+        np.add.reduceat(np.isfinite(values).astype(np.float64), first, axis=0),
+        np.fmin.reduceat(low, first, axis=0),
+        np.fmax.reduceat(high, first, axis=0),
+    )
+
+
+def joined(parts: list[Buckets]) -> Buckets:
+    """Pages that follow each other, as one; a bucket that two of them share is put together."""
+    times, sums, counts, low, high = (np.concatenate(column) for column in zip(*parts, strict=True))
+    first = np.flatnonzero(np.diff(times, prepend=times[:1] - 1))
+    if not first.size:
+        return Buckets(times, sums, counts, low, high)
+    return Buckets(
+        times[first],
+        np.add.reduceat(sums, first, axis=0),
+        np.add.reduceat(counts, first, axis=0),
+        np.fmin.reduceat(low, first, axis=0),
+        np.fmax.reduceat(high, first, axis=0),
+    )
+
+
+def series_of(history: Buckets, inputs: Buckets, bucket: int) -> Series:
+    """The series of what was read. Inputs that were accepted, but not assimilated, have buckets of their own."""
+    times = np.union1d(history.times, inputs.times)
+    means = _placed(times, history.times, _mean(history))
+    low, high = _placed(times, history.times, history.low), _placed(times, history.times, history.high)
+    return Series(
+        bucket=bucket,
+        times=times,
+        means=dict(zip(COLUMNS, means.T, strict=True)),
+        y_low=low[:, 0],
+        y_high=high[:, 0],
+        band_low=low[:, 1],
+        band_high=high[:, 1],
+        inputs=_placed(times, inputs.times, _mean(inputs)),
+    )
+
+
+def _mean(buckets: Buckets) -> Array:
+    known = buckets.counts > 0
+    return np.where(known, buckets.sums / np.where(known, buckets.counts, 1.0), np.nan)
+
+
+def _placed(times: npt.NDArray[np.int64], own: npt.NDArray[np.int64], values: Array) -> Array:
+    """`values` at their `own` times among `times`."""
+    placed = np.full((len(times), values.shape[1]), np.nan)
+    placed[np.searchsorted(times, own)] = values
+    return placed

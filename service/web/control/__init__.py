@@ -1,0 +1,1 @@
+"""What a controller asks: models, trust, and forecasts of many zones under many plans."""

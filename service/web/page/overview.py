@@ -1,0 +1,151 @@
+"""The routes over all zones at a glance: one request for all of them, and one stream of what changes."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+from fastapi import APIRouter, Depends
+from fastapi.responses import Response, StreamingResponse
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
+
+from service.fields.times import utc
+from service.publish.changes import Changes
+from service.publish.events import RECONNECT_MS
+from service.publish.payloads import to_json
+from service.records.view import ZoneView
+from service.web.access import OVERVIEW_PREFIX, Asking, Caller
+from service.web.limits import stream_slot
+from service.web.page.outlook import LEADS, Outlook, Outlooks, Spark, scaled
+from service.web.page.payloads import (
+    ExpectedPayload,
+    FindingName,
+    OverviewChange,
+    OverviewPayload,
+    OverviewRow,
+    SparkPayload,
+)
+from service.web.problems import documented
+
+_MEDIA_TYPE = "text/event-stream"
+_DESCRIBED: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "Server-sent events: `rows`, an OverviewChange each",
+        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}}},
+    }
+}
+
+PAUSE = 1.0
+"""s between two events of one client: what changes meanwhile goes into one."""
+
+ROWS_AT_ONCE = 100
+"""Rows in an event; other requests have their turn before the next."""
+
+_SILENT = ("stalled", "failed", "waiting")
+"""States in which nobody vouches for what was expected."""
+
+
+def overview_routes(
+    site: str, time_zone: str | None, zones: Mapping[str, ZoneView], changes: Changes, outlooks: Outlooks
+) -> APIRouter:
+    """The routes over `zones`."""
+    router = APIRouter(prefix=OVERVIEW_PREFIX, tags=["overview"])
+
+    @router.get("", response_model=OverviewPayload, responses=documented(500), summary="Every zone at a glance")
+    def overview(caller: Asking) -> Response:
+        rows = [
+            overview_row(zone, outlooks.outlooks.get(name), outlooks.sparks.get(name))
+            for name, zone in tuple(zones.items())
+            if caller.sees(name)
+        ]
+        return Response(
+            to_json(OverviewPayload(site=site, time_zone=time_zone, zones=rows)), media_type="application/json"
+        )
+
+    @router.get(
+        "/stream",
+        response_class=Response,
+        responses={**_DESCRIBED, **documented(429, 500, 503)},
+        dependencies=[Depends(stream_slot)],
+        summary="What changes at a glance, at most once a second",
+    )
+    async def stream(caller: Asking) -> StreamingResponse:
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return StreamingResponse(_events(caller), headers=headers, media_type=_MEDIA_TYPE)
+
+    async def _events(caller: Caller) -> AsyncIterator[bytes]:
+        with changes.watched() as watcher, outlooks.watched():
+            yield format_sse_event(retry=RECONNECT_MS)
+            shown: dict[str, int] = {}
+            while not watcher.ended:
+                changed = [name for name in await watcher.changed() if caller.sees(name)]
+                if not changed:
+                    yield KEEPALIVE_COMMENT
+                for first in range(0, len(changed), ROWS_AT_ONCE):
+                    change = _change(changed[first : first + ROWS_AT_ONCE], shown)
+                    yield format_sse_event(event="rows", data_str=to_json(change).decode())
+                await watcher.rest(PAUSE)
+
+    def _change(names: Sequence[str], shown: dict[str, int]) -> OverviewChange:
+        """The rows of `names`; `shown` is of which time the client has the sparkline of each zone."""
+        rows, removed = [], []
+        for name in names:
+            zone, spark = zones.get(name), outlooks.sparks.get(name)
+            if zone is None:
+                removed.append(name)
+                shown.pop(name, None)
+                continue
+            news = spark is not None and shown.get(name) != spark.sample_time
+            if spark is not None:
+                shown[name] = spark.sample_time
+            rows.append(overview_row(zone, outlooks.outlooks.get(name), spark if news else None))
+        return OverviewChange(site=site, zones=rows, removed=removed)
+
+    return router
+
+
+def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -> OverviewRow:
+    """`zone` at a glance, with as much of its outlook and its last day as is known."""
+    status, update = zone.status(), zone.latest()
+    trust = zone.trust().at(scaled(LEADS[-1], zone.period))
+    if status.state in _SILENT:
+        outlook = None
+    return OverviewRow(
+        id=zone.id,
+        state=status.state,
+        reason=status.reason,
+        period_s=zone.period,
+        sample_time=None if update is None else utc(update.time),
+        temperature=None if update is None else update.y[0],
+        disturbed=update is not None and update.shown_gate.regime == _HIGH,
+        expected=[] if outlook is None else [_expected(*one) for one in outlook.expected],
+        expected_from=None if outlook is None else utc(outlook.valid_time),
+        trust=None if trust is None else trust.level,
+        trust_reason="" if trust is None else trust.reason,
+        findings=[FindingName(finding=one.finding, subject=one.subject) for one in status.diagnosis.findings],
+        spark=None if spark is None else _spark(spark),
+    )
+
+
+_HIGH = "high"
+
+
+def _expected(lead: float, mean: float, lower: float, upper: float) -> ExpectedPayload:
+    return ExpectedPayload(lead_s=lead, mean=mean, lower=lower, upper=upper)
+
+
+def _spark(spark: Spark) -> SparkPayload:
+    """The sparkline with a place for every step, measured or not."""
+    series = spark.series
+    by_time: dict[int, float] = dict(zip(series.times.tolist(), series.means["y"].tolist(), strict=True))
+    step = series.bucket
+    first = min(by_time, default=spark.sample_time)
+    times = range(first, spark.sample_time + 1, step)
+    start: datetime = utc(first)
+    return SparkPayload(start=start, step_s=step, values=[_rounded(by_time.get(when)) for when in times])
+
+
+def _rounded(value: float | None) -> float | None:
+    """degC as a line of 24 pixels needs it: a thousand zones have 48,000 of these."""
+    return None if value is None or value != value else round(value, 2)

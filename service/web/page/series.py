@@ -1,0 +1,95 @@
+"""The route for charts: any stretch of a zone's history in a bounded number of points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from pydantic import Field
+
+from service.fields.times import utc
+from service.publish.payloads import to_json
+from service.records.series import Array, Series
+from service.records.view import ZoneView
+from service.web.access import Asking, find_zone
+from service.web.models import Instant
+from service.web.models import Query as QueryModel
+from service.web.page.payloads import SeriesInput, SeriesPayload
+from service.web.problems import documented, invalid
+
+MAX_POINTS = 2000
+DAY = 86400
+_DEFAULT_POINTS = 800
+
+
+class SeriesQuery(QueryModel):
+    """Query of GET /zones/{zone}/series."""
+
+    start: Instant | None = Field(default=None, description="first time, RFC 3339 with zone; default: a day before end")
+    end: Instant | None = Field(default=None, description="end, excluded; default: after the newest sample")
+    points: int = Field(default=_DEFAULT_POINTS, ge=10, le=MAX_POINTS, description="how many buckets at most")
+
+
+def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
+    """The route over `zones`."""
+    router = APIRouter(prefix="/zones", tags=["zones"])
+
+    @router.get(
+        "/{zone}/series",
+        response_model=SeriesPayload,
+        responses=documented(404, 422, 500, 503),
+        summary="History in a bounded number of points, with the inputs: for charts",
+    )
+    async def series(zone: str, caller: Asking, query: Annotated[SeriesQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
+        end = math.ceil(query.end.timestamp()) if query.end is not None else _end(view)
+        start = math.ceil(query.start.timestamp()) if query.start is not None else end - DAY
+        if start >= end:
+            raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
+        return Response(
+            to_json(series_payload(site, view, start, end, await view.series(start, end, query.points))),
+            media_type="application/json",
+        )
+
+    return router
+
+
+def series_payload(site: str, zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
+    """`series` of `zone` over [start, end), UTC s."""
+    means = series.means
+    network = zone.network
+    return SeriesPayload(
+        site=site,
+        zone=zone.id,
+        output=network.measured[0],
+        period_s=zone.period,
+        bucket_s=series.bucket,
+        start=utc(start),
+        end=utc(end),
+        times=[utc(when) for when in series.times.tolist()],
+        y=_numbers(means["y"]),
+        y_low=_numbers(series.y_low),
+        y_high=_numbers(series.y_high),
+        mean=_numbers(means["mean"]),
+        lower=_numbers(series.band_low),
+        upper=_numbers(series.band_high),
+        alpha=_numbers(means["alpha_median"]),
+        gate=_numbers(means["gate"]),
+        inputs=[
+            SeriesInput(channel=channel, unit=network.channel_unit(channel), values=_numbers(series.inputs[:, index]))
+            for index, channel in enumerate(network.inputs)
+        ],
+    )
+
+
+def _numbers(values: Array) -> list[float | None]:
+    # A chart has a thousand pixels; sixteen digits each would be most of the answer.
+    return [float(f"{value:.6g}") for value in values.tolist()]
+
+
+def _end(zone: ZoneView) -> int:
+    """When the newest sample ends, UTC s; without any, the beginning of 1970, of which there is no history."""
+    last = zone.status().last_sample_time
+    return 0 if last is None else math.ceil(last + zone.period)

@@ -1,0 +1,232 @@
+"""The routes that take readings: who posts is told what became of them, after it is on disk."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+import zlib
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from http import HTTPStatus
+from itertools import islice
+from typing import Annotated, Any, NamedTuple
+
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import TypeAdapter, ValidationError
+
+from adapters.http.posted import Posted, from_lines, from_senml
+from adapters.reading import Fault, Quality
+from service.publish.payloads import to_json
+from service.records.receipt import Receipt
+from service.records.view import ZoneView
+from service.web.access import Writer, find_zone
+from service.web.models import PostedReading, PostedReadings, ReadingsPayload, ReadingsQuery
+from service.web.problems import documented, invalid, sentence_of
+from service.web.server.refusal import MOST_SENTENCES, RequestRefused
+
+MAX_VALUES = 20_000
+"""Values in one request."""
+
+AT_ONCE = 8
+"""Requests that are taken at the same time; the journal writes one after the other."""
+
+RETRY_SECONDS = 1
+
+_LONGEST = 300
+"""Characters of a sentence about what somebody wrote."""
+
+_JSON, _SENML, _LINES = "application/json", "application/senml+json", "text/plain"
+_ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
+
+
+class Taken(NamedTuple):
+    """What became of a post: its readings, how many of its values no channel asks for, and some of their names."""
+
+    receipt: Receipt
+    unknown: int
+    names: tuple[str, ...]
+
+
+Take = Callable[[Sequence[Posted], str | None], Awaitable[Taken]]
+"""Takes what was posted, for all zones or one; what is accepted is durable on return. Raises ServiceError."""
+
+
+def reading_routes(site: str, zones: Mapping[str, ZoneView], take: Take | None, limit: int) -> APIRouter:
+    """Routes that take readings through `take` (None: there is nobody to take them). A packed body may have `limit`
+    bytes when it is unpacked, as any other has."""
+    router = APIRouter(tags=["readings"])
+    responses = documented(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
+    body = {"requestBody": _documented_body()}
+    slots = _Slots()
+
+    @router.post(
+        "/readings",
+        response_model=ReadingsPayload,
+        responses=responses,
+        openapi_extra=body,
+        summary="Readings for the channels of all zones",
+    )
+    async def take_readings(request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]) -> Response:
+        return await answered(request, query, None)
+
+    @router.post(
+        "/zones/{zone}/readings",
+        response_model=ReadingsPayload,
+        responses=responses,
+        openapi_extra=body,
+        summary="Readings for the channels of one zone",
+    )
+    async def take_readings_of_zone(
+        zone: str, request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]
+    ) -> Response:
+        return await answered(request, query, find_zone(zones, zone, caller).id)
+
+    async def answered(request: Request, query: ReadingsQuery, zone: str | None) -> Response:
+        if take is None:
+            raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
+        with slots.one():
+            body = await request.body()
+            # A large body takes its time, for which the event loop must not wait.
+            posted = await asyncio.to_thread(read, body, request.headers, query.precision, limit)
+            taken = await take(posted, zone)
+        receipt = taken.receipt
+        payload = ReadingsPayload(
+            site=site,
+            accepted=receipt.accepted,
+            repeated=receipt.repeated,
+            first_counts=receipt.begun,
+            refused={str(fault): count for fault, count in sorted(receipt.refused.items())},
+            unknown=taken.unknown,
+            unknown_names=list(taken.names),
+        )
+        return Response(to_json(payload), media_type="application/json")
+
+    return router
+
+
+class _Slots:
+    """How many requests are being taken."""
+
+    def __init__(self) -> None:
+        self._taken = 0
+
+    @contextmanager
+    def one(self) -> Iterator[None]:
+        """A place while it lasts; RequestRefused (429) if there is none."""
+        if self._taken >= AT_ONCE:
+            sentence = f"{AT_ONCE} requests with readings are waiting for the journal; post again a little later"
+            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], retry_after=RETRY_SECONDS)
+        self._taken += 1
+        try:
+            yield
+        finally:
+            self._taken -= 1
+
+
+def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) -> list[Posted]:
+    """The values in the body of a request with `headers`. RequestRefused if it cannot be read as a whole."""
+    media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
+    readers: dict[str, Callable[[str], Iterator[Posted]]] = {
+        _JSON: lambda text: _from_json(_document(text)),
+        _SENML: lambda text: from_senml(_document(text), time.time()),
+        _LINES: lambda text: from_lines(text, precision),
+    }
+    if media_type not in readers:
+        given = f"not {media_type!r}" if media_type else "and this request has none"
+        sentence = f"Content-Type must be {_JSON}, {_SENML}, or {_LINES} for InfluxDB line protocol, {given}"
+        raise RequestRefused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, [sentence])
+    text = _text(_unpacked(body, headers.get("content-encoding", "identity").strip().lower(), limit))
+    try:
+        values = list(islice(readers[media_type](text), MAX_VALUES + 1))
+    except ValueError as error:
+        sentence = f"the body {error}" if media_type == _SENML else str(error)
+        raise invalid([sentence[:_LONGEST]]) from None
+    if len(values) > MAX_VALUES:
+        raise _too_many()
+    return values
+
+
+def _unpacked(body: bytes, encoding: str, limit: int) -> bytes:
+    if encoding == "identity":
+        return body
+    if encoding != "gzip":
+        sentence = f"Content-Encoding must be gzip or none, not {encoding!r}"
+        raise RequestRefused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, [sentence])
+    unpacking = zlib.decompressobj(zlib.MAX_WBITS | 16)
+    try:
+        unpacked = unpacking.decompress(body, limit + 1)
+    except zlib.error:
+        raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not packed with gzip"]) from None
+    if len(unpacked) > limit:
+        sentence = f"the body is larger than {limit} bytes when it is unpacked"
+        raise RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])
+    if not unpacking.eof or unpacking.unused_data:
+        raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not one whole gzip stream"])
+    return unpacked
+
+
+def _text(body: bytes) -> str:
+    try:
+        return body.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise RequestRefused(HTTPStatus.BAD_REQUEST, ["the body is not text in UTF-8"]) from None
+
+
+def _document(text: str) -> Any:
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        raise invalid(["the body is not JSON"]) from None
+    # What is too much is not looked at.
+    if isinstance(document, list) and len(document) > MAX_VALUES:
+        raise _too_many()
+    return document
+
+
+def _from_json(document: object) -> Iterator[Posted]:
+    entries = document.get("readings") if isinstance(document, dict) and document.keys() == {"readings"} else None
+    if not isinstance(entries, list):
+        raise invalid(['the body must be an object with one list: {"readings": [...]}'])
+    if len(entries) > MAX_VALUES:
+        raise _too_many()
+    mistakes: list[str] = []
+    for place, entry in enumerate(entries):
+        try:
+            found = _ENTRY.validate_python(entry)
+        except ValidationError as error:
+            mistakes += [
+                sentence_of(detail | {"loc": ("body", "readings", place, *detail["loc"])}) for detail in error.errors()
+            ]
+            if len(mistakes) > MOST_SENTENCES:
+                raise invalid(mistakes) from None
+            continue
+        if not mistakes:
+            when = None if found.time is None else found.time.timestamp()
+            value = Fault.NOT_AVAILABLE if found.value is None else found.value
+            yield Posted(found.channel, value, when, quality=Quality(found.quality), unit=found.unit)
+    if mistakes:
+        raise invalid(mistakes)
+
+
+def _too_many() -> RequestRefused:
+    sentence = f"a request holds at most {MAX_VALUES} values; post fewer at a time (Telegraf: metric_batch_size)"
+    return RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])
+
+
+def _documented_body() -> dict[str, Any]:
+    """The body in the OpenAPI document: three formats."""
+    pack = {
+        "type": "array",
+        "items": {"type": "object"},
+        "examples": [[{"bn": "office/", "bt": 1768478400, "n": "T_i", "u": "Cel", "v": 21.5}]],
+    }
+    lines = {"type": "string", "examples": ["office T_i=21.5,T_out=5.4 1768478400000000000"]}
+    return {
+        "required": True,
+        "content": {
+            _JSON: {"schema": {"$ref": f"#/components/schemas/{PostedReadings.__name__}"}},
+            _SENML: {"schema": pack},
+            _LINES: {"schema": lines},
+        },
+    }

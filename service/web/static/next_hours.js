@@ -1,0 +1,208 @@
+// The next 24 hours of a zone: the fan as it is with everything held, and under a plan made by hand.
+
+import { Refused, get, post, zonePath } from "./api.js";
+import { element, paced } from "./dom.js";
+import { planEditor } from "./plan_editor.js";
+import { CONFIG, chartClock, colour, hoverTime, layout, line, loadPlotly, temperatureRange } from "./plotting.js";
+import { celsius, duration, t } from "./text.js";
+import { moment, offset } from "./time.js";
+
+const HOUR = 3600_000;
+const HORIZON = 24 * HOUR;
+const MOST_STEPS = 2000;
+// So many steps ahead go zones with periods of seconds, which a day would overwhelm.
+const SHORT_STEPS = 288;
+const SLOTS = 24;
+const LEVELS = [0.95, 0.5];
+const ASK_MS = 250;
+const RENEW_MS = 30_000;
+
+// The card of zone `id` as `zone` describes it; `failed(error)` is told what went wrong.
+export function nextHours(id, zone, failed) {
+  const plot = element("div", { className: "plot fan", role: "img", tabIndex: -1 });
+  const result = element("p", { role: "status", className: "result" });
+  const planPlace = element("div");
+  const heating = zone.channels.filter(({ role, unit }) => role === "input" && unit === "W");
+  const period = zone.period_s * 1000;
+  const day = Math.max(1, Math.round(HORIZON / period));
+  const steps = day > MOST_STEPS ? SHORT_STEPS : day;
+  const horizon = `${Math.round((steps * period) / 1000)}s`;
+  const slot = Math.max((steps * period) / SLOTS, period);
+  let newest = null;
+  let held = null;
+  let planned = null;
+  let before = null;
+  let editor = null;
+  let channel = heating[0];
+  let asked = null;
+  let edges = [];
+  const choice = heating.length > 1 ? element("select", { "aria-label": t("plan.channel") }, ...heating.map((one) => element("option", { value: one.channel, textContent: one.channel }))) : null;
+  choice?.addEventListener("change", () => {
+    channel = heating.find((one) => one.channel === choice.value);
+    planned = null;
+    edit();
+    draw();
+  });
+  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, result, choice, planPlace);
+
+  // The fan with everything held, which a newer sample has changed.
+  const renew = paced(async () => {
+    try {
+      const [fan, recent] = await Promise.all([get(`${zonePath(id)}/forecast?${heldQuery()}`), get(`${zonePath(id)}/series?${recentQuery()}`), loadPlotly()]);
+      held = fan;
+      before = recent;
+      if (editor === null) edit();
+      if (editor?.planned) await ask(editor.planned);
+      else {
+        planned = null;
+        await draw();
+      }
+    } catch (error) {
+      if (error instanceof Refused && error.status === 503) result.textContent = t("fan.none");
+      else if (error.name !== "AbortError") failed(error);
+    }
+  }, RENEW_MS);
+
+  function heldQuery() {
+    return new URLSearchParams([["horizon", horizon], ...LEVELS.map((level) => ["level", level])]);
+  }
+
+  // As much of the past as gives the measured line its lead, and the plan its scale.
+  function recentQuery() {
+    return new URLSearchParams(day > MOST_STEPS ? { start: new Date(newest - steps * period).toISOString(), points: "300" } : { points: "300" });
+  }
+
+  // Hours of the site's clock; the first may have begun.
+  function slots(start) {
+    const ahead = offset(start);
+    const found = [start];
+    for (let time = (Math.floor((start + ahead) / slot) + 1) * slot - ahead; time < start + steps * period; time += slot) found.push(time);
+    return found;
+  }
+
+  function edit() {
+    planPlace.replaceChildren();
+    editor = null;
+    if (!channel) return;
+    const used = held.inputs.find((one) => one.channel === channel.channel);
+    const past = before.inputs.find((one) => one.channel === channel.channel)?.values.filter((value) => value !== null) ?? [];
+    const now = Math.max(0, used?.value ?? 0);
+    edges = slots(Date.parse(held.valid_time));
+    editor = planEditor({
+      channel: channel.channel,
+      unit: channel.unit,
+      times: edges,
+      now,
+      most: past.reduce((a, b) => Math.max(a, b), now),
+      changed(values) {
+        if (values === null) {
+          asked?.abort();
+          askPaced.cancel();
+          planned = null;
+          draw();
+        } else askSoon(values);
+      },
+    });
+    planPlace.append(editor.node);
+  }
+
+  let wanted = null;
+  const askPaced = paced(() => ask(wanted), ASK_MS);
+  function askSoon(values) {
+    wanted = values;
+    askPaced();
+  }
+
+  async function ask(values) {
+    asked?.abort();
+    const own = new AbortController();
+    asked = own;
+    const start = Date.parse(held.valid_time);
+    const perStep = Array.from({ length: steps }, (_, index) => {
+      const time = start + index * period;
+      let at = edges.length - 1;
+      while (at > 0 && edges[at] > time) at -= 1;
+      return values[at];
+    });
+    try {
+      const answer = await post(`${zonePath(id)}/forecast`, { horizon, levels: LEVELS, inputs: { [channel.channel]: perStep } }, own.signal);
+      if (own !== asked) return;
+      planned = answer;
+      // A sample has come meanwhile: both fans begin where the newer one does.
+      if (planned.valid_time !== held.valid_time) held = await get(`${zonePath(id)}/forecast?${heldQuery()}`, own.signal);
+      if (own === asked) await draw();
+    } catch (error) {
+      if (error instanceof Refused && error.status === 503) result.textContent = t("fan.none");
+      else if (error.name !== "AbortError") failed(error);
+    }
+  }
+
+  async function draw() {
+    if (!held || !node.isConnected) return;
+    const shown = planned ?? held;
+    const start = Date.parse(held.valid_time);
+    const clock = chartClock(start);
+    const fan = read(shown);
+    const base = read(held);
+    const past = before.times.map((time) => Date.parse(time));
+    const recent = past.findIndex((time) => time >= start - (steps * period) / 4);
+    const times = recent < 0 ? [] : past.slice(recent);
+    const measured = recent < 0 ? [] : before.y.slice(recent);
+    const x = fan.times.map(clock.x);
+    const area = (level, fill) => ({ type: "scatter", mode: "lines", x: [...x, ...x.toReversed()], y: [...fan.bounds[level].upper, ...fan.bounds[level].lower.toReversed()], fill: "toself", fillcolor: fill, line: { width: 0 }, hoverinfo: "skip" });
+    const traces = [
+      area(0.95, colour("--band")),
+      area(0.5, colour("--band")),
+      { type: "scatter", mode: "lines", x, y: fan.mean, text: fan.times.map(hoverTime), line: { color: colour("--accent"), width: 2 }, customdata: fan.times.map((_, index) => [fan.bounds[0.95].lower[index], fan.bounds[0.95].upper[index]]), hovertemplate: `%{y:.1f} °C (%{customdata[0]:.1f} … %{customdata[1]:.1f})<extra>${t(planned ? "series.planned" : "series.expected")}</extra>` },
+      line(clock, times, before.bucket_s * 1000, measured, { line: { color: colour("--ink"), width: 1.5 }, hovertemplate: `%{y:.2f} °C<extra>${t("series.measured")}</extra>` }),
+    ];
+    if (planned) traces.push({ type: "scatter", mode: "lines", x: base.times.map(clock.x), y: base.mean, line: { color: colour("--muted"), width: 1.5, dash: "dot" }, hovertemplate: `%{y:.1f} °C<extra>${t("series.held")}</extra>` });
+    const range = temperatureRange([...measured, ...fan.mean, ...(planned ? base.mean : [])], fan.bounds[0.95].lower, fan.bounds[0.95].upper);
+    await window.Plotly.react(plot, traces, { ...layout(plot, { xaxis: { type: "date", fixedrange: true, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) }, yaxis: { title: { text: "°C", standoff: 4, font: { size: 12 } }, range } }), dragmode: false }, CONFIG);
+    const text = sentence(fan, planned ? base : null);
+    result.textContent = text;
+    plot.setAttribute("aria-label", text);
+  }
+
+  return {
+    node,
+    redraw: draw,
+    // There is a sample up to `time`.
+    sample(time) {
+      newest = time;
+      renew();
+    },
+    end() {
+      asked?.abort();
+      renew.cancel();
+      askPaced.cancel();
+      if (window.Plotly && held) window.Plotly.purge(plot);
+    },
+  };
+}
+
+function read(answer) {
+  const first = answer.fan.map(({ outputs }) => outputs[0]);
+  const bounds = Object.fromEntries(
+    LEVELS.map((level) => {
+      const at = first.map(({ intervals }) => intervals.find((one) => one.level === level));
+      return [level, { lower: at.map(({ lower }) => lower), upper: at.map(({ upper }) => upper) }];
+    }),
+  );
+  return { times: answer.fan.map(({ valid_time }) => Date.parse(valid_time)), mean: first.map(({ mean }) => mean), bounds };
+}
+
+// The lowest temperature that is expected, and what a plan changes about it.
+function sentence(fan, base) {
+  const lowest = fan.mean.reduce((best, value, index) => (value < fan.mean[best] ? index : best), 0);
+  const last = fan.mean.length - 1;
+  const values = {
+    low: celsius(fan.mean[lowest]),
+    when: moment(fan.times[lowest]),
+    from: celsius(fan.bounds[0.95].lower[lowest]),
+    to: celsius(fan.bounds[0.95].upper[lowest]),
+    end: celsius(fan.mean[last]),
+    ends: moment(fan.times[last]),
+  };
+  return base ? t("fan.planned", { ...values, held: celsius(base.mean[lowest]) }) : t("fan.held", values);
+}

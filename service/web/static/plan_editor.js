@@ -1,0 +1,147 @@
+// The planned heating of the next hours as bars: dragged with the pointer, moved with the arrow keys.
+
+import { element, set, svg } from "./dom.js";
+import { amount, t } from "./text.js";
+import { clock, moment } from "./time.js";
+
+const HEIGHT = 120;
+const STEPS = 20;
+
+// The editor of `channel` (with `unit`), whose `slots` begin at `times` (ms); `now` is its value now, `most` the largest.
+// `changed(values)` is called with the values of all slots, null for as it is now.
+export function planEditor({ channel, unit, times, now, most, changed }) {
+  let largest = roundUp(most);
+  let values = times.map(() => now);
+  let touched = false;
+  const bars = [];
+  const area = svg("svg", { class: "plan", viewBox: `0 0 ${times.length * 10} ${HEIGHT}`, preserveAspectRatio: "none", role: "group", "aria-label": t("plan.label", { channel }) });
+  times.forEach((time, index) => {
+    const track = svg("rect", { x: index * 10, y: 0, width: 10, height: HEIGHT, class: "track" });
+    const bar = svg("rect", { x: index * 10 + 0.6, width: 8.8, class: "bar" });
+    const handle = svg("g", { tabindex: "0", role: "slider", "aria-label": t("plan.slot", { time: moment(time) }), "aria-valuemin": "0" }, track, bar);
+    handle.addEventListener("keydown", (event) => pressed(event, index));
+    area.append(handle);
+    bars.push({ handle, bar });
+  });
+
+  function draw() {
+    bars.forEach(({ handle, bar }, index) => {
+      const height = Math.max(1.5, (Math.min(values[index], largest) / largest) * HEIGHT);
+      bar.setAttribute("y", (HEIGHT - height).toFixed(2));
+      bar.setAttribute("height", height.toFixed(2));
+      set(handle, { "aria-valuemax": String(largest), "aria-valuenow": String(Math.round(values[index])), "aria-valuetext": `${amount(values[index])} ${unit}` });
+    });
+    scale.textContent = `${amount(largest)} ${unit}`;
+  }
+  function put(index, value) {
+    const next = Math.max(0, Math.min(largest, value));
+    if (values[index] === next && touched) return;
+    values[index] = next;
+    tell();
+  }
+  function tell() {
+    touched = true;
+    draw();
+    changed([...values]);
+  }
+  function pressed(event, index) {
+    const step = largest / STEPS;
+    const move = { ArrowUp: step, ArrowDown: -step, PageUp: 5 * step, PageDown: -5 * step, Home: -Infinity, End: Infinity }[event.key];
+    if (move !== undefined) {
+      event.preventDefault();
+      put(index, Number.isFinite(move) ? values[index] + move : move > 0 ? largest : 0);
+    } else if (event.key === "ArrowRight" || event.key === "ArrowLeft") {
+      event.preventDefault();
+      bars[index + (event.key === "ArrowRight" ? 1 : -1)]?.handle.focus();
+    }
+  }
+  let last = null;
+  function drag(event) {
+    const box = area.getBoundingClientRect();
+    const index = Math.max(0, Math.min(times.length - 1, Math.floor(((event.clientX - box.left) / box.width) * times.length)));
+    const step = largest / STEPS;
+    const value = Math.round(((1 - (event.clientY - box.top) / box.height) * largest) / step) * step;
+    // A quick stroke skips bars; those between follow.
+    const from = last ?? index;
+    for (let each = Math.min(from, index); each <= Math.max(from, index); each += 1) put(each, value);
+    last = index;
+  }
+  area.addEventListener("pointerdown", (event) => {
+    area.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    last = null;
+    drag(event);
+  });
+  area.addEventListener("pointermove", (event) => {
+    if (area.hasPointerCapture(event.pointerId)) drag(event);
+  });
+
+  const scale = element("span", { className: "muted plan-scale" });
+  const until = element("input", { type: "time", value: "06:00", step: 3600, "aria-label": t("plan.until") });
+  const ceiling = element("input", { type: "number", min: "1", step: "any", value: String(largest), "aria-label": t("plan.most", { unit }) });
+  ceiling.addEventListener("change", () => {
+    const value = Number(ceiling.value);
+    if (value > 0) {
+      largest = value;
+      values = values.map((each) => Math.min(each, largest));
+      if (touched) tell();
+      else draw();
+    }
+  });
+  const button = (text, act) => {
+    const node = element("button", { type: "button", textContent: text });
+    node.addEventListener("click", act);
+    return node;
+  };
+  const tools = element(
+    "div",
+    { className: "controls" },
+    button(t("plan.now"), () => {
+      values = times.map(() => now);
+      touched = false;
+      draw();
+      changed(null);
+    }),
+    button(t("plan.off"), () => {
+      values = times.map(() => 0);
+      tell();
+    }),
+    element("span", { className: "nowrap" }, button(t("plan.off_until"), () => offUntil()), " ", until),
+    element("label", { className: "nowrap" }, `${t("plan.most", { unit })} `, ceiling),
+  );
+  function offUntil() {
+    // The first hour of the site's day with this name that lies ahead.
+    const hour = (until.value || "00:00").slice(0, 2);
+    const after = times.findIndex((time, index) => clock(time).slice(0, 2) === hour && (index > 0 || clock(time).endsWith(":00")));
+    const begins = after < 0 ? times.length : after;
+    const later = now > 0 ? now : largest / 2;
+    values = times.map((_, index) => (index < begins ? 0 : later));
+    tell();
+  }
+  const node = element("div", { className: "plan-box" }, element("div", { className: "plan-head" }, element("h3", { textContent: t("plan.title", { channel }) }), scale), area, axis(times), tools);
+  draw();
+  return {
+    node,
+    get planned() {
+      return touched ? [...values] : null;
+    },
+  };
+}
+
+function axis(times) {
+  const node = element("div", { className: "plan-axis muted", "aria-hidden": "true" });
+  const every = Math.max(1, Math.round(times.length / 6));
+  times.forEach((time, index) => {
+    if (index % every || index > times.length - every / 2) return;
+    const mark = element("span", { textContent: clock(time) });
+    mark.style.left = `${(100 * index) / times.length}%`;
+    node.append(mark);
+  });
+  return node;
+}
+
+function roundUp(value) {
+  const most = Math.max(value, 100);
+  const unit = 10 ** Math.floor(Math.log10(most));
+  return [1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10].map((each) => each * unit).find((each) => each >= most);
+}

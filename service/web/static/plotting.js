@@ -1,0 +1,126 @@
+// plotly.js, loaded once when a zone is first looked at, and what all charts share: colours, gaps, the site's clock.
+
+import { celsius } from "./text.js";
+import { moment, offset, utcText } from "./time.js";
+
+let loading = null;
+
+export function loadPlotly() {
+  loading ??= new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = `static/plotly.min.js?v=${document.documentElement.dataset.plotly}`;
+    script.addEventListener("load", () => resolve(window.Plotly));
+    script.addEventListener("error", () => {
+      loading = null;
+      script.remove();
+      reject(new Error("plotly.min.js could not be loaded"));
+    });
+    document.head.append(script);
+  });
+  return loading;
+}
+
+export function colour(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+// One clock for a whole chart: that of its end. So an hour has the same length even where summer time begins.
+export function chartClock(end) {
+  const shift = offset(end);
+  return {
+    x: (time) => new Date(time + shift).toISOString().slice(0, 19),
+    time: (x) => (typeof x === "number" ? x : Date.parse(`${String(x).replace(" ", "T")}Z`)) - shift,
+  };
+}
+
+export function hoverTime(time) {
+  return `${moment(time)} · ${utcText(time)}`;
+}
+
+// Runs of neighbouring buckets that are wanted: nothing is drawn across a gap.
+export function runs(times, bucket, present) {
+  const found = [];
+  let last = null;
+  times.forEach((time, index) => {
+    if (!present(index)) {
+      last = null;
+      return;
+    }
+    if (last === null || time - last > 1.5 * bucket) found.push([]);
+    found.at(-1).push(index);
+    last = time;
+  });
+  return found;
+}
+
+export function line(clock, times, bucket, values, extra) {
+  const x = [];
+  const y = [];
+  const text = [];
+  for (const run of runs(times, bucket, (index) => values[index] !== null)) {
+    for (const index of run) {
+      x.push(clock.x(times[index]));
+      y.push(values[index]);
+      text.push(hoverTime(times[index]));
+    }
+    const end = clock.x(times[run.at(-1)] + bucket);
+    if (extra.line?.shape === "hv" || run.length === 1) {
+      // A step lasts to the end of its bucket; so does a single sample between two gaps, which would not show.
+      x.push(end);
+      y.push(values[run.at(-1)]);
+      text.push("");
+    }
+    x.push(end);
+    y.push(null);
+    text.push("");
+  }
+  return { type: "scatter", mode: "lines", connectgaps: false, x, y, text, ...extra };
+}
+
+// The area between two bounds, one closed polygon for each run.
+export function band(clock, times, bucket, lower, upper, extra) {
+  const x = [];
+  const y = [];
+  for (const run of runs(times, bucket, (index) => lower[index] !== null && upper[index] !== null)) {
+    const back = run.toReversed();
+    x.push(...run.map((index) => clock.x(times[index])), ...back.map((index) => clock.x(times[index])), null);
+    y.push(...run.map((index) => upper[index]), ...back.map((index) => lower[index]), null);
+  }
+  return { type: "scatter", mode: "lines", x, y, fill: "toself", line: { width: 0 }, hoverinfo: "skip", ...extra };
+}
+
+export function layout(node, axes) {
+  const axis = { gridcolor: colour("--line"), linecolor: colour("--line"), zeroline: false, automargin: false };
+  const drawn = Object.fromEntries(Object.entries(axes).map(([name, own]) => [name, { ...axis, ...(name === "xaxis" ? {} : { fixedrange: true }), ...own }]));
+  return {
+    margin: { l: 52, r: 12, t: 10, b: 44 },
+    showlegend: false,
+    hovermode: "x unified",
+    paper_bgcolor: "rgba(0,0,0,0)",
+    plot_bgcolor: "rgba(0,0,0,0)",
+    font: { color: colour("--muted"), size: 12, family: "system-ui, sans-serif" },
+    hoverlabel: { bgcolor: colour("--card"), bordercolor: colour("--line"), font: { color: colour("--ink"), family: "system-ui, sans-serif" } },
+    ...drawn,
+  };
+}
+
+export const CONFIG = { displayModeBar: false, responsive: true, doubleClick: false, showTips: false };
+
+// The values that a temperature axis must show: all measurements, and all of the band but its widest few.
+export function temperatureRange(measured, lower, upper) {
+  const known = (values) => values.filter((value) => value !== null && value !== undefined);
+  const at = (values, level) => values.toSorted((a, b) => a - b)[Math.round(level * (values.length - 1))];
+  const edges = known(measured);
+  const [low, high] = [known(lower), known(upper)];
+  if (low.length) edges.push(at(low, 0.03), at(high, 0.97));
+  if (!edges.length) return undefined;
+  const [least, most] = [edges.reduce((a, b) => Math.min(a, b)), edges.reduce((a, b) => Math.max(a, b))];
+  const margin = Math.max(0.06 * (most - least), 0.1);
+  return [least - margin, most + margin];
+}
+
+export function spanText(values) {
+  const known = values.filter((value) => value !== null);
+  if (!known.length) return null;
+  return { low: celsius(known.reduce((a, b) => Math.min(a, b))), high: celsius(known.reduce((a, b) => Math.max(a, b))) };
+}

@@ -1,0 +1,52 @@
+// Which zones come first: the worst, then by name. Filters and searches. No page in here.
+
+export const STATES = ["failed", "stalled", "waiting", "running"];
+const STATE_WEIGHT = { failed: 400, stalled: 300, waiting: 150, running: 0 };
+const TRUST_WEIGHT = { untrusted: 200, doubtful: 100, learning: 20, trusted: 0 };
+const SERIOUS = new Set(["forecast-implausible", "heat-loss-against-balance", "network-misses-something"]);
+const PROPOSALS = new Set(["narrower-bounds"]);
+
+// The larger, the more a zone needs somebody.
+export function severity(row) {
+  const findings = row.findings.reduce((sum, { finding }) => sum + (SERIOUS.has(finding) ? 20 : PROPOSALS.has(finding) ? 0 : 5), 0);
+  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0);
+}
+
+// Whether somebody should look: everything but a room that runs, is trusted and of which nothing worse is found than that
+// its bounds could be narrower, or that somebody is in it.
+export function needsAttention(row) {
+  const known = row.findings.some(({ finding }) => !PROPOSALS.has(finding));
+  return row.state !== "running" || Boolean(row.reason) || known || row.trust === "doubtful" || row.trust === "untrusted";
+}
+
+const collator = new Intl.Collator(undefined, { numeric: true });
+const mean = (expected) => expected?.mean ?? null;
+
+export const COLUMNS = {
+  worst: (row) => -severity(row),
+  room: (row) => row.id,
+  now: (row) => row.temperature,
+  hour: (row) => mean(row.expected[0]),
+  later: (row) => mean(row.expected[1]),
+  state: (row) => STATES.indexOf(row.state),
+  trust: (row) => -(TRUST_WEIGHT[row.trust] ?? -1),
+};
+
+// The rows to show, in order. `sort` is one of COLUMNS; rows without a value come last, either way.
+export function ranked(rows, { filter = "all", search = "", sort = "worst", descending = false, words = () => "" }) {
+  const wanted = search.trim().toLocaleLowerCase();
+  const shown = rows.filter(
+    (row) =>
+      (filter === "all" || (filter === "attention" ? needsAttention(row) : row.state === filter)) &&
+      (!wanted || `${row.id} ${words(row)}`.toLocaleLowerCase().includes(wanted)),
+  );
+  const key = COLUMNS[sort];
+  const sign = descending ? -1 : 1;
+  const keyed = shown.map((row) => [key(row), row]);
+  keyed.sort(([a, first], [b, second]) => {
+    if (a === null || b === null) return (a === null) - (b === null) || collator.compare(first.id, second.id);
+    const order = typeof a === "string" ? collator.compare(a, b) : a - b;
+    return sign * order || collator.compare(first.id, second.id);
+  });
+  return keyed.map(([, row]) => row);
+}

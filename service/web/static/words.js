@@ -1,0 +1,83 @@
+// What a zone's state, findings and parameters mean, in words.
+
+import { amount, celsius, duration, has, number, sentence, share, t } from "./text.js";
+
+export function stateText(state) {
+  return has(`state.${state}`) ? t(`state.${state}`) : state;
+}
+
+export function trustText(trust) {
+  if (!trust) return "–";
+  return has(`trust.${trust}`) ? t(`trust.${trust}`) : trust;
+}
+
+export function findingText({ finding, subject }, tell = t) {
+  return has(`finding.${finding}`) ? tell(`finding.${finding}`, { subject: parameterName(subject) }) : `${subject}: ${finding}`;
+}
+
+// The same as a sentence.
+export function findingSentence(finding) {
+  return `${findingText(finding, sentence)}.`;
+}
+
+function parameterName(name) {
+  return name === "heat_loss" ? t("parameter.heat_loss") : name;
+}
+
+// The first thing to know of a zone in the table: why it does not run, else what its model does not know.
+export function rowText(row) {
+  if (row.state !== "running" || row.reason) return row.reason || stateText(row.state);
+  const [first, ...others] = row.findings;
+  if (first) return others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first);
+  return row.disturbed ? t("finding.disturbed") : t("finding.none");
+}
+
+// Why the model is doubted now: sentences, the gravest first; `own` is what follows in the daemon's words.
+export function doubts({ status, forecast, skill, trust }) {
+  const found = [];
+  if (status.state === "failed" || status.state === "stalled" || status.state === "waiting") {
+    found.push({ text: t(`doubt.${status.state}`), own: status.reason });
+    return found;
+  }
+  if (status.reason) found.push({ text: "", own: status.reason });
+  const distrusted = trust?.horizons.filter(({ trust: level }) => level === "doubtful" || level === "untrusted") ?? [];
+  for (const reason of new Set(distrusted.map(({ reason: why }) => why))) {
+    const one = distrusted.find(({ reason: why }) => why === reason);
+    found.push({ text: t("doubt.trust", { lead: duration(one.lead_s), trust: trustText(one.trust) }), own: reason });
+  }
+  for (const finding of status.findings) if (finding.finding !== "narrower-bounds") found.push({ text: findingSentence(finding) });
+  if (forecast?.regime === "high") found.push({ text: t("doubt.disturbed", { gate: share(forecast.gate) }) });
+  // What was verified is behind the trust; without a judgement it speaks for itself.
+  if (trust?.horizons.length) return found;
+  const week = skill?.windows.find(({ days }) => days === 7)?.horizons.filter(({ forecasts }) => forecasts >= 24) ?? [];
+  const narrow = week.find(({ coverage }) => coverage !== null && coverage < 0.85);
+  if (narrow) found.push({ text: t("doubt.narrow", { lead: duration(narrow.lead_s), share: share(narrow.coverage) }) });
+  const worse = week.find(({ lead_s, skill_against_persistence: gain }) => lead_s >= 3600 && gain !== null && gain < 0);
+  if (worse) found.push({ text: t("doubt.worse", { lead: duration(worse.lead_s) }) });
+  if (!week.length && status.samples < 300) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
+  return found;
+}
+
+const middle = (quantiles) => quantiles[Math.floor(quantiles.length / 2)];
+const range = (quantiles, show) => t("between", { low: show(quantiles[0]), high: show(quantiles.at(-1)) });
+
+// What the parameters say of the room: [sentence, interval] pairs.
+export function learnedSentences(parameters) {
+  const found = [];
+  const loss = parameters.heat_loss.quantiles;
+  if (middle(loss) !== null) found.push([t("learned.loss", { value: amount(middle(loss)) }), range(loss, (value) => `${amount(value)} W/K`)]);
+  const constants = parameters.time_constants.filter(({ quantiles }) => middle(quantiles) > 0);
+  if (!constants.length) return found;
+  const half = constants.at(-1).quantiles.map((hours) => hours * 3600 * Math.LN2);
+  found.push([t("learned.cools", { value: duration(middle(half)) }), range(half, duration)]);
+  const quick = constants[0].quantiles.map((hours) => hours * 3600);
+  if (constants.length > 1) {
+    const heater = parameters.parameters.some(({ name }) => /^C_(h|heater|rad|hk)/.test(name));
+    found.push([t(heater ? "learned.heater" : "learned.quick", { value: duration(middle(quick)) }), range(quick, duration)]);
+  }
+  return found;
+}
+
+export function expectedText(one) {
+  return one ? `${celsius(one.mean)} (${number(one.lower, 1)} … ${number(one.upper, 1)})` : "–";
+}

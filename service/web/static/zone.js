@@ -1,0 +1,204 @@
+// One zone: how it is, how it was, what it will be, what was learned, and why the model is doubted now.
+
+import { KeyNeeded } from "./access.js";
+import { get, getIfAny, zonePath } from "./api.js";
+import { element, paced, set, tableRow } from "./dom.js";
+import { historyChart } from "./history_chart.js";
+import { showLearned } from "./learned.js";
+import { nextHours } from "./next_hours.js";
+import { follow } from "./stream.js";
+import { amount, celsius, duration, number, share, t, unitText } from "./text.js";
+import { timeNode, useTimeZone } from "./time.js";
+import { doubts, stateText, trustText } from "./words.js";
+
+const EXPERT = "thermogate-expert";
+const LEARNED_MS = 60_000;
+const SHOW_MS = 250;
+
+// Shows zone `id` in `place`; `frame` shows the site's name and the connection. Returns what ends it.
+export function showZone(place, frame, id) {
+  // The stream begins with what there is; it brings gain and trust only where they are known.
+  const known = { zone: null, status: null, forecast: null, gain: null, skill: null, trust: null };
+  const cards = { history: null, next: null };
+  let ended = false;
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+
+  const pill = element("span", { className: "pill" });
+  const about = element("p", { className: "muted" });
+  const doubt = element("div", { className: "doubt", role: "status" });
+  const figures = element("dl", { className: "figures" });
+  const trouble = element("p", { className: "error", role: "alert", hidden: true });
+  const skill = element("section", { className: "card" });
+  const learned = element("section", { className: "card" });
+  const expert = element("details", { className: "card expert", open: localStorage.getItem(EXPERT) === "yes" });
+  const expertFigures = element("dl", { className: "figures" });
+  const channels = element("div");
+  expert.append(element("summary", { textContent: t("expert.title") }), expertFigures, channels);
+  expert.addEventListener("toggle", () => {
+    localStorage.setItem(EXPERT, expert.open ? "yes" : "no");
+    cards.history?.redraw();
+  });
+
+  function failed(error) {
+    if (ended) return;
+    if (error instanceof KeyNeeded) frame.lost(error);
+    else set(trouble, { hidden: false, textContent: error.message });
+  }
+
+  async function load() {
+    const path = zonePath(id);
+    const overview = known.zone ? null : get("overview");
+    const [zone, forecast, found, site] = await Promise.all([get(path), getIfAny(`${path}/forecast`), getIfAny(`${path}/skill`), overview]);
+    if (ended) return;
+    if (site) {
+      frame.site(site.site);
+      useTimeZone(site.time_zone);
+    }
+    Object.assign(known, { zone, status: zone.status, forecast, skill: found });
+    trouble.hidden = true;
+    if (!cards.history) {
+      build(zone);
+      learned.replaceChildren(element("h2", { textContent: t("learned.title") }), element("p", { className: "muted", textContent: t("loading") }));
+      learn();
+    }
+    show();
+    sampled();
+    frame.connected();
+  }
+
+  function build(zone) {
+    cards.history = historyChart(id, known.zone.period_s * 1000, { expert: () => expert.open, failed });
+    cards.next = nextHours(id, zone, failed);
+    place.replaceChildren(
+      element("nav", { "aria-label": t("zone.back") }, element("a", { href: "#/", textContent: `← ${t("zone.back")}` })),
+      element("div", { className: "zone-head" }, element("h1", { textContent: id }), pill, about),
+      trouble,
+      doubt,
+      figures,
+      element("div", { className: "columns" }, cards.history.node, cards.next.node, skill, learned),
+      expert,
+    );
+  }
+
+  function show() {
+    const { zone, status, forecast, gain } = known;
+    set(pill, { textContent: stateText(status.state), className: `pill ${status.state}` });
+    about.replaceChildren(t("zone.about", { network: zone.network, estimator: zone.estimator, period: duration(zone.period_s) }));
+    showDoubt();
+    const interval = forecast?.intervals[0];
+    const horizons = known.trust?.horizons ?? [];
+    const alike = horizons.every((one) => one.trust === horizons[0].trust);
+    const trust = alike ? horizons.slice(0, 1).map((one) => trustText(one.trust)) : horizons.map((one) => `${duration(one.lead_s)}: ${trustText(one.trust)}`);
+    fill(figures, [
+      [t("zone.newest"), status.last_sample_time ? timeNode(Date.parse(status.last_sample_time)) : "–"],
+      [t("zone.next"), interval ? `${celsius(forecast.mean, 2)} (${number(interval.lower, 2)} … ${number(interval.upper, 2)})` : "–"],
+      [t("zone.trust"), trust.length ? trust.join(", ") : "–"],
+      [t("zone.gain"), gain && gain.median !== null ? t("zone.gain_value", { value: amount(gain.median, 2), low: amount(gain.lower, 2), high: amount(gain.upper, 2) }) : t("zone.gain_unknown")],
+      ...(forecast?.inputs ?? []).map((one) => [one.channel, `${amount(one.value)} ${unitText(one.unit)}${one.held ? ` (${t("zone.held", { age: duration(one.age_s) })})` : ""}`]),
+    ]);
+    fill(expertFigures, [
+      ["α", forecast?.volatility ? `${number(forecast.volatility.median, 2)} (${number(forecast.volatility.lower, 2)} … ${number(forecast.volatility.upper, 2)})` : "–"],
+      ["F_k", number(forecast?.volatility?.cdf, 2)],
+      ["gate", forecast ? `${number(forecast.gate, 2)} ${forecast.regime}` : "–"],
+      ["N_eff", number(forecast?.n_eff, 0)],
+      [t("expert.quality"), forecast?.quality ?? "–"],
+      [t("expert.samples"), number(status.samples)],
+      [t("expert.delay"), duration(status.delay_s)],
+    ]);
+    const faults = Object.entries(status.faults).filter(([, count]) => count > 0);
+    channels.replaceChildren(
+      element("table", {}, element("thead", {}, tableRow("th", [t("expert.channel"), t("expert.last_good")])), element("tbody", {}, ...status.channels.map((one) => tableRow("td", [one.channel, one.last_good ? t("expert.ago", { age: duration(one.age_s) }) : t("expert.never")])))),
+      element("p", { className: "muted", textContent: faults.length ? t("expert.faults", { list: faults.map(([kind, count]) => `${number(count)} ${kind.replaceAll("_", " ")}`).join(", ") }) : t("expert.no_faults") }),
+    );
+    showSkill();
+  }
+
+  function showDoubt() {
+    const found = doubts(known);
+    const running = known.status.state === "running";
+    const head = running ? (found.length ? t("doubt.title") : t("doubt.nothing")) : null;
+    const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", element("span", { lang: "en", textContent: own })] : [])));
+    const next = [...(head ? [element("strong", { textContent: head })] : []), ...(items.length ? [element("ul", {}, ...items)] : [])];
+    const text = next.map(({ textContent }) => textContent).join("");
+    // What has not changed is not read out again.
+    if (doubt.textContent !== text) doubt.replaceChildren(...next);
+    doubt.className = `doubt ${running ? (found.length ? "warned" : "fine") : known.status.state}`;
+  }
+
+  function showSkill() {
+    const windows = known.skill?.windows ?? [];
+    const horizons = windows.find(({ days }) => days === 7)?.horizons.filter(({ forecasts }) => forecasts > 0) ?? [];
+    const title = element("h2", { textContent: t("skill.title") });
+    if (!horizons.length) {
+      skill.replaceChildren(title, element("p", { className: "muted", textContent: t("skill.none") }));
+      return;
+    }
+    const heads = ["ahead", "error", "coverage", "persistence", "arx"].map((name) => t(`skill.${name}`));
+    const rows = horizons.map((one) => tableRow("td", [duration(one.lead_s), one.rmse === null ? "–" : `${number(one.rmse, 2)} K`, share(one.coverage), better(one.skill_against_persistence), better(one.skill_against_arx)]));
+    skill.replaceChildren(title, element("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": t("skill.title") }, element("table", {}, element("thead", {}, tableRow("th", heads)), element("tbody", {}, ...rows))), element("p", { className: "muted", textContent: t("skill.note") }));
+  }
+
+  function sampled() {
+    const last = known.status.last_sample_time;
+    if (!last) return;
+    const time = Date.parse(last) + known.zone.period_s * 1000;
+    cards.history.sample(time);
+    if (known.forecast) cards.next.sample(time);
+  }
+
+  // Parameters move slowly; asking the estimator for them takes a while.
+  const learn = paced(async () => {
+    try {
+      const parameters = await getIfAny(`${zonePath(id)}/parameters`);
+      if (ended) return;
+      const open = learned.querySelector("details")?.open;
+      showLearned(learned, known.zone, parameters);
+      if (open) learned.querySelector("details").open = true;
+    } catch (error) {
+      failed(error);
+    }
+  }, LEARNED_MS);
+
+  const showSoon = paced(() => {
+    if (!known.zone) return;
+    show();
+    sampled();
+    learn();
+  }, SHOW_MS);
+  const stop = follow(`${zonePath(id)}/stream`, {
+    opened: () => load().catch(failed),
+    event(kind, data) {
+      if (kind in known) known[kind] = data;
+      frame.connected();
+      if (known.zone) showSoon();
+    },
+    lost(error) {
+      frame.lost(error);
+      if (!known.zone && !(error instanceof KeyNeeded)) load().catch((why) => place.replaceChildren(element("p", { className: "error", role: "alert", textContent: why.message }), element("a", { href: "#/", textContent: t("zone.back") })));
+    },
+  });
+  const restyle = () => {
+    cards.history?.redraw();
+    cards.next?.redraw();
+  };
+  dark.addEventListener("change", restyle);
+
+  return () => {
+    ended = true;
+    stop();
+    showSoon.cancel();
+    learn.cancel();
+    cards.history?.end();
+    cards.next?.end();
+    dark.removeEventListener("change", restyle);
+  };
+}
+
+function better(value) {
+  if (value === null) return "–";
+  return value >= 0 ? t("skill.better", { share: share(value) }) : t("skill.worse", { share: share(-value) });
+}
+
+function fill(list, entries) {
+  list.replaceChildren(...entries.map(([name, value]) => element("div", {}, element("dt", { textContent: name }), element("dd", {}, value))));
+}

@@ -1,0 +1,67 @@
+"""The inputs of the steps to come, where no plan says: by a forecast of the weather, by yesterday's shape, or held."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adapters.reading import Quality
+from estimator.arrays import Array
+from estimator.network.network import Network
+from service.records.outlook import InputOrigin, Outlook, Weather, WeatherBook, WeatherLink
+from service.records.update import Forecast, InputUsed
+from service.zone.foresight.yesterday import Day, daily_inputs, foreseen
+
+NO_WEATHER = Weather()
+
+
+class Foresight:
+    """How a zone foresees its inputs."""
+
+    def __init__(self, network: Network, period: int) -> None:
+        self._network = network
+        self._period = period
+        self._daily = daily_inputs(network)
+
+    def outlook(self, forecast: Forecast, day: Day, steps: int, weather: Weather = NO_WEATHER) -> Outlook:
+        """The inputs of the `steps` intervals from the valid time of the standing `forecast` on; `day` is the last
+        day."""
+        times = forecast.valid_time + self._period * np.arange(steps, dtype=np.float64)
+        now = np.array([used.value for used in forecast.inputs])
+        rows = np.tile(now, (steps, 1))
+        origins = []
+        for column, used in enumerate(forecast.inputs):
+            shape = None
+            if used.channel in self._daily and steps:
+                shape = foreseen(day, column, now, times, self._daily[used.channel])
+            if shape is not None:
+                rows[:, column] = shape
+            origin = _otherwise(used, shape is not None)
+            link = weather.links.get(used.channel)
+            if link is not None and steps:
+                origin = self._by_weather(link, weather.book, forecast.issue_time, times, rows[:, column], origin)
+            origins.append(origin)
+        return Outlook(rows, tuple(origins))
+
+    def _by_weather(
+        self, link: WeatherLink, book: WeatherBook, now: int, times: Array, values: Array, otherwise: InputOrigin
+    ) -> InputOrigin:
+        """Write into `values` (h,) what the newest forecast says, as far as it reaches; where they then come from."""
+        forecast = book.newest(link.source)
+        series = None if forecast is None else forecast.series.get(link.series)
+        if forecast is None or series is None or series.unit not in ("", link.unit):
+            return otherwise
+        if now - forecast.issued > link.max_age:
+            return otherwise
+        told = series.interval_means(times, self._period) * link.conversion.scale + link.conversion.offset
+        known = ~np.isnan(told)
+        if not known.any():
+            return otherwise
+        values[known] = told[known]
+        quality = Quality.GOOD if known.all() else Quality.UNCERTAIN
+        return InputOrigin(otherwise.channel, "weather", link.source, max(0.0, now - forecast.issued), quality)
+
+
+def _otherwise(used: InputUsed, by_shape: bool) -> InputOrigin:
+    origin = "yesterday" if by_shape else "held"
+    quality = Quality.UNCERTAIN if used.held and used.quality is Quality.GOOD else used.quality
+    return InputOrigin(used.channel, origin, "", used.age, quality)

@@ -1,0 +1,155 @@
+"""Trust in a zone's forecasts, horizon by horizon: by verified forecasts, findings, and what disturbs the zone now.
+
+Trust falls as soon as a threshold is crossed. It rises only after RISES judgements in a row, an hour apart, that clear
+the threshold by a margin, so that a controller does not switch to and fro.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, Diagnosis
+from estimator.types import Outcome
+from service.fields.durations import format_duration
+from service.records.skill import HorizonSkill, Skill
+from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
+from service.records.update import Update
+
+NEEDED = 24
+"""Verified forecasts in seven days below which a horizon is still being learned."""
+
+NEEDED_OF_DAY = 12
+"""Verified forecasts in a day from which that day alone may lower the trust."""
+
+RISES = 6
+"""Judgements in a row, an hour apart, that a better level takes."""
+
+NOTABLE = 0.25
+"""K: an RMSE up to which it does not matter that persistence is better."""
+
+WIDER, WIDE = 2.0, 1.5
+"""Widths of the standing interval, as multiples of the mean width of seven days, at which a disturbance begins in the
+high regime of alpha, and at which it ends."""
+
+DISTURBED_UP_TO = 21600
+"""s: a disturbance of this moment lowers the trust in horizons up to this one."""
+
+FROM_HOURS = 21600
+"""s: horizons from this one on hang on the heat loss, which some findings doubt."""
+
+
+class Threshold(NamedTuple):
+    """What a level asks of verified forecasts, and what coming back to it asks."""
+
+    coverage: float
+    """Of the 95 % interval over seven days."""
+    day_coverage: float
+    """The same over the last day."""
+    skill: float
+    """Against persistence, over seven days."""
+
+
+BELOW = {DOUBTFUL: Threshold(0.85, 0.70, 0.0), UNTRUSTED: Threshold(0.70, 0.40, -0.5)}
+"""Anything below these is at most at this level."""
+
+BACK = {DOUBTFUL: Threshold(0.90, 0.80, 0.05), UNTRUSTED: Threshold(0.75, 0.50, -0.4)}
+"""Nothing may be below these for a level to be left upwards."""
+
+_RANK = {TRUSTED: 0, DOUBTFUL: 1, LEARNING: 2, UNTRUSTED: 2}
+
+
+class Verdict(NamedTuple):
+    """A level, and the sentence that explains it."""
+
+    level: str
+    reason: str
+
+
+def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagnosis) -> Trust:
+    """Trust after `update`; `skill` is given once an hour and for the first judgement."""
+    horizons = before.horizons
+    if skill is not None:
+        old = {one.lead: one for one in horizons}
+        horizons = tuple(
+            _verified(old.get(week.lead), week, day, diagnosis, update.time)
+            for week, day in zip(_filled(skill.windows[7]), _filled(skill.windows[1]), strict=True)
+        )
+    usual = before.usual if skill is None else skill.windows[7][0].width
+    disturbed = _disturbed(before.disturbed, update, usual)
+    told = tuple(_told(one, update, disturbed) for one in horizons)
+    return Trust(update.time, told, disturbed, usual if usual > 0.0 else 0.0)
+
+
+def _filled(horizons: Sequence[HorizonSkill]) -> list[HorizonSkill]:
+    """A horizon that is no longer than one step is that step, which is verified as such."""
+    first = horizons[0]
+    return [one if one.lead > first.lead else first for one in horizons if one is first or one.lead > first.lead]
+
+
+def _verified(
+    old: HorizonTrust | None, week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, now: int
+) -> HorizonTrust:
+    """The horizon by its verified forecasts and the findings; `old` is what it was an hour ago."""
+    if old is None:
+        old = HorizonTrust(week.lead, LEARNING, "", now)
+    found, strict = _verdict(week, day, diagnosis, BELOW), _verdict(week, day, diagnosis, BACK)
+    if LEARNING in (found.level, old.verified) or _RANK[found.level] >= _RANK[old.verified]:
+        return old._replace(verified=found.level, why=found.reason, rising=0)
+    # The evidence would do for more trust. It has to do so by a margin, and for some hours.
+    rising = old.rising + 1 if _RANK[strict.level] < _RANK[old.verified] else 0
+    if rising >= RISES:
+        return old._replace(verified=strict.level, why=strict.reason, rising=0)
+    why = old.why if strict.level == old.verified else f"the last {rising} of {RISES} hours that it takes were better"
+    return old._replace(why=why or strict.reason, rising=rising)
+
+
+def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresholds: dict[str, Threshold]) -> Verdict:
+    if week.forecasts < NEEDED:
+        count = f"{week.forecasts} forecasts {format_duration(week.lead)} ahead were verified in 7 days"
+        return Verdict(LEARNING, f"{count}; it takes {NEEDED}")
+    findings = {finding.finding: finding.sentence for finding in diagnosis.findings}
+    if IMPLAUSIBLE in findings:
+        return Verdict(UNTRUSTED, findings[IMPLAUSIBLE])
+    for level in (UNTRUSTED, DOUBTFUL):
+        if (reason := _below(week, day, thresholds[level])) is not None:
+            return Verdict(level, reason)
+    if week.lead >= FROM_HOURS:
+        for name in (AGAINST_BALANCE, MISSES_SOMETHING):
+            if name in findings:
+                return Verdict(DOUBTFUL, findings[name])
+    return Verdict(TRUSTED, "")
+
+
+def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str | None:
+    """Which part of `threshold` the forecasts fail, as a sentence."""
+    ahead = format_duration(week.lead)
+    if week.coverage < threshold.coverage:
+        return f"the 95 % intervals {ahead} ahead held {week.coverage:.0%} of what came in 7 days"
+    if day.forecasts >= NEEDED_OF_DAY and day.coverage < threshold.day_coverage:
+        return f"the 95 % intervals {ahead} ahead held {day.coverage:.0%} of what came in the last day"
+    if week.rmse > NOTABLE and week.against_persistence < threshold.skill:
+        return (
+            f"forecasts {ahead} ahead had an RMSE of {week.rmse:.2f} K in 7 days, and {week.persistence_rmse:.2f} K if "
+            "nothing had changed"
+        )
+    return None
+
+
+def _disturbed(before: bool, update: Update, usual: float) -> bool:
+    """Whether something acts on the zone now: alpha is high, and the standing interval much wider than `usual` [K]."""
+    high = update.gate is not None and update.gate.regime == "high"
+    # An interval of 95 % of a Gaussian, whatever levels are published.
+    width = 2.0 * 1.96 * update.forecast.outputs[0].sd
+    return high and width > (WIDE if before else WIDER) * usual > 0.0
+
+
+def _told(one: HorizonTrust, update: Update, disturbed: bool) -> HorizonTrust:
+    """The horizon as it is published: as verified, unless this moment is worse."""
+    level, reason = one.verified, one.why
+    if update.outcome == Outcome.VANISHED:
+        level, reason = UNTRUSTED, "the model cannot explain the last measurement"
+    elif disturbed and level == TRUSTED and one.lead <= DISTURBED_UP_TO:
+        level, reason = DOUBTFUL, "something acts on the zone that the model does not know, such as people or a window"
+    since = one.since if level == one.level else update.time
+    return one._replace(level=level, reason=reason, since=since)

@@ -1,0 +1,175 @@
+"""From posted values to readings: who is meant, when it was, what is refused."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from math import inf
+
+import pytest
+
+from adapters.edge import Edge
+from adapters.http.posted import Posted, from_lines, from_senml
+from adapters.http.source import HttpChannel, HttpSource
+from adapters.reading import Fault, Quality, Reading
+from adapters.units import conversion
+
+NOW = 1_772_000_000.0
+ROOM = HttpChannel("office/T_i", measurement="mqtt", tags={"topic": "room1"}, unit="degC", edge=Edge(valid=(-60, 80)))
+ROOF = HttpChannel("office/T_out", "roof", "office", "T_out", unit="degC", edge=Edge(valid=(-60, 80)))
+HALL = HttpChannel("hall/T_out", "roof", "hall", "T_out")
+METER = HttpChannel(
+    "office/u_heat", None, "office", "u_heat", edge=Edge(conversion=conversion("kWh", "W", None), counter=True)
+)
+
+
+def source(*channels: HttpChannel) -> HttpSource:
+    return HttpSource("telegraf", channels or (ROOM, ROOF, HALL, METER))
+
+
+def names(readings: list[Reading]) -> list[str]:
+    return [reading.channel for reading in readings]
+
+
+@pytest.mark.parametrize(
+    ("line", "channels"),
+    [
+        ("mqtt,host=gw,topic=room1 value=21", ["office/T_i"]),
+        ("mqtt,topic=room1 other=21", []),
+        ("mqtt,topic=room2 value=21", []),
+        ("mqtt value=21", []),
+        ("office T_out=5", ["office/T_out"]),
+        ("office roof=5", []),
+    ],
+)
+def test_a_line_means_the_channels_whose_measurement_field_and_tags_it_has(line: str, channels: list[str]) -> None:
+    received = source().receive(list(from_lines(line, "ns")), None, NOW)
+    assert names(received.readings) == channels
+    assert received.used == ({0} if channels else set())
+
+
+@pytest.mark.parametrize(
+    ("name", "zone", "channels"),
+    [
+        ("office/T_i", None, ["office/T_i"]),
+        ("roof", None, ["office/T_out", "hall/T_out"]),
+        ("roof", "hall", ["hall/T_out"]),
+        ("T_out", None, []),
+        ("T_out", "hall", ["hall/T_out"]),
+        ("office/T_out", "hall", []),
+        ("office/T_out", "office", ["office/T_out"]),
+    ],
+)
+def test_a_name_means_an_id_or_what_the_configuration_says(name: str, zone: str | None, channels: list[str]) -> None:
+    assert names(source().receive([Posted(name, 5.0, NOW)], zone, NOW).readings) == channels
+
+
+def test_a_pack_of_senml() -> None:
+    pack = [
+        {"bn": "office/", "bt": 1_772_000_000, "n": "T_i", "u": "Cel", "v": 21.5, "t": -5},
+        {"n": "T_out", "u": "K", "v": 5},
+        {"n": "T_out", "vs": "warm", "t": 1},
+        {"n": "T_out", "t": 2},
+    ]
+    readings = source().receive(list(from_senml(pack, NOW)), None, NOW).readings
+    assert readings[0] == Reading("office/T_i", NOW - 5, 21.5)
+    assert [reading.fault for reading in readings[1:]] == [Fault.WRONG_UNIT, Fault.NON_NUMERIC, Fault.NOT_AVAILABLE]
+
+
+def test_a_relative_time_of_senml_counts_from_now() -> None:
+    (one,) = from_senml({"n": "roof", "v": 5, "t": -30}, NOW)
+    assert one.time == NOW - 30
+
+
+@pytest.mark.parametrize(
+    ("posted", "fault"),
+    [
+        (Posted("roof", 999.0, NOW), Fault.OUT_OF_RANGE),
+        (Posted("roof", inf, NOW), Fault.NOT_FINITE),
+        (Posted("roof", 5.0, NOW + 11), Fault.AHEAD_OF_TIME),
+        (Posted("roof", 5.0, -1.0), Fault.BAD_TIMESTAMP),
+        (Posted("roof", 5.0, NOW, unit="K"), Fault.WRONG_UNIT),
+        (Posted("roof", 5.0, NOW, quality=Quality.BAD), Fault.REPORTED_BAD),
+        (Posted("roof", 5.0, NOW, quality=Quality.UNCERTAIN), None),
+        (Posted("roof", 5.0, NOW + 9, unit="degC"), None),
+    ],
+)
+def test_faults(posted: Posted, fault: Fault | None) -> None:
+    (reading,) = source(ROOF).receive([posted], None, NOW).readings
+    assert reading.fault is fault
+    assert (reading.quality is Quality.BAD) == (fault is not None)
+    assert reading.time <= NOW + 10
+
+
+def test_a_value_without_a_time_is_of_now() -> None:
+    (reading,) = source(ROOF).receive([Posted("roof", 5.0)], None, NOW).readings
+    assert reading == Reading("office/T_out", NOW, 5.0)
+
+
+def test_counts_become_power_in_the_order_of_their_times_and_once() -> None:
+    counted = [Posted("office", kwh, NOW + at, "u_heat") for at, kwh in ((-30, 11.0), (-60, 10.5), (-90, 10.0))]
+    meter = source(METER)
+    received = meter.receive(counted, None, NOW)
+    assert received.begun == 1
+    assert [(reading.time - NOW, reading.value) for reading in received.readings] == [(-60, 60000.0), (-30, 60000.0)]
+    again = meter.receive(counted, None, NOW).readings
+    assert {reading.fault for reading in again} == {Fault.OUT_OF_ORDER}
+    (last,) = meter.receive([Posted("office", 11.5, NOW, "u_heat")], None, NOW).readings
+    assert last.value == 60000.0, "what was posted twice has not moved the counter"
+
+
+def test_a_channel_that_stays_through_a_reload_remembers_its_counter() -> None:
+    meter = source(METER)
+    meter.receive([Posted("office", 10.0, NOW - 60, "u_heat")], None, NOW)
+    meter.rebind([METER, ROOF])
+    (reading,) = meter.receive([Posted("office", 10.5, NOW, "u_heat")], None, NOW).readings
+    assert reading.value == 30000.0
+    meter.rebind([ROOF])
+    assert meter.receive([Posted("office", 11.0, NOW, "u_heat")], None, NOW).used == frozenset()
+
+
+def test_a_value_that_does_not_move_is_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("adapters.http.source.time.monotonic", lambda: clock[0])
+    stuck = source(ROOF._replace(stuck_after=10.0))
+    qualities = []
+    for seconds in (0.0, 9.0, 10.0, 20.0):
+        clock[0] = seconds
+        (reading,) = stuck.receive([Posted("roof", 5.0, NOW + seconds)], None, NOW + seconds).readings
+        qualities.append((reading.quality, reading.fault))
+    assert qualities == [
+        (Quality.GOOD, None),
+        (Quality.GOOD, None),
+        (Quality.UNCERTAIN, None),
+        (Quality.BAD, Fault.STUCK),
+    ]
+
+
+def test_its_batches_say_that_something_came_and_its_probe_where_to_look() -> None:
+    async def run() -> None:
+        posted_to = source(ROOF)
+        batches = posted_to.batches(None)
+        coming = asyncio.ensure_future(anext(batches))
+        posted_to.receive([Posted("nobody", 5.0)], None, NOW)
+        await asyncio.sleep(0)
+        assert not coming.done()
+        posted_to.receive([Posted("roof", 5.0)], None, NOW)
+        assert (await coming) == ([], -inf)
+        await batches.aclose()
+        (probe,) = await posted_to.probe(1.0)
+        assert "GET /zones/office" in probe.verdict
+        assert posted_to.check() == []
+        await posted_to.close()
+
+    asyncio.run(run())
+
+
+def test_json_of_the_documentation_is_what_senml_reads() -> None:
+    document = json.loads('[{"bn": "office/", "bt": 1768478400, "n": "T_i", "u": "Cel", "v": 21.5}]')
+    assert list(from_senml(document, NOW)) == [Posted("office/T_i", 21.5, 1768478400.0, unit="degC")]
+
+
+def test_a_name_is_shown_on_one_line_and_not_in_full() -> None:
+    assert Posted("a\nb\ud800", 1.0).shown == "a?b?"
+    assert Posted("m", 1.0, field="f").shown == "m f"
+    assert len(Posted("x" * 10_000, 1.0).shown) == 80

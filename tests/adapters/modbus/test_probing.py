@@ -1,0 +1,118 @@
+"""What `probe` doubts: values that are swapped, in a wrong order, of a wrong sign, or beside the right register."""
+
+import asyncio
+import struct
+
+import pytest
+from support.modbus_plant import plant, serving
+
+from adapters.edge import Edge
+from adapters.modbus.client import Answer, Line
+from adapters.modbus.codec import Format
+from adapters.modbus.plan import Limits
+from adapters.modbus.probing import probed
+from adapters.modbus.source import ModbusChannel, ModbusSource
+from adapters.units import conversion
+
+ROOM = Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0))
+HEATER = Edge(conversion=conversion("kW", "W"), valid=(-1e6, 1e6), usual=(-1e4, 1e4))
+METER = Edge(conversion=conversion("kWh", "W"), counter=True, valid=(-1e6, 1e6), usual=(-1e4, 1e4))
+FLOAT = Format("float32")
+
+
+def words(kind, *values):
+    packed = b"".join(struct.pack(kind, value) for value in values)
+    return list(struct.unpack(f">{len(packed) // 2}H", packed))
+
+
+def channel(name, address, format=FLOAT, **settings):
+    return ModbusChannel(f"z/{name}", address, format, register=address, **settings)
+
+
+def probe(registers, *channels, seconds=0.05, **tables):
+    async def job():
+        async with serving(plant(holding=registers, **tables)) as site:
+            line = Line(host="127.0.0.1", port=site.port, retries=0)
+            return await ModbusSource("bms", line, channels, poll=1.0, limits=Limits()).probe(seconds)
+
+    return asyncio.run(job())
+
+
+def plausible(found):
+    return [hint for hint in found.hints if "plausible" in hint]
+
+
+def test_a_room_and_a_heater_that_are_swapped_are_doubted_and_each_is_named():
+    registers = words(">f", 20.303, 1.8)
+    room, heater = probe(registers, channel("T_i", 2, edge=ROOM), channel("u_heat", 0, edge=HEATER))
+    assert (room.value, heater.value) == (pytest.approx(1.8), pytest.approx(20303.0))
+    assert room.verdict == "doubtful: usually 5 to 40 here; if it is right, give valid"
+    assert heater.verdict == "doubtful: usually -10000 to 10000 here; if it is right, give valid"
+    assert "register 0 would be 20.303, which is plausible" in room.hints
+    assert "register 2 would be 1800, which is plausible" in heater.hints
+    right = probe(registers, channel("T_i", 0, edge=ROOM), channel("u_heat", 2, edge=HEATER))
+    assert [(one.verdict, one.hints) for one in right] == [("good", ()), ("good", ())]
+
+
+def test_scale_and_signedness_are_among_the_hints():
+    (tenths,) = probe([215], channel("T_i", 0, Format("int16"), edge=ROOM))
+    assert plausible(tenths) == ["scale = 0.1 would be 21.5, which is plausible"]
+    outdoors = Edge(0.1, valid=(-60.0, 80.0), usual=(-40.0, 50.0))
+    (frost,) = probe([0x10000 - 53], channel("T_out", 0, Format("uint16"), edge=outdoors))
+    assert frost.verdict == "implausible: not within -60 to 80"
+    assert "int16 would be -5.3, which is plausible" in frost.hints
+
+
+def test_the_other_table_is_looked_at():
+    (found,) = probe([0, 0], channel("T_i", 0, edge=ROOM), input=words(">f", 21.5))
+    assert "table input would be 21.5, which is plausible" in found.hints
+
+
+def test_a_register_that_is_a_number_of_a_list_from_40001_on():
+    (found,) = probe([215] * 10, channel("T_i", 40101, Format("int16"), edge=ROOM))
+    assert found.verdict.startswith("the device refuses it: exception 2")
+    assert (
+        "a list that writes 40101 means register 101 of table holding: write first_register = 1, "
+        'table = "holding" and register = 101'
+    ) in found.hints
+
+
+@pytest.mark.parametrize(
+    ("order", "before", "after", "verdict"),
+    [
+        ("CDAB", 6214, 6214, "good"),
+        ("ABCD", 6214, 6214, "doubtful: it stands at a multiple of 65536, as counters with swapped words do"),
+        ("CDAB", 6214, 6215, "good"),
+        ("CDAB", 6214, 6210, "doubtful: it went back by 4 within 5.0 s"),
+        ("ABCD", 70_000, 70_001, "doubtful: it moved by 65536 within 5.0 s, which would be 4.71852e+10"),
+    ],
+)
+def test_a_counter_is_read_twice(order, before, after, verdict):
+    def read(value, when):
+        low_first = words(">I", value)[::-1]
+        return Answer(low_first, when)
+
+    meter = channel("u_heat", 0, Format("uint32", order), edge=METER)
+    found = probed(meter, read(before, 1000.0), read(after, 1005.0))
+    assert found.verdict == verdict
+    if order == "ABCD":
+        assert f"CDAB would stand at {before:g}, which is plausible" in found.hints
+
+
+def test_a_counter_that_moves_on_the_wire_is_good_and_says_so():
+    (found,) = probe(words(">I", 6214)[::-1], channel("u_heat", 0, Format("uint32", "CDAB"), edge=METER))
+    assert (found.verdict, found.hints[0]) == ("good", "the counter stands at 6214")
+    assert found.hints[1].startswith("it moved by 0 within 0.")
+
+
+@pytest.mark.parametrize(
+    ("stand", "verdict"),
+    [
+        (1234.5, "doubtful: it stands higher than it could in fifty years"),
+        (4096.0, "doubtful: no counter stands there"),
+    ],
+)
+def test_a_float_counter_in_the_wrong_order_is_doubted(stand, verdict):
+    (found,) = probe(words(">f", stand)[::-1], channel("u_heat", 0, edge=METER))
+    assert found.verdict == verdict
+    assert f"CDAB would stand at {stand:g}, which is plausible" in found.hints

@@ -1,0 +1,442 @@
+"""The MQTT source against mosquitto on loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.broker import Mosquitto, Party, broker, flood, program
+from support.waiting import until
+from support.zenoh_plant import certificates, listening
+
+import adapters.mqtt.broker
+import adapters.mqtt.source
+from adapters.credentials import Tls
+from adapters.edge import Edge
+from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.messages.points import Dating, MessageChannel
+from adapters.mqtt.broker import VERSIONS, Broker
+from adapters.mqtt.source import TIMES, Intake, MqttSource
+from adapters.payload.json_pointer import parse
+from adapters.payload.payload import PayloadFormat
+from adapters.reading import Quality
+
+TOPIC = "home/room/T"
+T = MessageChannel("room/T", TOPIC, edge=Edge(valid=(-60.0, 80.0)))
+JSON = PayloadFormat("json", parse("/value"), parse("/time"))
+DATED = replace(T, format=JSON)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mosquitto]:
+    with broker(tmp_path_factory.mktemp("broker")) as started:
+        yield started
+
+
+@pytest.fixture
+def party(running: Mosquitto) -> Iterator[Party]:
+    """Somebody who publishes; what was retained is gone afterwards."""
+    with Party(running.port) as publishing:
+        yield publishing
+        for topic in (TOPIC, "home/other", "home/meter"):
+            publishing.put(topic, "", retain=True, qos=1)
+
+
+def source(port: int, *channels: MessageChannel, name: str = "bms", intake: Any = None, **broker: Any) -> MqttSource:
+    settings: dict[str, Any] = {"client_id": f"test-{time.monotonic_ns()}", "timeout": 2.0} | broker
+    return MqttSource(name, Broker("127.0.0.1", port, **settings), channels or (T,), intake or Intake())
+
+
+def iso(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).isoformat()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize(
+    ("form", "payload"),
+    [
+        (PayloadFormat(), "21.5"),
+        (PayloadFormat("json", parse("/temperature")), '{"temperature": 21.5, "battery": 80}'),
+        (PayloadFormat("senml", record="T"), '[{"n": "T", "v": 21.5}]'),
+    ],
+    ids=["plain", "json", "senml"],
+)
+def test_every_format_arrives(
+    running: Mosquitto, party: Party, form: PayloadFormat, payload: str, version: str
+) -> None:
+    async def run() -> None:
+        async with listening(source(running.port, replace(T, format=form), version=version)) as heard:
+            await heard.until(heard.values, lambda: party.put(TOPIC, payload))
+            assert set(heard.values()) == {21.5}
+            assert heard.readings[-1].time == pytest.approx(time.time(), abs=10)
+            assert heard.readings[-1].quality is Quality.GOOD
+            assert heard.batches[-1].now == pytest.approx(time.time() - 1.0, abs=10)
+
+    asyncio.run(run())
+
+
+def test_what_is_malformed_is_counted_by_kind_and_logged_once(
+    running: Mosquitto, party: Party, caplog: pytest.LogCaptureFixture
+) -> None:
+    sent = ["warm", "nan", "", "\u200b", "999", b"\xff\xfe", b"9" * (10 * 2**20), "21.5"]
+
+    async def run() -> None:
+        async with listening(source(running.port)) as heard:
+            await heard.until(lambda: heard.batches)
+            for payload in sent * 2:
+                party.put(TOPIC, payload, qos=1)
+            await heard.until(lambda: len(heard.readings) == 2 * len(sent))
+            # In the order in which they were sent, 10 MB among them.
+            expected = ["non_numeric", "not_finite", "not_available", "non_numeric", "out_of_range"]
+            assert heard.faults() == 2 * [*expected, "non_numeric", "non_numeric"]
+            assert heard.values() == [21.5, 21.5]
+            assert heard.failures == []
+
+    asyncio.run(run())
+    assert caplog.text.count("room/T (topic home/room/T): the payload") == 2, "non_numeric and not_available, once each"
+
+
+def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:
+    meter = MessageChannel("room/u", "home/meter", edge=Edge(counter=True))
+    party.put(TOPIC, "18", retain=True, qos=1)
+    party.put("home/meter", "1000", retain=True, qos=1)
+
+    async def run() -> None:
+        watched = source(running.port, T, meter)
+        async with listening(watched) as heard:
+            await heard.until(heard.readings.__len__)
+            assert [(one.value, one.quality) for one in heard.readings] == [(18.0, Quality.UNCERTAIN)]
+            # The counter's retained value has no known time, so the first power is made of two later ones.
+            party.put("home/meter", "1001", qos=1)
+            await asyncio.sleep(0.01)
+            party.put("home/meter", "1002", qos=1)
+            party.put(TOPIC, "21", qos=1)
+            await heard.until(lambda: len(heard.readings) == 3)
+            assert [one.quality for one in heard.readings if one.channel == "room/u"] == [Quality.GOOD]
+            assert heard.values() == [18.0, 21.0]
+            party_port = running.port
+        # After a reconnect the broker sends it again; by then it is known to be old.
+        async with listening(watched) as again:
+            await again.until(lambda: again.batches)
+            with Party(party_port) as other:
+                other.put(TOPIC, "22", qos=1)
+            await again.until(again.values)
+            assert again.values() == [22.0]
+
+    asyncio.run(run())
+
+
+def test_a_retained_value_with_a_time_is_as_old_as_it_says(running: Mosquitto, party: Party) -> None:
+    party.put(TOPIC, json.dumps({"value": 18, "time": iso(time.time() - 7200)}), retain=True, qos=1)
+
+    async def run() -> None:
+        async with listening(source(running.port, DATED)) as heard:
+            await heard.until(heard.values)
+            assert heard.readings[0].time == pytest.approx(time.time() - 7200, abs=10)
+            assert heard.readings[0].quality is Quality.GOOD
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
+    running: Mosquitto, party: Party, version: str
+) -> None:
+    plain = MessageChannel("room/u", "home/other")
+
+    async def run() -> None:
+        watched = source(running.port, DATED, plain, version=version)
+        async with listening(watched) as heard:
+            await heard.until(lambda: heard.batches)
+        missed = time.time() - 30
+        for k in range(50):
+            party.put(TOPIC, json.dumps({"value": k, "time": iso(missed + k / 10)}), qos=1)
+            party.put("home/other", str(k), qos=1)
+        async with listening(watched) as again:
+            await again.until(lambda: len(again.values()) >= 50)
+            assert again.values() == list(range(50))
+            assert [one.time for one in again.readings] == pytest.approx(
+                [missed + k / 10 for k in range(50)], abs=0.001
+            )
+            assert again.values("room/u") == [], "it would be dated wrongly"
+
+    asyncio.run(run())
+
+
+def test_where_the_arrival_is_asked_for_all_the_same_it_waits_too(running: Mosquitto, party: Party) -> None:
+    async def run() -> None:
+        watched = source(running.port, T, intake=Intake(qos=1))
+        async with listening(watched) as heard:
+            await heard.until(lambda: heard.batches)
+        party.put(TOPIC, "19", qos=1)
+        async with listening(watched) as again:
+            await again.until(again.values)
+            assert again.values() == [19.0]
+
+    asyncio.run(run())
+
+
+def test_without_a_session_nothing_waits(running: Mosquitto, party: Party) -> None:
+    async def run() -> None:
+        watched = source(running.port, DATED, intake=Intake(session=0.0))
+        async with listening(watched) as heard:
+            await heard.until(lambda: heard.batches)
+        party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time())}), qos=1)
+        async with listening(watched) as again:
+            await again.until(lambda: again.batches)
+            party.put(TOPIC, json.dumps({"value": 2, "time": iso(time.time())}), qos=1)
+            await again.until(again.values)
+            assert again.values() == [2.0]
+
+    asyncio.run(run())
+
+
+def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
+    async def run() -> None:
+        with broker(tmp_path) as restarting, Party(restarting.port) as party:
+            async with listening(source(restarting.port)) as heard:
+                await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
+                restarting.stop()
+                await heard.until(lambda: heard.failures)
+                assert heard.failures[0].startswith(
+                    f"sources.bms: the connection to mqtt://127.0.0.1:{restarting.port} is lost ("
+                )
+                await heard.until(lambda: any("no MQTT broker answers" in failure for failure in heard.failures))
+                restarting.start()
+                await heard.until(lambda: 21.0 in heard.values(), lambda: party.put(TOPIC, "21"))
+
+    asyncio.run(run())
+
+
+def test_a_flood_on_one_topic_costs_no_other_topic_and_no_other_source(running: Mosquitto, party: Party) -> None:
+    flooded, calm, many = MessageChannel("room/u", "home/other"), 50, 20_000
+
+    async def run() -> None:
+        first = source(running.port, T, flooded)
+        async with listening(first) as heard, listening(source(running.port, T, name="other")) as other:
+            await heard.until(lambda: heard.batches and other.batches)
+            flooding = asyncio.create_task(asyncio.to_thread(flood, running.port, "home/other", map(str, range(many))))
+            for k in range(calm):
+                party.put(TOPIC, str(k / 10))
+                await asyncio.sleep(0.01)
+            await flooding
+            party.put("home/other", "-1", qos=1)
+            await heard.until(lambda: -1.0 in heard.values("room/u"))
+            await heard.until(lambda: len(other.values()) == calm)
+            assert other.values() == [k / 10 for k in range(calm)]
+            # What the broker itself does not get rid of fast enough to this client, it drops.
+            assert heard.values() == sorted(set(heard.values()))
+            assert heard.failures == other.failures == []
+
+    asyncio.run(run())
+
+
+def test_what_comes_faster_than_it_is_taken_is_dropped_from_the_oldest_on(
+    running: Mosquitto, party: Party, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def run() -> None:
+        watched = source(running.port, T, intake=Intake(queue=10))
+        stream = watched.batches(None)
+        with suppress(TimeoutError):
+            await anext(stream)
+        link: Any = watched._link
+        for k in range(1000):
+            party.put(TOPIC, str(k / 100), qos=1)
+        # Nobody takes anything meanwhile.
+        await until(lambda: link._inbox._dropped[TOPIC] == 990)
+        batch = await anext(stream)
+        assert [reading.fault for reading in batch.readings[:1]] == ["overrun"]
+        assert [reading.value for reading in batch.readings[1:]] == [k / 100 for k in range(990, 1000)]
+        assert watched.dropped == 990
+        await stream.aclose()  # type: ignore[attr-defined]
+
+    asyncio.run(run())
+    assert "samples of home/room/T come faster than they can be taken" in caplog.text
+
+
+def test_other_channels_over_the_same_connection(running: Mosquitto, party: Party) -> None:
+    other = MessageChannel("room/other", "home/other")
+
+    async def run() -> None:
+        watched = source(running.port, T)
+        async with listening(watched) as heard:
+            await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
+            link = watched._link
+            watched.rebind([other])
+            await heard.until(lambda: heard.values("room/other"), lambda: party.put("home/other", "1"))
+            before = len(heard.values())
+            party.put(TOPIC, "21", qos=1)
+            count = len(heard.values("room/other"))
+            await heard.until(
+                lambda: len(heard.values("room/other")) > count + 3, lambda: party.put("home/other", "1", qos=1)
+            )
+            assert len(heard.values()) == before
+            assert watched._link is link
+            assert heard.failures == []
+
+    asyncio.run(run())
+
+
+def test_what_is_silent_is_said(
+    running: Mosquitto, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(adapters.mqtt.source, "QUIET", 0.0)
+
+    async def run() -> None:
+        async with listening(source(running.port)) as heard:
+            await heard.until(lambda: "nothing has come for" in caplog.text)
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(run())
+    assert "sources.bms: connected (mqtt://127.0.0.1" in caplog.text
+    assert (
+        "nothing has come for room/T (topic home/room/T) so far; check its topic with thermogate probe" in caplog.text
+    )
+
+
+def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, party: Party) -> None:
+    async def run() -> None:
+        missing = MessageChannel("room/u", "home/heater")
+        wrong = MessageChannel("room/w", "home/other", PayloadFormat("json", parse("/temp")))
+        party.put(TOPIC, "20.5", retain=True, qos=1)
+        party.put("home/other", '{"temperature": 19.5, "linkquality": 80}', retain=True, qos=1)
+        probes = await source(running.port, T, missing, wrong).probe(1.0)
+        assert [probe.verdict for probe in probes] == [
+            "good",
+            "nothing came within 1 s, and nothing was retained; check topic, and that it is published",
+            'refused: the payload has nothing at "/temp"; look at value',
+        ]
+        assert (probes[0].value, probes[0].time, probes[0].place) == (20.5, None, "home/room/T plain")
+        assert probes[0].hints == ("retained: the broker had kept it, and its age is not known",)
+        assert probes[1].hints[0] == "heard meanwhile: home/other with /temperature 19.5, /linkquality 80"
+        assert "heard meanwhile: home/room/T with 20.5" in probes[1].hints
+        assert probes[2].hints == ("numbers in it: /temperature 19.5, /linkquality 80",)
+
+    asyncio.run(run())
+
+
+def test_the_status_of_the_source_is_told_where_it_is_wanted(running: Mosquitto) -> None:
+    async def run() -> None:
+        with Party(running.port, "home/thermogate") as watching:
+            async with listening(source(running.port, T, intake=Intake(status_topic="home/thermogate"))) as heard:
+                await heard.until(lambda: watching.newest().get("home/thermogate") == b"online")
+            await until(lambda: watching.newest()["home/thermogate"] == b"offline")
+            watching.put("home/thermogate", "", retain=True, qos=1)
+
+    asyncio.run(run())
+
+
+def test_another_client_of_the_same_name_is_among_the_reasons(running: Mosquitto) -> None:
+    async def run() -> None:
+        async with listening(source(running.port, client_id="twin")) as heard:
+            await heard.until(lambda: heard.batches)
+            async with listening(source(running.port, client_id="twin")):
+                await heard.until(lambda: heard.failures)
+            assert heard.failures[0].endswith(
+                'check that the broker is on, and that no other client has the client_id "twin"'
+            )
+
+    asyncio.run(run())
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Mosquitto, Path]]:
+    """A broker with TLS that wants a user and a password, and the folder with certificates and passwords."""
+    folder = certificates(tmp_path_factory.mktemp("guarded"))
+    (folder / "right").write_text("s3cret\n", encoding="utf-8")
+    (folder / "wrong").write_text("guess\n", encoding="utf-8")
+    passwords = folder / "passwords"
+    subprocess.run([program("mosquitto_passwd"), "-c", "-b", passwords, "bms", "s3cret"], check=True)
+    listener = (f"cafile {folder}/ca.pem", f"certfile {folder}/server.pem", f"keyfile {folder}/server.key")
+    with broker(folder, "allow_anonymous false", f"password_file {passwords}", listener=listener) as started:
+        yield started, folder
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_tls_with_user_and_password(guarded: tuple[Mosquitto, Path], version: str) -> None:
+    running, folder = guarded
+
+    def known(client: Any) -> None:
+        client.username_pw_set("bms", "s3cret")
+        client.tls_set(str(folder / "ca.pem"))
+
+    async def run() -> None:
+        tls = Tls(ca=folder / "ca.pem")
+        watched = source(running.port, tls=tls, user="bms", password_file=folder / "right", version=version)
+        with Party(running.port, connect=known) as party:
+            async with listening(watched) as heard:
+                await heard.until(heard.values, lambda: party.put(TOPIC, "21.5"))
+                assert heard.failures == []
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"password_file": "wrong"}, "refuses this client (Not authorized); check user and password"),
+        ({"tls": Tls()}, "does not agree on TLS ("),
+        ({"tls": None}, "check that it is on, host, port and tls"),
+    ],
+    ids=["password", "authority", "no TLS"],
+)
+def test_what_the_broker_refuses_is_a_sentence(
+    guarded: tuple[Mosquitto, Path], settings: dict[str, Any], sentence: str, version: str
+) -> None:
+    running, folder = guarded
+    given = {"tls": Tls(ca=folder / "ca.pem"), "user": "bms", "password_file": "right", "version": version} | settings
+    given["password_file"] = folder / given["password_file"]
+
+    async def run() -> None:
+        with pytest.raises(SourceUnavailable, match=r"^sources\.bms: ") as refused:
+            await anext(source(running.port, **given).batches(None))
+        assert sentence in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+    asyncio.run(run())
+
+
+def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "junk").write_text("no certificate", encoding="utf-8")
+    tls = Tls(ca=tmp_path / "junk")
+    channels = [MessageChannel("room/T", "home/+/T"), MessageChannel("room/u", "")]
+    wrong = source(1, *channels, tls=tls, user="bms", password_file=tmp_path / "missing").check()
+    assert wrong == [
+        'sources.bms: room/T: topic "home/+/T" has a wildcard (+ or #); name one topic for each channel',
+        'sources.bms: room/u: topic "" is empty, too long or has a character that MQTT forbids',
+        f"sources.bms: password_file: {tmp_path}/missing cannot be read (no such file or directory)",
+        f"sources.bms: tls.ca: {tmp_path}/junk holds no certificate in PEM; give the certificate of the authority",
+    ]
+    monkeypatch.setattr(adapters.mqtt.broker, "find_spec", lambda name: None)
+    sentence = "sources.bms: MQTT needs the package aiomqtt; install it with pip install 'thermogate[mqtt]'"
+    assert source(1).check() == [sentence]
+
+    async def run() -> None:
+        with pytest.raises(SourceConfigError, match="needs the package aiomqtt"):
+            await anext(source(1).batches(None))
+
+    asyncio.run(run())
+
+
+def test_the_order_of_times_is_that_of_the_intake(running: Mosquitto, party: Party) -> None:
+    async def run() -> None:
+        watched = source(running.port, DATED, intake=Intake(dating=Dating(("arrival",))))
+        async with listening(watched) as heard:
+            await heard.until(
+                heard.values, lambda: party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time() - 1000)}))
+            )
+            assert heard.readings[0].time == pytest.approx(time.time(), abs=10)
+
+    asyncio.run(run())
+    assert TIMES == ("payload", "arrival")

@@ -1,0 +1,230 @@
+"""Forecasts of the weather from files, an address and Zenoh: read, read anew, and refused in one sentence."""
+
+from __future__ import annotations
+
+import asyncio
+import http.server
+import json
+import os
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import aclosing
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from support.harness import free_port
+from support.zenoh_plant import session as session_of
+
+from adapters.csv.table import Layout
+from adapters.errors import SourceUnavailable
+from adapters.timestamps import timestamp_parser
+from adapters.weather.document import LONGEST, parse
+from adapters.weather.forecast import WeatherForecast, WeatherSeries
+from adapters.weather.heard import HeardForecasts
+from adapters.weather.polled import PolledAddress, csv_file, json_file
+from adapters.zenoh.access import ANYBODY, collecting
+from adapters.zenoh.connection import Connection
+
+NOON = 1_769_860_800.0  # 2026-01-31T12:00:00Z
+DOCUMENT: dict[str, Any] = {
+    "latitude": 47.7,
+    "utc_offset_seconds": 3600,
+    "hourly_units": {"time": "iso8601", "temperature_2m": "°C", "shortwave_radiation": "W/m²"},
+    "hourly": {
+        "time": ["2026-01-31T13:00", "2026-01-31T14:00", "2026-01-31T15:00"],
+        "temperature_2m": [3.0, None, 5.0],
+        "shortwave_radiation": [0.0, 100.0, 200.0],
+    },
+}
+
+
+def written(**changes: Any) -> bytes:
+    return json.dumps(DOCUMENT | changes).encode()
+
+
+def test_the_json_of_open_meteo_is_read_with_units_times_and_meanings() -> None:
+    forecast = parse(written(), NOON)
+    assert forecast.issued == NOON
+    temperature, sun = forecast.series["temperature_2m"], forecast.series["shortwave_radiation"]
+    assert (temperature.unit, temperature.means) == ("degC", "instant")
+    # What is null is no value, and 13:00 an hour ahead of UTC is noon.
+    assert (temperature.times - NOON).tolist() == [0.0, 7200.0]
+    assert (sun.unit, sun.means, sun.values.tolist()) == ("W/m2", "preceding", [0.0, 100.0, 200.0])
+
+
+def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
+    finer = {"time": [NOON, NOON + 900], "temperature_2m": [1, 2], "shortwave_radiation_instant": [5, 6]}
+    forecast = parse(written(minutely_15=finer, issued="2026-01-31T06:00:00Z"), NOON)
+    assert forecast.issued == NOON - 6 * 3600
+    assert forecast.series["temperature_2m"].values.tolist() == [1.0, 2.0]
+    assert forecast.series["shortwave_radiation_instant"].means == "instant"
+    assert "shortwave_radiation" in forecast.series
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"<html>", "this is not JSON"),
+        (b"[" * 100_000, "this is not JSON"),
+        (b"[]", "no JSON object"),
+        (b"{}", "the document has no series"),
+        (b'{"error": true, "reason": "latitude is missing"}', "the service refuses: latitude is missing"),
+        (written(hourly={"time": "now"}), "no list of times"),
+        (written(hourly={"time": ["soon"], "t": [1.0]}), "'soon' is no time"),
+        (written(hourly={"time": [NOON], "t": [1.0, 2.0]}), "as many values as there are times"),
+        (written(hourly={"time": [NOON], "t": ["cold"]}), "must hold numbers or null"),
+        (written(hourly={"time": [True], "t": [1]}), "True is no time"),
+        (written(utc_offset_seconds="CET"), "utc_offset_seconds is 'CET'"),
+        (written(issued=[]), "is no time"),
+        (b" " * (LONGEST + 1), "at most 4000000 are read"),
+    ],
+)
+def test_a_document_that_is_none_is_refused_in_one_sentence(content: bytes, words: str) -> None:
+    with pytest.raises(SourceUnavailable, match=words) as refused:
+        parse(content, NOON)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_series_is_averaged_over_intervals_as_its_values_mean() -> None:
+    times, values = NOON + 3600.0 * np.arange(3), np.array([0.0, 10.0, 30.0])
+    starts = NOON + 1800.0 * np.arange(-1, 5)
+    means = {
+        "instant": [np.nan, 2.5, 7.5, 15.0, 25.0, np.nan],
+        "preceding": [np.nan, 10.0, 10.0, 30.0, 30.0, np.nan],
+        "following": [np.nan, 0.0, 0.0, 10.0, 10.0, 30.0],
+    }
+    for name, expected in means.items():
+        found = WeatherSeries(times, values, "", name).interval_means(starts, 1800.0)
+        assert np.array_equal(found, expected, equal_nan=True), name
+    assert np.isnan(WeatherSeries(times[:1], values[:1]).interval_means(starts, 1800.0)).all()
+
+
+def first(source: Any, then: Callable[[AsyncIterator[WeatherForecast]], Awaitable[Any]] | None = None) -> Any:
+    """The first forecast of `source`, or what `then` makes of them all."""
+
+    async def asked() -> Any:
+        async with asyncio.timeout(120), aclosing(source.forecasts()) as forecasts:
+            try:
+                return await (anext(forecasts) if then is None else then(forecasts))
+            finally:
+                await source.close()
+
+    return asyncio.run(asked())
+
+
+LAYOUT = Layout("time", timestamp_parser("iso8601"), None, ";", ",", "utf-8")
+
+
+def test_a_csv_file_is_read_anew_when_it_is_written_anew(tmp_path: Path) -> None:
+    path = tmp_path / "forecast.csv"
+    path.write_text("time;T;wind\n2026-01-31T13:00Z;2,5;1\n2026-01-31T12:00Z;1,5;1\n2026-01-31T14:00Z;;1\n")
+    os.utime(path, (NOON, NOON))
+
+    async def twice(forecasts: AsyncIterator[WeatherForecast]) -> list[WeatherForecast]:
+        before = await anext(forecasts)
+        path.write_text("time;T\n2026-01-31T12:00Z;9\n")
+        return [before, await anext(forecasts)]
+
+    source = csv_file("outlook", path, 0.01, LAYOUT, "following", ["T"])
+    assert source.check() == []
+    one, two = first(source, twice)
+    assert one.issued == NOON
+    assert (one.series["T"].times - NOON).tolist() == [0.0, 3600.0]
+    assert one.series["T"].values.tolist() == [1.5, 2.5]
+    assert one.series["T"].means == "following"
+    assert two.series["T"].values.tolist() == [9.0]
+
+
+def test_a_csv_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "forecast.csv"
+    source = csv_file("outlook", path, 60, LAYOUT, "instant", ["T"])
+    assert source.check() == [], "it may come later"
+    with pytest.raises(SourceUnavailable, match=r"weather.outlook: .* cannot be read \(no such file"):
+        first(source)
+    path.write_text("time;temperature\n")
+    (problem,) = csv_file("outlook", path, 60, LAYOUT, "instant", ["T"]).check()
+    assert problem.startswith("weather.outlook: file ")
+    assert "has no column 'T'" in problem
+
+
+def test_a_json_file_is_issued_when_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "forecast.json"
+    path.write_bytes(written())
+    os.utime(path, (NOON, NOON))
+    assert first(json_file("outlook", path, 60)).issued == NOON
+    path.write_bytes(b"{}")
+    with pytest.raises(SourceUnavailable, match=r"weather.outlook: the document has no series"):
+        first(json_file("outlook", path, 60))
+
+
+class _Service(http.server.BaseHTTPRequestHandler):
+    answers: ClassVar[list[tuple[int, bytes]]] = []
+
+    def do_GET(self) -> None:
+        status, content = self.answers.pop(0)
+        self.send_response(status)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@pytest.fixture
+def service() -> Iterator[str]:
+    """The address of a service that gives `_Service.answers`, one after the other."""
+    server = http.server.HTTPServer(("127.0.0.1", 0), _Service)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_address[1]}/v1/forecast"
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_an_address_is_asked_again_and_again(service: str) -> None:
+    _Service.answers = [(200, written()), (200, written(issued=NOON))]
+
+    async def twice(forecasts: AsyncIterator[WeatherForecast]) -> list[WeatherForecast]:
+        return [await anext(forecasts), await anext(forecasts)]
+
+    one, two = first(PolledAddress("outlook", service, 0.01), twice)
+    assert one.series["temperature_2m"].values.tolist() == [3.0, 5.0]
+    assert two.issued == NOON
+
+
+def test_an_address_that_refuses_or_is_not_there_is_named(service: str) -> None:
+    _Service.answers = [(429, b"later")]
+    with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address answers 429 Too Many Requests"):
+        first(PolledAddress("outlook", service, 60))
+    nobody = f"http://127.0.0.1:{free_port()}/"
+    with pytest.raises(SourceUnavailable, match=r"weather.outlook: the address cannot be reached"):
+        first(PolledAddress("outlook", nobody, 60))
+
+
+def test_documents_are_heard_on_zenoh() -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    access = collecting((ANYBODY,), relaying=False)
+    source = HeardForecasts("outlook", Connection(connect=(place,), access=access), "site/weather")
+    assert source.check() == []
+    with session_of(listen=place) as station:
+        stop = threading.Event()
+
+        def publish() -> None:
+            while not stop.wait(0.05):
+                station.put("site/weather", written(issued=NOON))
+
+        publishing = threading.Thread(target=publish)
+        publishing.start()
+        try:
+            assert first(source).issued == NOON
+        finally:
+            stop.set()
+            publishing.join()
+
+
+def test_a_zenoh_key_that_is_none_is_named() -> None:
+    source = HeardForecasts("outlook", Connection(connect=("tcp/127.0.0.1:1",)), "site//weather")
+    assert source.check()[0].startswith("weather.outlook.key: ")

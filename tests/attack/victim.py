@@ -1,0 +1,163 @@
+"""A live daemon under attack, and what it costs: answers of /healthz, the event loop, memory, live intervals."""
+
+from __future__ import annotations
+
+import multiprocessing
+import re
+import socket
+import ssl
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import NamedTuple
+
+from support.harness import Daemon
+
+HOLD_SECONDS = 0.25
+"""How long no client may hold the event loop."""
+
+MEMORY_MB = 100.0
+"""What any one client may take beyond what the daemon has at rest."""
+
+
+class Answer(NamedTuple):
+    """An answer as an attacker sees it."""
+
+    status: int
+    head: str
+    body: bytes
+
+
+@dataclass
+class Target:
+    """Where the daemon listens; what attackers in processes of their own need to know."""
+
+    port: int
+    encrypted: bool = False
+
+    def connect(self, timeout: float = 30.0) -> socket.socket:
+        """A connection, encrypted if the daemon is."""
+        plain = socket.create_connection(("127.0.0.1", self.port), timeout)
+        if not self.encrypted:
+            return plain
+        context = ssl.create_default_context()
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        return context.wrap_socket(plain)
+
+    def ask(self, request: bytes, timeout: float = 60.0) -> Answer:
+        """The answer to `request` on a connection of its own, which the request should ask to close."""
+        with self.connect(timeout) as connection:
+            connection.sendall(request)
+            content = b""
+            try:
+                while piece := connection.recv(2**16):
+                    content += piece
+            except OSError:
+                pass
+        head, _, body = content.partition(b"\r\n\r\n")
+        found = re.match(rb"HTTP/1.1 (\d{3})", head)
+        return Answer(int(found[1]) if found else 0, head.decode("latin-1"), body)
+
+    def get(self, path: str, **headers: str) -> Answer:
+        """The answer to a GET."""
+        lines = [f"GET {path} HTTP/1.1", "Host: localhost", "Connection: close"]
+        lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
+        return self.ask("".join(f"{line}\r\n" for line in [*lines, ""]).encode())
+
+    def post(self, path: str, body: bytes) -> Answer:
+        """The answer to a POST of JSON."""
+        head = (
+            f"POST {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Type: application/json\r\n"
+            f"Content-Length: {len(body)}\r\n\r\n"
+        )
+        return self.ask(head.encode() + body)
+
+
+@dataclass
+class Cost:
+    """What an attack cost the daemon."""
+
+    seconds: float = 0.0
+    latencies: list[float] = field(default_factory=list)
+    holds: int = 0
+    """How often the loop was late by more than HOLD_SECONDS."""
+    memory: float = 0.0
+    """Peak beyond rest, MB."""
+    lost: int = 0
+    """Live intervals without a reading."""
+
+    @property
+    def p99(self) -> float:
+        """Of /healthz, s."""
+        ordered = sorted(self.latencies)
+        return ordered[int(0.99 * (len(ordered) - 1))] if ordered else float("nan")
+
+
+def _watch(target: Target, stop: Connection) -> None:
+    """In a process of its own: how long /healthz takes, twenty times a second."""
+    latencies = []
+    while not stop.poll(0.05):
+        begun = time.monotonic()
+        try:
+            answered = target.get("/healthz").status == 200
+        except OSError:
+            answered = False
+        latencies.append(time.monotonic() - begun if answered else 60.0)
+    stop.send(latencies)
+
+
+class Victim:
+    """`daemon` with its figures at rest; `zone` is read live, a sample a second."""
+
+    def __init__(self, daemon: Daemon, zone: str | None = None) -> None:
+        self.daemon, self._zone = daemon, zone
+        url = daemon.url()
+        self.target = Target(int(url.rpartition(":")[2]), url.startswith("https"))
+        self.rest = self._memory("VmRSS")
+
+    def under(self, attack: Callable[[Target], str]) -> tuple[str, Cost]:
+        """What `attack` has to report, and what it cost."""
+        process = self.daemon.process.pid
+        Path(f"/proc/{process}/clear_refs").write_text("5")
+        holds, (mine, other) = self._holds(), multiprocessing.Pipe()
+        context = multiprocessing.get_context("fork")
+        watch = context.Process(target=_watch, args=(self.target, other))
+        watch.start()
+        begun, wall = time.monotonic(), time.time()
+        try:
+            note = attack(self.target)
+        finally:
+            seconds = time.monotonic() - begun
+            mine.send(None)
+            latencies = mine.recv()
+            watch.join()
+        cost = Cost(seconds, latencies, self._holds() - holds, self._memory("VmHWM") - self.rest)
+        cost.lost = self._lost(wall, wall + seconds)
+        return note, cost
+
+    def _memory(self, what: str) -> float:
+        status = Path(f"/proc/{self.daemon.process.pid}/status").read_text()
+        found = re.search(rf"{what}:\s+(\d+) kB", status)
+        assert found is not None
+        return int(found[1]) / 1024
+
+    def _holds(self) -> int:
+        text = self.target.get("/metrics").body.decode()
+        counts = {
+            le: float(count)
+            for le, count in re.findall(r'thermogate_event_loop_delay_seconds_bucket\{le="([^"]+)"\} (\S+)', text)
+        }
+        within = max(count for le, count in counts.items() if float(le) <= HOLD_SECONDS)
+        return int(counts["+Inf"] - within)
+
+    def _lost(self, begin: float, end: float) -> int:
+        """Intervals of the live zone in that time which no reading was taken in."""
+        if self._zone is None:
+            return 0
+        time.sleep(3.0)
+        rows = self.daemon.history(self._zone)
+        measured = {row["time"][:19] for row in rows if row["y"] is not None}
+        wanted = {time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(second)) for second in range(int(begin) + 1, int(end))}
+        return len(wanted - measured)

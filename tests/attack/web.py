@@ -1,0 +1,223 @@
+"""Attacks over HTTP, none of them with a key. Each returns what it saw; AssertionError where something gave way."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import time
+from collections.abc import Iterable
+
+from attack.victim import Target
+
+SECONDS = 15.0
+CHUNKED = b"POST /zones/zone-one/forecast HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+HEAD = "Host: localhost\r\nContent-Type: application/json\r\n"
+
+
+def _flood(target: Target, begin: bytes, endless: bytes, count: int, seconds: float = SECONDS) -> tuple[int, int]:
+    """`count` connections that send `endless` after `begin` as fast as they are let; bytes and connections."""
+    sent = opened = 0
+    end = time.monotonic() + seconds
+    connections: list[socket.socket] = []
+    try:
+        while time.monotonic() < end:
+            while len(connections) < count:
+                with contextlib.suppress(OSError):
+                    connection = target.connect(5)
+                    opened += 1
+                    connection.sendall(begin)
+                    connection.settimeout(0.001)
+                    connections.append(connection)
+            for connection in list(connections):
+                try:
+                    sent += connection.send(endless)
+                except TimeoutError:
+                    continue
+                except OSError:
+                    connections.remove(connection)
+                    connection.close()
+    finally:
+        for connection in connections:
+            connection.close()
+    return sent, opened
+
+
+def _tiny_chunks(target: Target, count: int) -> str:
+    begin = f"POST /zones/zone-one/forecast HTTP/1.1\r\n{HEAD}Transfer-Encoding: chunked\r\n\r\n".encode()
+    sent, opened = _flood(target, begin, b"1\r\na\r\n" * 2000, count)
+    return f"{sent / 2**20:.0f} MB on {opened} connections"
+
+
+def one_tiny_chunk_connection(target: Target) -> str:
+    """One connection of endless chunks of one byte."""
+    return _tiny_chunks(target, 1)
+
+
+def sixty_tiny_chunk_connections(target: Target) -> str:
+    """Sixty of them."""
+    return _tiny_chunks(target, 60)
+
+
+def unread_bodies_on_open_paths(target: Target) -> str:
+    """Bodies without an end where nobody reads them."""
+    begin = f"POST /healthz HTTP/1.1\r\n{HEAD}Transfer-Encoding: chunked\r\n\r\n".encode()
+    sent, opened = _flood(target, begin, b"4000\r\n" + b"x" * 0x4000 + b"\r\n", 60)
+    return f"{sent / 2**20:.0f} MB on {opened} connections"
+
+
+def unfinished_bodies(target: Target) -> str:
+    """200 bodies of nearly 1 MB that are never finished."""
+    begin = f"POST /zones/zone-one/forecast HTTP/1.1\r\n{HEAD}Content-Length: 1000000\r\n\r\n".encode() + b"x" * 900_000
+    held = []
+    for _ in range(200):
+        with contextlib.suppress(OSError):
+            connection = target.connect(5)
+            held.append(connection)
+            connection.sendall(begin)
+    time.sleep(3)
+    for connection in held:
+        connection.close()
+    return f"{len(held)} connections"
+
+
+def many_headers(target: Target) -> str:
+    """Headers of a few bytes, as many as fit, and more."""
+    statuses = set()
+    end = time.monotonic() + 5
+    while time.monotonic() < end:
+        for count in (2500, 50_000):
+            with contextlib.suppress(OSError):
+                head = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
+                statuses.add(target.ask(head + b"a:b\r\n" * count + b"\r\n").status)
+    assert statuses <= {0, 200, 431}, statuses
+    return f"answered {sorted(statuses)}"
+
+
+def pipelined_requests(target: Target) -> str:
+    """Requests without a pause, 2,000 in one piece, on 40 connections."""
+    request = b"GET /openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    sent, opened = _flood(target, request, request * 2000, 40, 10.0)
+    return f"{sent / 2**20:.0f} MB on {opened} connections"
+
+
+def large_static_file(target: Target) -> str:
+    """500 requests for the largest file, of which nobody reads the answer."""
+    held, request = [], b"GET /static/plotly.min.js HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    for number in range(500):
+        with contextlib.suppress(OSError):
+            connection = target.connect(5)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            gzip = b"Accept-Encoding: gzip\r\n\r\n" if number % 2 else b"\r\n"
+            connection.sendall(request[:-2] + gzip)
+            held.append(connection)
+        if len(held) >= 240:
+            held.pop(0).close()
+    time.sleep(5)
+    for connection in held:
+        connection.close()
+    begun = time.monotonic()
+    answer = target.get("/static/plotly.min.js", Accept_Encoding="gzip")
+    assert answer.status in (200, 503), answer.head
+    return f"afterwards {answer.status} in {time.monotonic() - begun:.2f} s"
+
+
+def many_mistakes(target: Target) -> str:
+    """500,000 wrong levels in one body, and other bodies that are nothing but mistakes."""
+    bodies: Iterable[bytes] = (
+        json.dumps({"horizon": "1h", "levels": [2] * 330_000}).encode(),
+        json.dumps({"horizon": "1h", "levels": [2] * 15_000}).encode(),
+        json.dumps({"horizon": "1h"} | {f"f{i}": 1 for i in range(9_000)}).encode(),
+        json.dumps({"horizon": "1h", "inputs": {f"f{i}": 1 for i in range(9_000)}}).encode(),
+        b"[" * 1_000_000,
+        b'{"horizon":"\\ud800"}',
+        b'{"' + b"x" * 1_000_000 + b'":1}',
+    )
+    largest = 0
+    for body in bodies:
+        answer = target.post("/zones/zone-one/forecast", body)
+        assert 400 <= answer.status < 500, (answer.status, body[:40])
+        largest = max(largest, len(answer.body))
+    assert largest < 50_000, largest
+    return f"the largest answer has {largest} bytes"
+
+
+def abandoned_fans(target: Target) -> str:
+    """40 forecasts over 2,016 steps whose client has gone, and then one of another client."""
+    request = b"GET /zones/zone-one/forecast?horizon=2016s HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    for _ in range(40):
+        connection = target.connect(5)
+        connection.sendall(request)
+        time.sleep(0.02)
+        connection.close()
+    begun = time.monotonic()
+    answer = target.get("/zones/zone-one/forecast?horizon=10s")
+    seconds = time.monotonic() - begun
+    assert answer.status == 200, answer
+    assert seconds < 10.0, seconds
+    return f"another client waited {seconds:.2f} s"
+
+
+def much_history(target: Target) -> str:
+    """All of the history, again and again, on eight connections."""
+    end, count = time.monotonic() + 8, 0
+    while time.monotonic() < end:
+        count += target.get("/zones/zone-one/history?limit=20000").status == 200
+    return f"{count} answers"
+
+
+def odd_requests(target: Target) -> str:
+    """What a parser may stumble over; never a 5xx."""
+    cases = {
+        b"POST /zones HTTP/1.1\r\nHost: a\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n": {400},
+        b"POST /zones HTTP/1.0\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n": {400},
+        b"GET /zones?x=1 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n": {422},
+        b"OPTIONS /zones/zone-one/forecast HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n": {405},
+        b"GET /zones/zone-one/forecast?level=0 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n": {422},
+        b"\x16\x03\x01\x00\xa5\x01\r\n\r\n": {400},
+        b"GET " + b"/" * 60_000 + b" HTTP/1.1\r\nHost: localhost\r\n\r\n": {414, 431},
+        CHUNKED + b"ffffffffffffffffffff1\r\n": {400},
+        CHUNKED + b"-1\r\n": {400},
+        CHUNKED + b"1" * 30_000: {400, 413},
+    }
+    for request, expected in cases.items():
+        status = target.ask(request, 15).status
+        assert status in expected, (request[:60], status)
+    plan = target.post("/zones/zone-one/forecast", b'{"horizon":"10s","inputs":{"u_heat":1e308}}')
+    assert plan.status == 422, plan
+    with target.connect(5) as stream:
+        last = b"Last-Event-ID: 9999-12-31T23:59:59-14:00\r\n"
+        stream.sendall(b"GET /zones/zone-one/stream HTTP/1.1\r\nHost: localhost\r\n" + last + b"\r\n")
+        assert b" 200 " in stream.recv(100)
+    return f"{len(cases) + 2} requests"
+
+
+def silent_connections(target: Target) -> str:
+    """200 connections that say nothing, or the beginning of a request."""
+    held = []
+    for number in range(200):
+        with contextlib.suppress(OSError):
+            connection = target.connect(5)
+            connection.sendall(b"GET /healthz HT" if number % 2 else b"")
+            held.append(connection)
+    time.sleep(2)
+    for connection in held:
+        connection.close()
+    time.sleep(1)
+    return f"{len(held)} connections"
+
+
+ATTACKS = {
+    "1 one connection of tiny chunks": one_tiny_chunk_connection,
+    "1 sixty connections of tiny chunks": sixty_tiny_chunk_connections,
+    "1 bodies on paths that take none": unread_bodies_on_open_paths,
+    "1 bodies that do not end": unfinished_bodies,
+    "1 headers of a few bytes": many_headers,
+    "1 pipelined requests": pipelined_requests,
+    "2 the largest file, unread": large_static_file,
+    "3 bodies of mistakes": many_mistakes,
+    "5 abandoned forecasts": abandoned_fans,
+    "13, 19, 20, 21 odd requests": odd_requests,
+    "17 much history": much_history,
+    "silent connections": silent_connections,
+}

@@ -1,0 +1,76 @@
+"""A real browser: Debian's chromium, driven by playwright. Without either, these tests are skipped with the reason."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+SCREENS = {
+    "desktop": {"viewport": {"width": 1280, "height": 800}},
+    "phone": {"viewport": {"width": 390, "height": 800}, "has_touch": True, "is_mobile": True},
+}
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
+    executable = shutil.which("chromium")
+    if executable is None:
+        pytest.skip("chromium is not installed: apt-get install chromium")
+    with playwright.sync_playwright() as driver:
+        # As root, as in a container of CI, chromium has no sandbox of its own.
+        browser = driver.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
+class Watched:
+    """A page that was opened, with everything it asked for and complained about."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("console", lambda message: message.type == "error" and self.complaints.append(message.text))
+
+
+Visit = Callable[..., Watched]
+
+
+@pytest.fixture
+def visit(chromium: Any) -> Iterator[Visit]:
+    """Opens an address in a browser of its own; nothing may be complained about, and nothing asked elsewhere."""
+    opened: list[tuple[Any, Watched, str, bool]] = []
+
+    def open_page(
+        url: str,
+        path: str = "/",
+        screen: str = "desktop",
+        scheme: str = "light",
+        locale: str = "en-GB",
+        quiet: bool = True,
+        before: Callable[[Any], None] | None = None,
+    ) -> Watched:
+        context = chromium.new_context(
+            **SCREENS[screen], color_scheme=scheme, locale=locale, timezone_id="America/New_York"
+        )
+        context.set_default_timeout(60_000)
+        watched = Watched(context.new_page())
+        if before is not None:
+            before(watched.page)
+        opened.append((context, watched, url, quiet))
+        watched.page.goto(url + path)
+        return watched
+
+    yield open_page
+    for context, watched, url, quiet in opened:
+        context.close()
+        foreign = [asked for asked in watched.requests if not asked.startswith((url, "blob:", "data:"))]
+        assert not foreign, "nothing leaves the machine"
+        if quiet:
+            assert not watched.complaints

@@ -1,0 +1,191 @@
+"""What the page weighs and how quick it is: `make page`, a minute or as long as it is told to stream.
+
+Invented zones behind the real HTTP server, and Debian's chromium with its processor throttled. The figures go into a
+JSON file and onto the terminal; docs/page.md has those of one machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import statistics
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from support.browser import eventually
+from support.building import Building, building
+from support.fake_zones import FakeZone, running
+
+ROOT = Path(__file__).parents[2]
+
+THROTTLE = 6
+REPEATS = 5
+
+
+def rooms(count: int) -> dict[str, FakeZone]:
+    """`count` rooms with a day of samples each."""
+    pattern = running("pattern", 288)
+    return {
+        name: replace(pattern, id=name, updates=list(pattern.updates), asked=[])
+        for name in (f"room-{index}" for index in range(count))
+    }
+
+
+class Measured:
+    """A page with an instrument for its network and memory."""
+
+    def __init__(self, browser: Any, throttle: int = 1) -> None:
+        self.context = browser.new_context(viewport={"width": 1280, "height": 800})
+        self.context.set_default_timeout(180_000)
+        self.page = self.context.new_page()
+        self.session = self.context.new_cdp_session(self.page)
+        self.session.send("Network.enable")
+        self.session.send("Emulation.setCPUThrottlingRate", {"rate": throttle})
+        self.bytes: dict[str, int] = {}
+        self._urls: dict[str, str] = {}
+        self.session.on("Network.requestWillBeSent", lambda e: self._urls.update({e["requestId"]: e["request"]["url"]}))
+        self.session.on("Network.dataReceived", self._received)
+
+    def _received(self, event: dict[str, Any]) -> None:
+        url = self._urls.get(event["requestId"], "")
+        self.bytes[url] = self.bytes.get(url, 0) + event["encodedDataLength"]
+
+    def weight(self, *without: str) -> int:
+        """Bytes of bodies over the wire, of addresses that contain none of `without`."""
+        return sum(size for url, size in self.bytes.items() if not any(word in url for word in without))
+
+    def heap(self) -> tuple[float, int]:
+        """MB of JavaScript, and nodes of the page, after collecting garbage."""
+        self.session.send("HeapProfiler.collectGarbage")
+        used = self.session.send("Runtime.getHeapUsage")["usedSize"]
+        return used / 1e6, self.session.send("Memory.getDOMCounters")["nodes"]
+
+
+def paint(browser: Any, served: Building) -> dict[str, float]:
+    """Medians over fresh browsers, throttled: ms to the first paint, to the first rows; kB over the wire."""
+    first, filled, weights, whole = [], [], [], []
+    for _ in range(REPEATS):
+        measured = Measured(browser, THROTTLE)
+        page = measured.page
+        page.goto(served.url)
+        page.wait_for_selector("tr[data-zone]")
+        filled.append(page.evaluate("performance.now()"))
+        first.append(page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime"))
+        page.wait_for_timeout(500)
+        weights.append(measured.weight("/overview"))
+        whole.append(measured.weight("/stream"))
+        measured.context.close()
+    return {
+        "first_paint_ms": round(statistics.median(first)),
+        "rows_ms": round(statistics.median(filled)),
+        "page_kB": round(statistics.median(weights) / 1000, 1),
+        "with_data_kB": round(statistics.median(whole) / 1000, 1),
+    }
+
+
+def scrolling(browser: Any, served: Building) -> dict[str, float]:
+    """Frame times while a thousand rows are scrolled through, throttled, ms."""
+    measured = Measured(browser, THROTTLE)
+    page = measured.page
+    page.goto(served.url)
+    page.wait_for_selector("tr[data-zone]")
+    frames = page.evaluate(
+        """() => new Promise((resolve) => {
+          const times = [];
+          let last = performance.now();
+          const step = (now) => {
+            times.push(now - last);
+            last = now;
+            window.scrollBy(0, 400);
+            if (times.length < 100) requestAnimationFrame(step);
+            else resolve(times.slice(1));
+          };
+          requestAnimationFrame(step);
+        })"""
+    )
+    measured.context.close()
+    ordered = sorted(frames)
+    return {"median_ms": round(ordered[len(ordered) // 2], 1), "p95_ms": round(ordered[int(0.95 * len(ordered))], 1)}
+
+
+def room(browser: Any, served: Building) -> dict[str, float]:
+    """The view of a room: ms to its charts, first and second time; kB of plotly.js and of all else."""
+    measured = Measured(browser)
+    page = measured.page
+    found: dict[str, float] = {}
+    for name, path in (("first_ms", "/#/zone/room-0"), ("second_ms", "/#/zone/room-1")):
+        began = time.monotonic()
+        page.goto(served.url + path)
+        eventually(page, f"document.querySelector('h1')?.textContent === '{path.rpartition('/')[2]}'")
+        eventually(page, "document.querySelectorAll('.js-plotly-plot .scatterlayer').length >= 2")
+        found[name] = round(1000 * (time.monotonic() - began))
+    found["plotly_kB"] = round(sum(size for url, size in measured.bytes.items() if "plotly" in url) / 1000, 1)
+    found["else_kB"] = round(measured.weight("plotly", "/stream") / 1000, 1)
+    measured.context.close()
+    return found
+
+
+def streaming(browser: Any, served: Building, seconds: float) -> dict[str, Any]:
+    """A thousand rooms with a sample every 5 min each, as they come: memory every tenth of the time, bytes in all."""
+    measured = Measured(browser)
+    page = measured.page
+    page.goto(served.url)
+    page.wait_for_selector("tr[data-zone]")
+    names = list(served.zones)
+    began, sent, heaps = time.monotonic(), 0, []
+    while (passed := time.monotonic() - began) < seconds:
+        due = int(passed / 300 * len(names))
+        while sent < due:
+            served.step(names[sent % len(names)])
+            sent += 1
+        if passed >= seconds * len(heaps) / 10:
+            heaps.append((round(passed), *measured.heap()))
+            print(f"  {passed:6.0f} s  {heaps[-1][1]:.2f} MB  {heaps[-1][2]} nodes", flush=True)
+        page.wait_for_timeout(500)
+    heaps.append((round(time.monotonic() - began), *measured.heap()))
+    size = sum(size for url, size in measured.bytes.items() if "/stream" in url)
+    measured.context.close()
+    return {"seconds": seconds, "samples": sent, "stream_kB": round(size / 1000, 1), "heap_MB_nodes": heaps}
+
+
+def main() -> int:
+    """Measure, print, and write the figures."""
+    parser = argparse.ArgumentParser(description="Measure the page with a real browser.")
+    parser.add_argument("--out", type=Path, default=ROOT / "var" / "page.json", help="file of the figures")
+    parser.add_argument("--stream", type=float, default=60.0, help="seconds of streaming")
+    arguments = parser.parse_args()
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise SystemExit("chromium is not installed; apt-get install chromium")
+    figures: dict[str, Any] = {}
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+        for count in (1, 30, 1000):
+            with building(rooms(count)) as served:
+                figures[f"overview of {count}"] = paint(browser, served)
+                print(count, figures[f"overview of {count}"], flush=True)
+                if count == 30:
+                    figures["room"] = room(browser, served)
+                    print("room", figures["room"], flush=True)
+                if count == 1000:
+                    figures["scrolling"] = scrolling(browser, served)
+                    print("scrolling", figures["scrolling"], flush=True)
+                    figures["streaming"] = streaming(browser, served, arguments.stream)
+        browser.close()
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    print(arguments.out)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

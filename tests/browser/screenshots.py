@@ -1,0 +1,116 @@
+"""The pictures of the page in the documentation, from what `make run` shows: `make screenshots`.
+
+Starts the living demo on a free port, lets it run for a while, and photographs the overview and a room with the
+browser that the tests use. CI runs it into a folder of its own, so that the pictures in the documentation can always be
+made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from support.browser import eventually
+from support.harness import free_port
+
+ROOT = Path(__file__).parents[2]
+
+PHOTOGRAPHED = (
+    # name, path, width, height, colours, language
+    ("live", "/", 1280, 420, "light", "en-GB"),
+    ("room", "/#/zone/room1", 1280, 1000, "light", "en-GB"),
+    ("room-phone", "/#/zone/room2", 390, 900, "dark", "de-DE"),
+)
+
+
+def main() -> int:
+    """Photograph, and say where the pictures are."""
+    parser = argparse.ArgumentParser(description="Photograph the page of the living demo.")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images", help="folder of the pictures")
+    parser.add_argument("--seconds", type=float, default=120.0, help="how long the demo runs before")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    port = free_port()
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "service", "demo", "--live", "--port", str(port), "--directory", folder]
+        demo = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            url = f"http://127.0.0.1:{port}"
+            _answers(url, demo)
+            time.sleep(arguments.seconds)
+            _photograph(url, arguments.out)
+        finally:
+            demo.terminate()
+            demo.wait()
+    print("\n".join(str(arguments.out / f"{name}.png") for name, *_ in PHOTOGRAPHED))
+    return 0
+
+
+def _answers(url: str, demo: subprocess.Popen[bytes]) -> None:
+    """Wait until the daemon serves its page."""
+    deadline = time.monotonic() + 180
+    while True:
+        try:
+            with urllib.request.urlopen(url, timeout=10):
+                return
+        except OSError:
+            if demo.poll() is not None or time.monotonic() > deadline:
+                raise
+            time.sleep(0.2)
+
+
+def _photograph(url: str, out: Path) -> None:
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise SystemExit("chromium is not installed; apt-get install chromium")
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        for name, path, width, height, colours, language in PHOTOGRAPHED:
+            context = browser.new_context(
+                viewport={"width": width, "height": height}, color_scheme=colours, locale=language
+            )
+            context.set_default_timeout(180_000)
+            page = context.new_page()
+            page.goto(url + path)
+            _drawn(page, "zone" in path)
+            page.screenshot(path=out / f"{name}.png")
+            context.close()
+        browser.close()
+
+
+def _drawn(page: Any, room: bool) -> None:
+    """Wait until everything that belongs on the picture is there."""
+    if room:
+        eventually(page, "document.querySelectorAll('.js-plotly-plot .scatterlayer').length >= 2")
+        eventually(page, "document.querySelector('.sentences li') !== null")
+        # Half of the power from the second to the third quarter of the plan, drawn by hand.
+        page.locator(".plan").scroll_into_view_if_needed()
+        box = page.locator(".plan").bounding_box()
+        page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.5 * box["height"])
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 0.5 * box["height"], steps=20)
+        page.mouse.up()
+        eventually(page, "document.querySelectorAll('.plot.fan .scatterlayer .trace').length === 5")
+        page.evaluate("window.scrollTo(0, 0)")
+    else:
+        page.wait_for_selector("tr[data-zone]")
+        eventually(page, "[...document.querySelectorAll('.spark-line')].every(path => path.getAttribute('d'))")
+        eventually(
+            page, "[...document.querySelectorAll('td.cell-later')].every(cell => cell.textContent.includes('°C'))"
+        )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

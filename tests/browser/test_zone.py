@@ -1,0 +1,264 @@
+"""The view of one room, in a real browser."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from support.browser import eventually, serious
+from support.building import Building, building
+from support.fake_zones import START, FakeZone, doubted, make_update, running, waiting
+
+from estimator.diagnosis.finding import Diagnosis, Finding
+from estimator.network.network import Conductance, HeatInput, Network, Parameter
+from service.records.trust import HorizonTrust, Trust
+
+PLOTTED = "document.querySelectorAll('.js-plotly-plot .scatterlayer').length"
+HOSTILE = '<img src=x onerror="window.hacked=true">%{y}&amp;\''
+
+
+def with_gap() -> FakeZone:
+    """A day of samples, four hours of which are missing."""
+    zone = running("gap", 288)
+    zone.updates = [update for index, update in enumerate(zone.updates) if index not in range(100, 148)]
+    return zone
+
+
+@pytest.fixture(scope="module")
+def house() -> Iterator[Building]:
+    zones = [running("living", 300), doubted("cellar"), with_gap(), waiting("attic")]
+    with building({zone.id: zone for zone in zones}) as served:
+        yield served
+
+
+def opened(visit: Any, house: Building, zone: str = "living", **options: Any) -> Any:
+    watched = visit(house.url, f"/#/zone/{zone}", **options)
+    eventually(watched.page, f"{PLOTTED} >= 2")
+    return watched
+
+
+@pytest.mark.parametrize("screen", ["desktop", "phone"])
+def test_axe_finds_nothing_serious(visit: Any, house: Building, screen: str) -> None:
+    page = opened(visit, house, "cellar", screen=screen).page
+    page.locator(".expert summary").click()
+    page.locator("section details summary").click()
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        assert serious(page) == [], scheme
+    width = page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+    assert width[0] <= width[1], "nothing to scroll sideways"
+
+
+def test_a_room_is_told_in_words(visit: Any, house: Building) -> None:
+    page = opened(visit, house, "cellar").page
+    doubt = page.locator(".doubt").inner_text()
+    assert doubt.startswith("Take the forecast with care now:\nC_air is at its bound.")
+    page.wait_for_selector("text=Loses 105 W per K of difference to the outside.")
+    # 716,400 s is the slowest time constant; a half is gone after ln 2 of it.
+    page.wait_for_selector("text=Without heat, it has cooled by half in 5.7 days.")
+    page.wait_for_selector("text=The heater answers in 95 s.")
+    assert (
+        page.locator(".findings li").first.inner_text() == "C_air is at its bound. C_air is at its lower bound; move it"
+    )
+    assert page.locator(".expert dl").is_hidden(), "alpha, gate and N_eff are for experts"
+    assert page.locator("time").first.get_attribute("title") == "2025-05-03 00:10 UTC"
+    # 00:10 UTC in Berlin, wherever the browser is.
+    assert "02:10" in page.locator("time").first.inner_text()
+
+
+def test_what_happens_now_is_told_and_so_is_what_has_passed(visit: Any) -> None:
+    zone = running("living", 288 + 200)
+    with building({"living": zone}) as house:
+        page = opened(visit, house).page
+        house.step("living")
+        page.wait_for_selector("text=Something acts on the room that nobody measures")
+        for _ in range(30):
+            house.step("living")
+        page.wait_for_selector("text=Nothing speaks against the model now.")
+        house.step("living", state="stalled", reason="T_out is 1500 s old")
+        page.wait_for_selector("text=There is no current forecast; the last one is old.")
+        assert page.locator(".pill").inner_text() == "stalled"
+        assert page.locator(".doubt li [lang=en]").inner_text() == "T_out is 1500 s old"
+
+
+def test_trust_is_told_with_its_reason(visit: Any) -> None:
+    zone = running("living", 300)
+    narrow = "the intervals 6 h ahead held 71 % of what came"
+    horizons = (HorizonTrust(3600, "trusted", "", START), HorizonTrust(21600, "doubtful", narrow, START))
+    zone.trusted = Trust(START, horizons)
+    with building({"living": zone}) as house:
+        page = visit(house.url).page
+        page.wait_for_selector('[data-zone="living"]')
+        assert page.locator('[data-zone="living"] .cell-trust').inner_text() == "doubtful"
+        page.locator('[data-zone="living"] a').click()
+        page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
+        assert page.locator(".doubt li [lang=en]").inner_text() == narrow
+
+
+def series_of(page: Any, which: str = "history") -> list[dict[str, Any]]:
+    """What plotly was given to draw."""
+    return list(
+        page.evaluate(
+            f"document.querySelector('.plot.{which}').data.map(({{x, y, fill, hovertemplate}}) => "
+            "({x, y, fill, hovertemplate}))"
+        )
+    )
+
+
+def test_a_gap_is_drawn_as_a_gap(visit: Any, house: Building) -> None:
+    page = opened(visit, house, "gap").page
+    measured = next(one for one in series_of(page) if "measured" in (one["hovertemplate"] or ""))
+    assert measured["y"].count(None) == 2, "one break, and the end"
+    bands = [one for one in series_of(page) if one["fill"] == "toself"]
+    assert bands[0]["y"].count(None) == 2, "the band is two polygons"
+
+
+def test_plotly_is_asked_for_once_and_only_by_a_room(visit: Any, house: Building) -> None:
+    watched = opened(visit, house)
+    page = watched.page
+    page.goto(f"{house.url}/#/")
+    page.wait_for_selector("tr[data-zone]")
+    page.goto(f"{house.url}/#/zone/gap")
+    eventually(page, f"{PLOTTED} >= 2")
+    page.goto("about:blank")
+    page.goto(f"{house.url}/#/zone/living")
+    eventually(page, f"{PLOTTED} >= 2")
+    scripts = page.evaluate("performance.getEntriesByType('resource').filter(({name}) => name.includes('plotly'))")
+    assert len(scripts) == 1
+    assert scripts[0]["transferSize"] == 0, "from the browser's own cache"
+
+
+def test_ranges_zoom_and_pan_ask_the_server_for_what_is_shown(visit: Any, house: Building) -> None:
+    watched = opened(visit, house)
+    page = watched.page
+
+    def stretches() -> list[str]:
+        return [url for url in watched.requests if "/series?start" in url]
+
+    def asked(act: Any) -> str:
+        before = len(stretches())
+        act()
+        eventually(page, "() => true")
+        while len(stretches()) == before:
+            page.wait_for_timeout(20)
+        return stretches()[-1]
+
+    buttons = page.locator(".controls").first
+    assert "start=2025-05-03T01%3A00" in asked(lambda: buttons.locator("button", has_text="1 d").click())
+    assert "start=2024-05-04T01%3A00" in asked(lambda: buttons.locator("button", has_text="1 y").click())
+    assert "start=2025-05-04T00%3A00" in asked(lambda: buttons.locator("button", has_text="1 h").click())
+    earlier = asked(lambda: buttons.locator("button", has_text="←").click())
+    assert "start=2025-05-03T23%3A30" in earlier
+    assert "end=2025-05-04T00%3A30" in earlier
+    day = asked(lambda: buttons.locator("input[type=date]").fill("2025-05-03"))
+    assert "start=2025-05-02T22%3A00" in day, "the day of the site, which is two hours ahead of UTC"
+    box = page.locator(".plot.history").bounding_box()
+
+    def drag() -> None:
+        page.mouse.move(box["x"] + box["width"] * 0.4, box["y"] + 60)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + 60, steps=5)
+        page.mouse.up()
+
+    eventually(
+        page, "() => document.querySelector('.plot.history').layout.xaxis.range[0].startsWith('2025-05-03T00:00')"
+    )
+    zoomed = asked(drag)
+    assert zoomed != day
+
+
+def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Building) -> None:
+    page = opened(visit, house).page
+    zone = house.zones["living"]
+    page.wait_for_selector("text=With everything as it is now, the lowest is")
+    zone.asked.clear()
+    page.locator(".plan-box input[type=number]").fill("2000")
+    page.locator(".plan-box input[type=number]").press("Tab")
+    page.locator(".plan").scroll_into_view_if_needed()
+    box = page.locator(".plan").bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 0.25, box["y"] + box["height"] * 0.5)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + box["height"] * 0.5, steps=10)
+    page.mouse.up()
+    page.wait_for_selector("text=Under this plan, the lowest is")
+    plan = [one for one in zone.asked if one[0] == "fan" and one[3]][-1][3]["u_heat"]
+    assert len(plan) == 288
+    assert max(plan) == 1000.0, "half of the height is half of the power"
+    assert plan[-1] == pytest.approx(5.5), "what was not drawn is as now"
+    page.locator(".plan g").first.focus()
+    page.keyboard.press("End")
+    eventually(page, "document.querySelector('.plan g').getAttribute('aria-valuenow') === '2000'")
+    page.locator(".plan-box button", has_text="As now").click()
+    page.wait_for_selector("text=With everything as it is now")
+
+
+def test_off_until_six(visit: Any, house: Building) -> None:
+    page = opened(visit, house).page
+    page.wait_for_selector("text=With everything as it is now, the lowest is")
+    zone = house.zones["living"]
+    zone.asked.clear()
+    page.locator(".plan-box input[type=time]").fill("06:00")
+    page.locator(".plan-box button", has_text="Off until").click()
+    page.wait_for_selector("text=Under this plan, the lowest is")
+    plan = [one for one in zone.asked if one[0] == "fan" and one[3]][-1][3]["u_heat"]
+    # The newest sample ends at 01:00 UTC, which is 03:00 at the site: three hours off.
+    assert plan[:36] == [0.0] * 36
+    assert set(plan[36:]) == {5.5}
+
+
+def test_a_room_without_a_sample_says_so(visit: Any, house: Building) -> None:
+    # The browser logs the 503 that this is.
+    page = visit(house.url, "/#/zone/attic", quiet=False).page
+    page.wait_for_selector("text=There is no forecast yet.")
+    page.wait_for_selector("text=no reading of T_out yet")
+
+
+def test_a_room_that_is_not_there_is_told(visit: Any, house: Building) -> None:
+    page = visit(house.url, "/#/zone/nowhere", quiet=False).page
+    page.wait_for_selector("text=there is no zone 'nowhere'")
+    page.locator("main a").click()
+    page.wait_for_selector("tr[data-zone]")
+
+
+def hostile_network() -> Network:
+    """A network in which every name is an attack."""
+    node, wall, heat = f"n{HOSTILE}", f"b{HOSTILE}", f"u{HOSTILE}"
+    return Network(
+        name=HOSTILE,
+        capacitances={node: f"C{HOSTILE}"},
+        boundaries=[wall],
+        conductances=[Conductance(f"U{HOSTILE}", (node, wall))],
+        heat_inputs=[HeatInput(heat, node)],
+        parameters=[
+            Parameter(f"C{HOSTILE}", "J/K", 1e5, 1e7, 1e6),
+            Parameter(f"U{HOSTILE}", "W/K", 10.0, 1000.0, 100.0),
+        ],
+        measured=[node],
+        description=HOSTILE,
+    )
+
+
+def test_hostile_names_are_text_wherever_they_show(visit: Any) -> None:
+    network = hostile_network()
+    zone = replace(running(HOSTILE), network=network, updates=[make_update(step, network) for step in range(40)])
+    zone.reason = HOSTILE
+    zone.faults = {HOSTILE: 3}
+    zone.diagnosis = Diagnosis((Finding("parameter-at-bound", f"C{HOSTILE}", HOSTILE),))
+    with building({HOSTILE: zone}, site=HOSTILE) as house:
+        page = visit(house.url).page
+        page.wait_for_selector("tr[data-zone] a")
+        assert page.locator("tr[data-zone] a").inner_text() == HOSTILE
+        page.locator("tr[data-zone] a").click()
+        eventually(page, f"{PLOTTED} >= 2")
+        page.locator(".expert summary").click()
+        page.wait_for_selector(".plan-box")
+        page.locator(".plot.history").scroll_into_view_if_needed()
+        box = page.locator(".plot.history").bounding_box()
+        page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + 60)
+        page.wait_for_selector(".hoverlayer text", state="attached")
+        assert page.evaluate("window.hacked") is None
+        assert page.locator("img").count() == 0
+        assert page.locator("h1").inner_text() == HOSTILE
+        assert HOSTILE in page.locator("#site").inner_text()

@@ -1,0 +1,150 @@
+"""The example of a controller: what it plans, when it falls back, and that it works as its page says."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from support.harness import EXAMPLES, Daemon
+from support.http_client import request
+from support.site_of_rooms import Room, site_of
+
+from service.records.outlook import Surroundings
+
+
+@pytest.fixture(scope="module")
+def mpc() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("mpc", EXAMPLES / "mpc.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["mpc"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
+    """A room that has learned for more than a day, and one that has just begun."""
+    limits = Surroundings({"u_heat": (0.0, 4000.0)})
+    office = Room("ekf", "tite", 480, limits, 21.0, heated=True)
+    rooms = {"office": office, "new": Room("ekf", samples=3)}
+    with site_of(tmp_path_factory.mktemp("site"), rooms) as (made, _):
+        yield made
+
+
+def asking(app: FastAPI, trusts: dict[int, str] | None = None) -> Any:
+    """`mpc.Ask` of `app`; with `trusts` in place of the trust, by lead."""
+
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        if trusts is not None and path.endswith("/trust"):
+            return {"horizons": [{"lead_s": lead, "trust": word, "reason": "so"} for lead, word in trusts.items()]}
+        answer = request(app, method, path, **({} if body is None else {"json": body}))
+        if answer.status_code >= 400:
+            raise OSError(answer.json()["detail"])
+        return answer.json()
+
+    return ask
+
+
+ALL = dict.fromkeys((300, 3600, 21600, 86400), "trusted")
+
+
+def settings(mpc: ModuleType, **changes: Any) -> Any:
+    return mpc.Settings("office", power=4000.0, **({"low": 20.0, "high": 23.0} | changes))
+
+
+def test_the_plan_holds_the_band_and_costs_least_when_energy_is_cheap(mpc: ModuleType, app: FastAPI) -> None:
+    ask, told = asking(app, ALL), settings(mpc)
+
+    def prices(steps: int) -> list[float]:
+        return [0.1 if k % 24 < 12 else 0.5 for k in range(steps)]
+
+    decision = mpc.decide(ask, told, 20.0, False, prices)
+    assert decision.by == "plan"
+    assert "planned 24 h ahead" in decision.reason
+    assert len(decision.plan) == 96
+    assert (decision.plan >= -1e-9).all()
+    assert (decision.plan <= 4000.0 + 1e-6).all()
+    cheap = np.array(prices(96)) < 0.3
+    assert decision.plan[cheap].sum() > decision.plan[~cheap].sum()
+    # Flat prices need less energy, for nothing is stored ahead.
+    flat = mpc.decide(ask, told, 20.0, False)
+    assert flat.plan.sum() <= decision.plan.sum() + 1e-6
+    assert (np.array(prices(96)) @ flat.plan) >= (np.array(prices(96)) @ decision.plan) - 1e-6
+
+
+def test_what_it_foresees_is_what_thermogate_forecasts_under_its_plan(mpc: ModuleType, app: FastAPI) -> None:
+    ask, told = asking(app, ALL), settings(mpc)
+    decision = mpc.decide(ask, told, 20.0, False)
+    plan = {"office": {"u_heat": {"step": "15min", "values": np.clip(decision.plan, 0.0, 4000.0).tolist()}}}
+    body = {"horizon": "24h", "zones": ["office"], "plans": [{"inputs": plan}]}
+    output = ask("POST", "/forecasts", body)["plans"][0]["zones"][0]["outputs"][0]
+    mean, sd = np.array(output["mean"])[3::3], np.array(output["sd"])[3::3]
+    # The example takes the mean over the draws; the fan of an EKF is that of its mean.
+    assert (np.abs(decision.temperatures - mean) < sd).all()
+
+
+def test_it_plans_as_far_as_the_trust_reaches(mpc: ModuleType, app: FastAPI) -> None:
+    far = mpc.decide(asking(app, ALL | {86400: "learning"}), settings(mpc), 20.0, False)
+    assert (far.by, len(far.plan)) == ("plan", 24)
+    assert "learning: so" in far.reason
+    gap = mpc.decide(asking(app, ALL | {3600: "untrusted"}), settings(mpc), 19.0, False)
+    assert (gap.by, gap.power) == ("thermostat", 4000.0)
+    assert "not trusted for an hour (untrusted: so)" in gap.reason
+
+
+def test_doubt_costs_a_margin(mpc: ModuleType, app: FastAPI) -> None:
+    sure = mpc.decide(asking(app, ALL), settings(mpc), 20.0, False)
+    doubting = mpc.decide(asking(app, ALL | {21600: "doubtful"}), settings(mpc), 20.0, False)
+    assert doubting.by == "plan"
+    assert "doubtful" in doubting.reason
+    assert doubting.plan.sum() > sure.plan.sum()
+
+
+@pytest.mark.parametrize(
+    ("temperature", "heating", "power"),
+    [(19.9, False, 4000.0), (20.1, False, 0.0), (20.1, True, 4000.0), (20.4, True, 0.0)],
+)
+def test_without_an_answer_it_is_a_thermostat(mpc: ModuleType, temperature: float, heating: bool, power: float) -> None:
+    def nobody(*_: Any) -> Any:
+        raise OSError("connection refused")
+
+    decision = mpc.decide(nobody, settings(mpc), temperature, heating)
+    assert decision[:3] == (power, "thermostat", "connection refused")
+
+
+def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, app: FastAPI) -> None:
+    decision = mpc.decide(asking(app), mpc.Settings("new"), 19.0, False)
+    assert decision.by == "thermostat"
+    assert "learning" in decision.reason
+
+
+def test_a_power_beyond_what_is_installed_falls_back_with_the_sentence(mpc: ModuleType, app: FastAPI) -> None:
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        if body is not None:
+            body["plans"][0]["inputs"]["office"]["u_heat"] = 9000.0
+        return asking(app, ALL)(method, path, body)
+
+    decision = mpc.decide(ask, settings(mpc), 19.0, False)
+    assert "plans 9000 W; 0 to 4000 W can be planned" in decision.reason
+
+
+def test_it_runs_against_a_daemon(mpc: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    overrides = {"site.state_dir": str(tmp_path / "state"), "zones.0.estimator_options.particles": 100}
+    with Daemon(EXAMPLES / "generic-csv.toml", tmp_path / "log", overrides) as daemon:
+        zones = daemon.wait_until_ended()
+        (zone,) = zones
+        arguments = ["--url", daemon.url(), "--zone", zone, "--step", "600", "--times", "1"]
+        assert mpc.main(arguments) == 0
+    printed = capsys.readouterr().out
+    # The recording has come to its end, so nobody can vouch for a forecast any more.
+    assert "by thermostat" in printed
+    assert "its recording has come to an end" in printed

@@ -1,0 +1,186 @@
+"""Load of the MQTT source: many topics at a steady pace through a real broker.
+
+    python tests/integration/mqtt_load.py --seconds 600
+
+Broker and publisher are processes of their own. Every message carries its number and its time. Printed are the
+messages that were sent and missed, how late they came, the share of one processor that the reading process used, and
+its resident memory at the beginning and at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import multiprocessing
+import resource
+import sys
+import time
+from datetime import UTC, datetime
+from multiprocessing.connection import Connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+import paho.mqtt.client as paho
+from support.broker import broker
+
+from adapters.messages.points import MessageChannel
+from adapters.mqtt.broker import Broker
+from adapters.mqtt.source import Intake, MqttSource
+from adapters.payload.payload import PayloadFormat
+
+MOST_GROWTH = 5.0
+"""MB that memory may grow by."""
+
+FORMAT = PayloadFormat("json", ("value",), ("time",))
+
+_SETTLING = 3.0
+"""Seconds before memory is looked at, in which every buffer is filled once."""
+
+_LATEST = 60.0
+"""Seconds that are waited for the last messages."""
+
+
+class Load(NamedTuple):
+    """What was measured."""
+
+    topics: int
+    rate: float
+    """Messages a second on each topic."""
+    seconds: float
+    sent: int
+    missed: int
+    doubled: int
+    worst_delay: float
+    """Longest time from a message's own time to its reading's delivery, in s."""
+    cpu: float
+    """Share of one processor."""
+    memory_before: float
+    memory_after: float
+    """Resident memory in MB."""
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        return [
+            f"{self.topics} topics at {self.rate:g} Hz for {self.seconds:.0f} s",
+            f"messages {self.sent}, missed {self.missed}, doubled {self.doubled}, worst delay {self.worst_delay:.2f} s",
+            f"processor {100 * self.cpu:.1f} % of one core",
+            f"memory {self.memory_before:.1f} MB before, {self.memory_after:.1f} MB after",
+        ]
+
+
+def _publish(port: int, topics: int, rate: float, rounds: int, pipe: Connection) -> None:
+    """Publish `rounds` numbers on every topic, at least once each, when the pipe says so; say when all are sent."""
+    client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+    client.max_queued_messages_set(0)
+    client.max_inflight_messages_set(200)
+    client.connect("127.0.0.1", port)
+    client.loop_start()
+    pipe.recv()
+    began = time.monotonic()
+    for number in range(rounds):
+        info = None
+        for topic in range(topics):
+            document = {"value": number, "time": datetime.now(UTC).isoformat()}
+            info = client.publish(f"load/{topic}", json.dumps(document), qos=1)
+        time.sleep(max(0.0, began + (number + 1) / rate - time.monotonic()))
+    if info is not None:
+        info.wait_for_publish(_LATEST)
+    pipe.send(time.monotonic() - began)
+    client.disconnect()
+    client.loop_stop()
+
+
+def _memory() -> float:
+    """Resident memory of this process in MB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+class _Ledger:
+    """Counts what comes, topic by topic, without keeping it."""
+
+    def __init__(self, topics: int) -> None:
+        self.next = dict.fromkeys((f"z/c{k}" for k in range(topics)), 0)
+        self.came = self.missed = self.doubled = 0
+        self.worst_delay = 0.0
+
+    async def take(self, source: MqttSource, ready: asyncio.Event) -> None:
+        async for batch in source.batches(None):
+            ready.set()
+            now = time.time()
+            for channel, when, value, _, fault in batch.readings:
+                if fault is not None:
+                    raise RuntimeError(f"{channel}: {fault}")
+                self.came += 1
+                skipped = int(value) - self.next[channel]
+                self.missed += max(0, skipped)
+                self.doubled += skipped < 0
+                self.next[channel] = int(value) + 1
+                self.worst_delay = max(self.worst_delay, now - when)
+
+
+async def _measure(port: int, topics: int, rate: float, rounds: int, pipe: Connection) -> Load:
+    channels = [MessageChannel(f"z/c{k}", f"load/{k}", FORMAT) for k in range(topics)]
+    source = MqttSource("load", Broker("127.0.0.1", port, client_id="load"), channels, Intake())
+    ledger, ready = _Ledger(topics), asyncio.Event()
+    taking = asyncio.create_task(ledger.take(source, ready))
+    async with asyncio.timeout(_LATEST):
+        await ready.wait()
+    cpu, began = time.process_time(), time.monotonic()
+    pipe.send(None)
+    await asyncio.sleep(min(_SETTLING, rounds / rate / 2))
+    memory = _memory()
+    while not pipe.poll() and not taking.done():
+        await asyncio.sleep(0.2)
+    took = time.monotonic() - began
+    cpu, after = time.process_time() - cpu, _memory()
+    deadline = time.monotonic() + _LATEST
+    while ledger.came < topics * rounds and not taking.done() and time.monotonic() < deadline:
+        await asyncio.sleep(0.1)
+    taking.cancel()
+    (outcome,) = await asyncio.gather(taking, return_exceptions=True)
+    await source.close()
+    if not isinstance(outcome, asyncio.CancelledError):
+        raise RuntimeError(f"the source failed: {outcome!r}")
+    missed = ledger.missed + sum(rounds - following for following in ledger.next.values())
+    return Load(
+        topics, rate, took, topics * rounds, missed, ledger.doubled, ledger.worst_delay, cpu / took, memory, after
+    )
+
+
+def measure(topics: int, rate: float, seconds: float) -> Load:
+    """Publish on `topics` topics at `rate` Hz for `seconds`, and take everything in."""
+    rounds = max(1, int(seconds * rate))
+    context = multiprocessing.get_context("spawn")
+    # By itself mosquitto lets 1,000 messages wait for a client, which is half a second of them here.
+    settings = ("allow_anonymous true", "max_queued_messages 100000")
+    with TemporaryDirectory() as folder, broker(Path(folder), *settings) as site:
+        here, there = context.Pipe()
+        process = context.Process(target=_publish, args=(site.port, topics, rate, rounds, there), daemon=True)
+        process.start()
+        try:
+            return asyncio.run(_measure(site.port, topics, rate, rounds, here))
+        finally:
+            process.terminate()
+            process.join()
+
+
+def main() -> int:
+    """Measure as the arguments say; 1 if a message was missed or memory has grown by more than MOST_GROWTH."""
+    parser = argparse.ArgumentParser(description="load of the MQTT source")
+    parser.add_argument("--topics", type=int, default=200)
+    parser.add_argument("--rate", type=float, default=10.0)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    arguments = parser.parse_args()
+    load = measure(arguments.topics, arguments.rate, arguments.seconds)
+    print("\n".join(load.lines()))
+    return 1 if load.missed or load.memory_after > load.memory_before + MOST_GROWTH else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

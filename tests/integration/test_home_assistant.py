@@ -1,0 +1,185 @@
+"""The walkthrough of docs/home-assistant.md with Home Assistant itself: telemetry from it, and every zone in it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from support.broker import Party, broker
+from support.fake_zones import doubted, make_update, running
+from support.harness import EXAMPLES, ROOT, Daemon
+from support.home_assistant import HomeAssistant, home_assistant
+
+from adapters.mqtt.broker import Broker
+from service.publish.mqtt import Publisher
+from service.publish.sinks import Announcement, Occasion
+from service.records.skill import HorizonSkill, Skill
+
+PAGE = (ROOT / "docs" / "home-assistant.md").read_text(encoding="utf-8")
+FORECAST = "sensor.thermogate_living_forecast"
+
+HOUSE = """
+input_number:
+  room: {min: 0, max: 40, step: 0.1, initial: 20.5}
+  outdoor: {min: -20, max: 40, step: 0.1, initial: 4.0}
+input_boolean:
+  heater:
+template:
+  - sensor:
+      - {name: Room, state: "{{ states('input_number.room') }}", unit_of_measurement: °C, device_class: temperature}
+      - {name: Outdoor temperature, state: "{{ states('input_number.outdoor') }}", unit_of_measurement: °C}
+climate:
+  - platform: generic_thermostat
+    name: Living
+    heater: input_boolean.heater
+    target_sensor: sensor.room
+    target_temp: 22
+    initial_hvac_mode: heat
+"""
+
+
+def block(mark: str) -> str:
+    """The YAML that follows the comment `mark` on the page."""
+    found = re.search(rf"<!-- {re.escape(mark)} -->\n```yaml\n(.*?)```", PAGE, re.DOTALL)
+    assert found, mark
+    return found[1]
+
+
+def automations() -> str:
+    """The automations of the page; the one that publishes does so every second."""
+    telemetry, window = (yaml.safe_load(block(mark)) for mark in ("automation", "automation: window"))
+    assert telemetry["trigger"] == [{"platform": "time_pattern", "minutes": "/1"}]
+    telemetry["trigger"] = [{"platform": "time_pattern", "seconds": "/1"}]
+    return yaml.safe_dump({"automation": [telemetry, window]})
+
+
+def entities(document: Any) -> set[str]:
+    """Every id of an entity of ours in a card and the cards within."""
+    if isinstance(document, dict):
+        return set().union(*map(entities, document.values()))
+    if isinstance(document, list):
+        return set().union(*map(entities, document))
+    return {document} if isinstance(document, str) and ".thermogate_" in document else set()
+
+
+def documented() -> set[str]:
+    """The entities that the table names in full, of a zone "living"."""
+    table = PAGE.partition("## What appears")[2].partition("\n## ")[0]
+    return {name.replace("<zone>", "living") for name in re.findall(r"`((?:binary_)?sensor\.[^`]*[^.`])`", table)}
+
+
+def unavailable(house: HomeAssistant) -> bool:
+    ours = {name: entity["state"] for name, entity in house.states().items() if ".thermogate_" in name}
+    return len(ours) > 10 and set(ours.values()) == {"unavailable"}
+
+
+def test_the_walkthrough(tmp_path: Path) -> None:
+    """From an automation of Home Assistant through the daemon to a device there."""
+    with broker(tmp_path) as site, home_assistant(tmp_path / "house", HOUSE + automations()) as house:
+        house.set_up(site.port)
+        place = {"host": "127.0.0.1", "port": site.port, "password_env": "HOME"}
+        settings: dict[str, object] = {
+            "site.state_dir": str(tmp_path / "state"),
+            "zones.0.period": "2s",
+            "zones.0.estimator_options.particles": 100,
+            **{f"mqtt.{key}": value for key, value in place.items()},
+            **{f"sources.home.{key}": value for key, value in place.items()},
+        }
+        with (
+            Party(site.port, "thermogate/home/living/forecast") as listening,
+            Daemon(EXAMPLES / "home-assistant.toml", tmp_path / "log", settings) as daemon,
+        ):
+            daemon.wait(lambda zones: zones["living"]["samples"] >= 3)
+            house.until(lambda: 10 < float(house.state(FORECAST)) < 30)
+            house.until(lambda: _as_published(house, listening))
+            status, zone = daemon.get("/zones/living")
+            assert status == 200
+            assert {one["channel"] for one in zone["status"]["channels"] if one["last_good"]} == {
+                "T_i",
+                "T_out",
+                "u_heat",
+            }
+            assert zone["status"]["faults"].keys() <= {"out_of_order"}
+            # The thermostat heats, since its room is colder than it should be.
+            inputs = {one["channel"]: one["value"] for one in daemon.get("/zones/living/forecast")[1]["inputs"]}
+            assert inputs == {"T_out": 4.0, "u_heat": 1500.0}
+            house.until(lambda: house.state("sensor.thermogate_living_state") == "running")
+            assert entities(yaml.safe_load(block("dashboard"))) <= house.states().keys()
+            assert house.render("{{ device_attr('" + FORECAST + "', 'name') }}") == "Thermogate living"
+            daemon.kill()
+            house.until(lambda: unavailable(house))
+        with Daemon(EXAMPLES / "home-assistant.toml", tmp_path / "log", settings) as daemon:
+            house.until(lambda: house.state(FORECAST) not in ("unavailable", "unknown"))
+            assert daemon.terminate() == 0
+            house.until(lambda: unavailable(house))
+
+
+def _as_published(house: HomeAssistant, listening: Party) -> bool:
+    """Whether Home Assistant shows the forecast that was published last, which is a matter of the moment."""
+    document = json.loads(listening.newest()["thermogate/home/living/forecast"])
+    entity = house.states()[FORECAST]
+    if entity["attributes"]["issue_time"] != document["issue_time"]:
+        return False
+    assert float(entity["state"]) == document["mean"]
+    assert entity["attributes"]["unit_of_measurement"] == "°C"
+    assert entity["attributes"]["quality"] == document["quality"]
+    return True
+
+
+def test_every_value_is_as_published(tmp_path: Path) -> None:
+    with broker(tmp_path) as site, home_assistant(tmp_path / "house") as house:
+        house.set_up(site.port)
+        client = Broker("127.0.0.1", site.port, client_id="thermogate-home")
+        publisher = Publisher(client, "home", "homeassistant").open()
+        publisher.add("living")
+        zone, update = doubted("living"), make_update(3)
+        horizons = {
+            lead: HorizonSkill(lead, 12, 0.95, 0.03, 0.05 * lead / 300, 0.2, lead / 1000, 0.06)
+            for lead in (300, 3600, 21600, 86400)
+        }
+        skill = Skill(update.time, 0.95, dict.fromkeys((1, 7, 30), tuple(horizons.values())), {})
+        announcement = Announcement("home", "living", zone.status(), update, Occasion.UPDATE, skill)
+        publisher.publish(announcement)
+        house.until(lambda: float(house.state(FORECAST)))
+        house.until(lambda: float(house.state("sensor.thermogate_living_skill_1h_ahead")))
+        house.until(lambda: float(house.state("sensor.thermogate_living_learning_gate")))
+        house.until(lambda: house.state("binary_sensor.thermogate_living_finding_parameter_at_bound") == "on")
+        shown = {name: one["state"] for name, one in house.states().items() if ".thermogate_" in name}
+        (output,) = update.forecast.outputs
+        numbers = {
+            FORECAST: output.mean,
+            f"{FORECAST}_lower_95": output.intervals[0].lower,
+            f"{FORECAST}_upper_95": output.intervals[0].upper,
+            "sensor.thermogate_living_volatility": update.volatility.median[0],
+            "sensor.thermogate_living_learning_gate": update.gate.value,
+            "sensor.thermogate_living_skill_1h_ahead": horizons[3600].against_persistence,
+            "sensor.thermogate_living_error_1h_ahead": horizons[3600].rmse,
+        }
+        assert {name: float(shown[name]) for name in numbers} == pytest.approx(numbers, abs=1e-12)
+        assert shown["sensor.thermogate_living_regime"] == update.gate.regime
+        assert shown["sensor.thermogate_living_state"] == "running"
+        assert documented() - shown.keys() <= {"sensor.thermogate_living_unmeasured_heat"}, "the estimator has no gain"
+        problems = {name.partition("living_")[2] for name, state in shown.items() if state == "on"}
+        assert problems == {"finding_parameter_at_bound", "finding_network_variant"}
+        found = house.states()["binary_sensor.thermogate_living_finding_parameter_at_bound"]["attributes"]
+        assert found["device_class"] == "problem"
+        assert found["findings"] == [
+            finding.sentence for finding in zone.diagnosis.findings if finding.finding == "parameter-at-bound"
+        ]
+        stalled = running("living")
+        stalled.state, stalled.reason = "stalled", "no measurement of T_i for 13 steps of 300 s"
+        publisher.publish(Announcement("home", "living", stalled.status(), update, Occasion.STATUS))
+        house.until(lambda: house.state("binary_sensor.thermogate_living_problem") == "on")
+        house.until(lambda: house.state(FORECAST) == "unavailable")
+        state = house.states()["sensor.thermogate_living_state"]
+        assert (state["state"], state["attributes"]["reason"]) == ("stalled", stalled.reason)
+        publisher.remove("living")
+        house.until(lambda: not any(".thermogate_" in name for name in house.states()))
+        publisher.close()
+        # Home Assistant says here what it does not like about an entity.
+        ours = [line for line in house.log().splitlines() if "mqtt" in line.lower() and "ERROR" in line]
+        assert ours == []

@@ -1,0 +1,117 @@
+"""The daemon on live MQTT: one broker floods, sends nonsense, goes away and comes back; the other's zone goes on."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import tomli_w
+from support.broker import Mosquitto, Party, broker, flood
+from support.harness import Daemon, free_port, thermogate
+from support.waiting import wait_until
+
+TOPICS = {"T_i": ("room", "degC", "20.5"), "T_out": ("outside", "degC", "4"), "u_heat": ("heating", "W", "1500")}
+
+
+@contextmanager
+def telling(site: Mosquitto) -> Iterator[Party]:
+    """Publish every value five times a second, as long as the context lasts."""
+    ended = threading.Event()
+
+    def tell() -> None:
+        while not ended.wait(0.2):
+            for topic, _, value in TOPICS.values():
+                party.put(f"home/{topic}", value)
+
+    with Party(site.port) as party:
+        thread = threading.Thread(target=tell)
+        thread.start()
+        try:
+            yield party
+        finally:
+            ended.set()
+            thread.join()
+
+
+def configuration(folder: Path, ports: dict[str, int]) -> Path:
+    """A zone for each of the brokers at `ports`, and the forecasts on the one called calm."""
+    tables = {
+        "site": {"id": "home", "state_dir": str(folder / "state")},
+        "mqtt": {"host": "127.0.0.1", "port": ports["calm"]},
+        "sources": {name: {"kind": "mqtt", "host": "127.0.0.1", "port": port} for name, port in ports.items()},
+        "zones": [
+            {
+                "id": name,
+                "period": "1s",
+                "network": "tite",
+                "estimator_options": {"particles": 50},
+                "channels": {
+                    channel: {"source": name, "topic": f"home/{topic}", "unit": unit}
+                    for channel, (topic, unit, _) in TOPICS.items()
+                },
+            }
+            for name in ports
+        ],
+    }
+    path = folder / "home.toml"
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    return path
+
+
+def status(daemon: Daemon, zone: str) -> dict:
+    return daemon.get(f"/zones/{zone}")[1]["status"]
+
+
+def test_what_one_broker_does_harms_no_zone_of_another(tmp_path: Path) -> None:
+    folders = {name: tmp_path / name for name in ("calm", "wild")}
+    for folder in folders.values():
+        folder.mkdir()
+    with broker(folders["calm"]) as calm, broker(folders["wild"]) as wild, telling(calm), telling(wild) as party:
+        ports = {"calm": calm.port, "wild": wild.port}
+        with Daemon(configuration(tmp_path, ports), tmp_path / "log") as daemon:
+            daemon.wait(lambda zones: all(zone["samples"] >= 3 for zone in zones.values()))
+            before = status(daemon, "calm")["samples"]
+            flood(wild.port, "home/room", (str(1000 + k) for k in range(30_000)))
+            for payload in (b"9" * (10 * 2**20), "warm", b"\xff"):
+                party.put("home/room", payload, qos=1)
+            wait_until(lambda: status(daemon, "wild")["faults"].get("non_numeric", 0) >= 3)
+            wait_until(lambda: status(daemon, "calm")["samples"] > before + 2)
+            wild.stop()
+            wait_until(lambda: "no MQTT broker answers" in status(daemon, "wild")["reason"])
+            assert status(daemon, "calm")["state"] == "running"
+            samples = status(daemon, "wild")["samples"]
+            wild.start()
+            wait_until(lambda: status(daemon, "wild")["samples"] > samples + 3)
+            wait_until(lambda: status(daemon, "wild")["reason"] == "")
+            # A busy machine may be late, and nothing else.
+            assert status(daemon, "calm")["faults"].keys() <= {"out_of_order"}
+            forecast = daemon.get("/zones/wild/forecast")[1]
+            assert 15 < forecast["mean"] < 25, "what was nonsense has taught it nothing"
+            with Party(calm.port, "thermogate/home/#") as watching:
+                wait_until(lambda: "thermogate/home/wild/forecast" in watching.newest())
+                assert json.loads(watching.newest()["thermogate/home/calm/status"])["zone"] == "calm"
+                assert watching.newest()["thermogate/home/availability"] == b"online"
+                assert "thermogate_mqtt_connected 1.0" in daemon.text("/metrics")
+                daemon.kill()
+                wait_until(lambda: watching.newest()["thermogate/home/availability"] == b"offline")
+
+
+def test_probe_finds_what_is_published_elsewhere(tmp_path: Path) -> None:
+    with broker(tmp_path) as site, telling(site) as party:
+        config = configuration(tmp_path, {"calm": site.port})
+        text = config.read_text(encoding="utf-8").replace('"home/room"', '"home/rooms"')
+        config.write_text(text, encoding="utf-8")
+        party.put("home/kitchen", '{"temperature": 21.5}', retain=True)
+        done = thermogate("probe", config, "--seconds", 3)
+        assert done.returncode == 1, done.stdout + done.stderr
+        assert f"source calm: mqtt://127.0.0.1:{site.port}, MQTT 5" in done.stdout
+        assert "nothing came within 3 s, and nothing was retained" in done.stdout
+        assert "heard meanwhile: home/room with 20.5" in done.stdout
+        assert "heard meanwhile: home/kitchen with /temperature 21.5" in done.stdout
+        away = thermogate("probe", config, "--set", f"sources.calm.port={free_port()}")
+        assert away.returncode == 1
+        assert "thermogate: sources.calm: no MQTT broker answers at mqtt://127.0.0.1:" in away.stderr
+        assert "Traceback" not in away.stderr

@@ -1,0 +1,83 @@
+"""`thermogate probe --scan`: what devices have, listed before there are any zones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from support.live_modbus import running
+from support.modbus_plant import plant
+
+from service.cli.main import main
+
+LOG = '[sources.log]\nkind = "csv"\nfiles = ["a.csv"]\ntimestamp = { column = "t" }\n'
+
+
+def modbus(port: int) -> str:
+    return f'[sources.bms]\nkind = "modbus"\nhost = "127.0.0.1"\nport = {port}\nfirst_register = 1\n'
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "plant.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_registers_are_listed_without_any_zone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with running(plant({1: [215, 54], 2: [7]})) as site:
+        path = written(tmp_path, modbus(site.port) + LOG)
+        assert main(["probe", path, "--scan", "--registers", "1-2", "--tables", "holding"]) == 0
+        title, headings, first, second = capsys.readouterr().out.splitlines()
+        assert title == f"source bms: tcp 127.0.0.1:{site.port}, polled every 10s"
+        assert headings.split() == ["unit", "table", "register", "hex", "int16", "might", "be"]
+        assert first.split()[:5] == ["1", "holding", "1", "0x00d7", "215"]
+        assert second.split()[:5] == ["1", "holding", "2", "0x0036", "54"]
+        assert main(["probe", path, "--scan", "--devices", "2", "--registers", "1", "--source", "bms"]) == 0
+        assert "2     holding  1         0x0007  7" in capsys.readouterr().out
+        assert site.codes <= {3, 4}
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--registers", "1-2"], "--registers says what to scan; give --scan too"),
+        (["--scan", "--source", "bsm"], '--source: there is no source "bsm"; did you mean "bms"?'),
+    ],
+)
+def test_a_wrong_use_is_one_sentence(
+    options: list[str], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["probe", written(tmp_path, modbus(1)), *options]) == 2
+    assert sentence.partition(";")[0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [["--devices", "5-2"], ["--registers", "a"], ["--tables", "holdings"]])
+def test_a_range_that_is_none_is_refused(
+    options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["probe", written(tmp_path, modbus(1)), "--scan", *options]) == 2
+    assert options[1] in capsys.readouterr().err
+
+
+def test_a_source_that_cannot_be_scanned_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.csv").write_text("t,T\n", encoding="utf-8")
+    path = written(tmp_path, LOG)
+    assert main(["probe", path, "--scan", "--source", "log"]) == 1
+    assert capsys.readouterr().err == "thermogate: a source of kind csv cannot be scanned\n"
+    assert main(["probe", path, "--scan"]) == 1
+    assert "there is no source that can be scanned" in capsys.readouterr().err
+
+
+def test_a_device_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with running(plant({1: [1]})) as site:
+        gone = site.port
+    assert main(["probe", written(tmp_path, modbus(gone)), "--scan"]) == 1
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert shown.err.startswith(f"thermogate: sources.bms: no connection to 127.0.0.1:{gone}; check")
+
+
+def test_a_scan_that_is_too_much_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with running(plant({1: [1]})) as site:
+        assert main(["probe", written(tmp_path, modbus(site.port)), "--scan", "--devices", "0-255"]) == 1
+    assert "that is 51200 registers; a scan looks at 20000 at most" in capsys.readouterr().err

@@ -1,0 +1,172 @@
+"""What a configuration says of a zone's inputs: limits, neighbours, and forecasts of the weather."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.config_samples import sound, write
+from support.running_zone import plumbing
+
+from service.cli.show import summary
+from service.config.fitting import fingerprint, surroundings
+from service.config.load import load
+from service.config.site import Config
+from service.config.written import effective_toml
+from service.daemon.reload import compare, obstacles
+from service.daemon.reload import summary as changes_of
+from service.daemon.runtime import Runtime
+from service.daemon.zone_table import ZoneTable
+from service.errors import ConfigError
+from service.records.outlook import WeatherLink
+
+OUTLOOK = {"kind": "open-meteo", "file": "forecast.json"}
+NOON = "2026-01-31T12:00Z"
+
+
+def tables(folder: Path) -> dict[str, Any]:
+    """The sound configuration, with a forecast of the living room's outdoor temperature in another unit."""
+    found = sound(folder)
+    found["weather"] = {"outlook": dict(OUTLOOK)}
+    told = {"source": "outlook", "series": "temperature_2m", "unit": "degF"}
+    found["zones"][0]["channels"]["T_out"]["forecast"] = told
+    found["zones"][0]["channels"]["u_heat"]["installed"] = 2500.0
+    return found
+
+
+def loaded(folder: Path, given: dict[str, Any]) -> Config:
+    return load(write(folder, given))
+
+
+def refused(folder: Path, given: dict[str, Any]) -> str:
+    with pytest.raises(ConfigError) as error:
+        loaded(folder, given)
+    (problem,) = error.value.problems
+    return str(problem)
+
+
+def test_limits_are_those_of_valid_installed_and_nominal(tmp_path: Path) -> None:
+    given = tables(tmp_path)
+    given["zones"][0]["channels"]["T_out"]["valid"] = [-20.0, 40.0]
+    given["zones"][1]["channels"]["u_heat"] |= {"unit": "%", "nominal": 1800.0}
+    config = loaded(tmp_path, given)
+    living, bedroom = (surroundings(config, zone) for zone in config.zones)
+    assert living.limits == {"T_i": (-60.0, 80.0), "T_out": (-20.0, 40.0), "u_heat": (-2500.0, 2500.0)}
+    assert bedroom.limits["u_heat"] == (-1800.0, 1800.0)
+    assert bedroom.limits["I_sol"] == (-20.0, 2000.0)
+
+
+def test_a_forecast_of_the_weather_is_linked_with_its_unit(tmp_path: Path) -> None:
+    config = loaded(tmp_path, tables(tmp_path))
+    (link,) = surroundings(config, config.zones[0]).weather.values()
+    assert isinstance(link, WeatherLink)
+    assert (link.source, link.series, link.unit, link.max_age) == ("outlook", "temperature_2m", "degF", 86400.0)
+    assert 212.0 * link.conversion.scale + link.conversion.offset == pytest.approx(100.0)
+    assert "weather outlook: open-meteo, forecast.json" in summary(config)
+
+
+def test_a_neighbour_is_whoever_is_measured_there(tmp_path: Path) -> None:
+    given = sound(tmp_path)
+    for zone, other in ((0, "Bedroom"), (1, "Living")):
+        heard = {"source": "log", "column": other, "unit": "degC"}
+        given["zones"][zone] |= {"network": "auto"}
+        given["zones"][zone]["channels"] |= {"T_adj": heard}
+    config = loaded(tmp_path, given)
+    living, bedroom = (surroundings(config, zone) for zone in config.zones)
+    assert living.neighbours == {"T_adj": ("bedroom", "T_i")}
+    assert bedroom.neighbours == {"T_adj": ("living", "T_i")}
+    assert surroundings(loaded(tmp_path, sound(tmp_path)), config.zones[0]).neighbours == {"T_adj": ("bedroom", "T_i")}
+
+
+def test_what_is_shown_can_be_loaded_and_state_stays_valid(tmp_path: Path) -> None:
+    config = loaded(tmp_path, tables(tmp_path))
+    shown = tomllib.loads(effective_toml(config))
+    assert shown["weather"]["outlook"]["refresh"] == "1h"
+    again = loaded(tmp_path, shown)
+    assert surroundings(again, again.zones[0]) == surroundings(config, config.zones[0])
+    plain = loaded(tmp_path, sound(tmp_path))
+    assert [fingerprint(zone) for zone in plain.zones] == [fingerprint(zone) for zone in config.zones]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"kind": "meteo"}, 'weather.outlook.kind: there is no forecast of kind "meteo"'),
+        ({"kind": None}, "weather.outlook.kind: is missing; the kinds are csv, open-meteo, zenoh"),
+        ({"url": "http://x/"}, "weather.outlook: needs either file or url"),
+        ({"file": None, "url": "ftp://x/"}, "weather.outlook: url must begin with http:// or https://"),
+        ({"refresh": "soon"}, "weather.outlook.refresh: "),
+        ({"colour": 1}, "weather.outlook.colour: is not a known key"),
+        ({"kind": "zenoh", "file": None, "key": "a//b", "connect": ["tcp/127.0.0.1:1"]}, "weather.outlook.key: "),
+        ({"kind": "zenoh", "file": None, "key": "a"}, "weather.outlook: needs connect"),
+    ],
+)
+def test_a_wrong_table_is_named(tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
+    given = tables(tmp_path)
+    table = OUTLOOK | change
+    given["weather"]["outlook"] = {name: value for name, value in table.items() if value is not None}
+    assert refused(tmp_path, given).startswith(sentence)
+
+
+def test_a_wrong_use_is_named(tmp_path: Path) -> None:
+    living = "zones[0] ('living').channels"
+    given = tables(tmp_path)
+    given["zones"][0]["channels"]["T_out"]["forecast"]["unit"] = "W"
+    assert refused(tmp_path, given).startswith(f"{living}.T_out.forecast.unit: unit 'W' cannot be converted to degC")
+    given = tables(tmp_path)
+    given["zones"][0]["channels"]["T_i"]["forecast"] = {"source": "outlook", "series": "x"}
+    assert refused(tmp_path, given).startswith(f"{living}.T_i.forecast: is for inputs")
+    given = tables(tmp_path)
+    given["zones"][0]["channels"]["T_out"]["installed"] = 5.0
+    assert refused(tmp_path, given).startswith(f"{living}.T_out.installed: is the largest power")
+    given = tables(tmp_path)
+    given["weather"]["other"] = dict(OUTLOOK)
+    assert refused(tmp_path, given).startswith("weather.other: is not used")
+    given = tables(tmp_path)
+    del given["weather"]
+    assert refused(tmp_path, given).startswith(f"{living}.T_out.forecast.source: there is no [weather.outlook] table")
+    given["weather"] = 3
+    with pytest.raises(ConfigError, match="weather: must be tables"):
+        loaded(tmp_path, given)
+
+
+def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
+    """A daemon's zones use the forecast of the table that is in force."""
+    for name, value in (("forecast", 50.0), ("other", 68.0)):
+        hourly = {"time": [NOON, "2026-02-28T12:00Z"], "temperature_2m": [value, value]}
+        units = {"temperature_2m": "°F"}
+        (tmp_path / f"{name}.json").write_text(json.dumps({"hourly": hourly, "hourly_units": units}), encoding="utf-8")
+    config = loaded(tmp_path, tables(tmp_path))
+    given = tables(tmp_path)
+    given["weather"]["outlook"]["file"] = "other.json"
+    new = loaded(tmp_path, given)
+    assert compare(config, new).weather
+    assert changes_of(compare(config, new)) == "weather changed"
+    assert obstacles(config, new, {}) == []
+
+    async def told(book: Any, expected: float) -> None:
+        async with asyncio.timeout(120):
+            while (found := book.newest("outlook")) is None or found.series["temperature_2m"].values[0] != expected:
+                await asyncio.sleep(0.01)
+
+    async def lived() -> None:
+        async with plumbing(tmp_path / "state") as shared:
+            runtime = Runtime(config, ZoneTable(), shared)
+            await runtime.restore()
+            runtime.start_zones()
+            await runtime.start_feeds()
+            await told(shared.weather, 50.0)
+            assert runtime.zones["living"].surroundings.limits["u_heat"] == (-2500.0, 2500.0)
+            await runtime.reload(new)
+            await told(shared.weather, 68.0)
+            await runtime.reload(loaded(tmp_path, sound(tmp_path)))
+            assert shared.weather.newest("outlook") is None
+            assert runtime.zones["living"].surroundings.weather == {}
+            await runtime.stop_feeds()
+            await runtime.drain()
+
+    asyncio.run(lived())

@@ -1,0 +1,112 @@
+"""From a post to the zones: whose channels are meant, what is known of nobody, and when there is nobody to take it."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.config_samples import sound, write
+
+from adapters.http.posted import Posted
+from adapters.reading import Fault, Reading
+from service.config.load import load
+from service.daemon.supply.feeds import Feed, Tally
+from service.daemon.supply.ingest import Ingest
+from service.errors import ServiceError
+from service.records.receipt import Receipt
+from service.web.server.refusal import RequestRefused
+
+
+class Taking:
+    """A zone that takes everything, or fails."""
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[str, list[Reading]]] = []
+        self.failure: Exception | None = None
+
+    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
+        if self.failure is not None:
+            raise self.failure
+        self.taken.append((source, list(readings)))
+        return Receipt(len(readings), 0, Counter({Fault.OUT_OF_ORDER: 1}))
+
+
+@pytest.fixture
+def zones() -> dict[str, Taking]:
+    return {"living": Taking(), "bedroom": Taking()}
+
+
+@pytest.fixture
+def feeds(tmp_path: Path, zones: dict[str, Any]) -> list[Feed]:
+    """Two sources that are posted to and a recording, each at its feed."""
+    tables = sound(tmp_path)
+    tables["sources"] |= {"one": {"kind": "http"}, "two": {"kind": "http"}}
+    channels = tables["zones"][0]["channels"]
+    for name, source in (("T_i", "one"), ("T_out", "two"), ("u_heat", "one")):
+        channels[name] = {"source": source, "unit": channels[name]["unit"], "aggregate": "mean"}
+    config = load(write(tmp_path, tables))
+    return [
+        Feed(name, config, zones, [zone.id for zone in config.zones_of(name)], Tally())
+        for name in ("one", "two", "log")
+    ]
+
+
+def lines(*fields: str) -> list[Posted]:
+    return [Posted("living", 20.0, None, field) for field in fields]
+
+
+def take(ingest: Ingest, posted: Sequence[Posted], zone: str | None = None) -> Any:
+    return asyncio.run(ingest.take(posted, zone))
+
+
+def test_a_post_goes_to_every_source_that_has_its_channels(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+    taken = take(Ingest(lambda: feeds, lambda: True), lines("T_i", "T_out", "T_cellar", "u_heat"))
+    assert [(source, [reading.channel for reading in readings]) for source, readings in zones["living"].taken] == [
+        ("one", ["living/T_i", "living/u_heat"]),
+        ("two", ["living/T_out"]),
+    ]
+    assert taken.receipt == (3, 0, Counter({Fault.OUT_OF_ORDER: 2}), 0)
+    assert (taken.unknown, taken.names) == (1, ("living T_cellar",))
+    assert zones["bedroom"].taken == []
+    assert [feed.tally.readings for feed in feeds] == [2, 1, 0]
+
+
+def test_a_post_for_one_zone_reaches_no_other(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+    taken = take(Ingest(lambda: feeds, lambda: True), lines("T_i"), "bedroom")
+    assert (taken.receipt.accepted, taken.unknown) == (0, 1)
+    assert zones["living"].taken == []
+
+
+def test_what_nobody_asks_for_is_said_now_and_then(feeds: list[Feed], caplog: pytest.LogCaptureFixture) -> None:
+    ingest = Ingest(lambda: feeds, lambda: True)
+    with caplog.at_level(logging.INFO):
+        for _ in range(3):
+            taken = take(ingest, lines(*(f"x{k}" for k in range(30)), "T_i"))
+    assert (taken.unknown, len(taken.names)) == (30, 5)
+    assert [record.message for record in caplog.records] == [
+        "no channel asks for 30 of 31 posted values, such as living x0"
+    ]
+
+
+@pytest.mark.parametrize(("expected", "status"), [(True, 503), (False, 409)])
+def test_without_a_source_to_post_to(feeds: list[Feed], expected: bool, status: int) -> None:
+    with pytest.raises(RequestRefused) as refused:
+        take(Ingest(lambda: feeds[2:], lambda: expected), lines("T_i"))
+    assert refused.value.status == status
+    assert ("Retry-After" in refused.value.headers) == expected
+
+
+def test_a_zone_that_cannot_promise_says_so(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+    zones["living"].failure = ServiceError("the journal failed; free space on its disk")
+    with pytest.raises(ServiceError, match="free space"):
+        take(Ingest(lambda: feeds, lambda: True), lines("T_i"))
+
+
+def test_a_zone_that_a_reload_has_taken_away_takes_nothing(feeds: list[Feed], zones: dict[str, Taking]) -> None:
+    del zones["living"]
+    assert take(Ingest(lambda: feeds, lambda: True), lines("T_i")).receipt.accepted == 0

@@ -1,0 +1,102 @@
+"""A cache of compiled kernels that is damaged, or cannot be written: kernels are compiled, and one sentence says so."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core import caching, config
+
+from service.daemon import kernel_cache
+from service.daemon.kernel_cache import guard_kernel_cache
+
+SOURCE = "from numba import njit\n\n@njit(cache=True)\ndef plus_one(x):\n    return x + 1\n"
+COUNT = itertools.count()
+
+
+@pytest.fixture
+def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
+    """A function that Numba has not looked for in its cache yet, the same one each time."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(kernel_cache, "_told", set())
+    guard_kernel_cache()
+    path = tmp_path / "sample_kernel.py"
+    path.write_text(SOURCE)
+
+    def load() -> Any:
+        spec = importlib.util.spec_from_file_location("sample_kernel", path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.plus_one
+
+    return load
+
+
+def files(tmp_path: Path, ending: str) -> list[Path]:
+    return sorted((tmp_path / "cache").rglob(f"*.{ending}"))
+
+
+def test_a_sound_cache_is_used(kernel: Callable[[], Any], caplog: pytest.LogCaptureFixture) -> None:
+    assert kernel()(1) == 2
+    again = kernel()
+    assert again(1) == 2
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert not caplog.records
+
+
+def test_what_numba_wrote_without_the_guard_is_used(kernel: Callable[[], Any], tmp_path: Path) -> None:
+    assert kernel()(1) == 2
+    (data,) = files(tmp_path, "nbc")
+    data.write_bytes(data.read_bytes().rpartition(kernel_cache._MARK)[0])
+    again = kernel()
+    assert again(1) == 2
+    assert sum(again.stats.cache_hits.values()) == 1
+
+
+DAMAGE: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda content: b"",
+    "truncated": lambda content: content[: len(content) // 2],
+    "without its last byte": lambda content: content[:-1],
+    "a bit": lambda content: content[:300] + bytes([content[300] ^ 1]) + content[301:],
+    "something else": lambda content: b"\x00" * 500,
+}
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_cache_is_set_aside_and_compiled_anew(
+    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: str, ending: str
+) -> None:
+    assert kernel()(1) == 2
+    for path in files(tmp_path, ending):
+        path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    again = kernel()
+    assert again(1) == 2
+    if ending == "nbc" or damage in ("empty", "truncated"):
+        (sentence,) = caplog.messages
+        assert "damaged" in sentence
+        assert str(tmp_path / "cache") in sentence
+        assert files(tmp_path, "nbi.damaged")
+    third = kernel()
+    assert third(1) == 2
+    assert sum(third.stats.cache_hits.values()) == 1, "and it is whole again"
+
+
+def test_a_cache_that_cannot_be_written_costs_a_compilation(
+    kernel: Callable[[], Any], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, "_open_for_write", full)
+    assert [kernel()(1), kernel()(2)] == [2, 3]
+    (sentence,) = caplog.messages
+    assert "No space left on device" in sentence
+    assert "NUMBA_CACHE_DIR" in sentence

@@ -1,0 +1,140 @@
+"""Questions on Zenoh, asked by a second session on loopback: the answers of REST."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import zenoh
+from fastapi import FastAPI
+from support.harness import free_port
+from support.http_client import get, post
+from support.publishing import opened, settings
+from support.site_of_rooms import Room, site_of
+from support.zenoh_plant import session as session_of
+
+from service.daemon.queries import Queries
+from service.publish.zenoh import MOST_QUESTIONS, Publisher, Reply
+from service.web.app import create_questions
+
+ROOMS = {"living": Room("ekf"), "cellar": Room("arx"), "new": Room("ekf", samples=0)}
+SITE = "thermogate/htwg"
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, FastAPI]]:
+    """REST, and the routes that answer questions."""
+    with site_of(tmp_path_factory.mktemp("site"), ROOMS) as (made, zones):
+        yield made, create_questions("htwg", zones)
+
+
+@pytest.fixture(scope="module")
+def loop() -> Iterator[asyncio.AbstractEventLoop]:
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever)
+    thread.start()
+    yield loop
+    loop.call_soon_threadsafe(loop.stop)
+    thread.join()
+    loop.close()
+
+
+@pytest.fixture(scope="module")
+def publisher_and_session() -> Iterator[tuple[Publisher, zenoh.Session]]:
+    address = f"tcp/127.0.0.1:{free_port()}"
+    publisher = opened(settings(listen=(address,)), list(ROOMS))
+    with session_of(connect=address) as session:
+        yield publisher, session
+    publisher.close()
+
+
+@pytest.fixture
+def session(
+    app: tuple[FastAPI, FastAPI],
+    loop: asyncio.AbstractEventLoop,
+    publisher_and_session: tuple[Publisher, zenoh.Session],
+) -> zenoh.Session:
+    publisher, session = publisher_and_session
+    publisher.answer_with(Queries(app[1], loop).answer)
+    return session
+
+
+def ask(session: zenoh.Session, selector: str, body: Any = None) -> list[tuple[bool, dict[str, Any]]]:
+    """Whether each reply is good, and its JSON."""
+    payload = None if body is None else json.dumps(body).encode()
+    found = []
+    for reply in session.get(selector, payload=payload, timeout=120):
+        answer = reply.ok if reply.ok is not None else reply.err
+        found.append((reply.ok is not None, json.loads(answer.payload.to_bytes())))
+    return found
+
+
+def test_the_fan_and_the_plan_are_those_of_rest(app: tuple[FastAPI, FastAPI], session: zenoh.Session) -> None:
+    (answer,) = ask(session, f"{SITE}/living/fan?horizon=1h;level=0.5|0.9")
+    assert answer == (True, get(app[0], "/zones/living/forecast?horizon=1h&level=0.5&level=0.9").json())
+    body = {"horizon": "30min", "inputs": {"u_heat": [0, 500, 500, 500, 0, 0]}}
+    (answer,) = ask(session, f"{SITE}/living/plan", body)
+    assert answer == (True, post(app[0], "/zones/living/forecast", body).json())
+
+
+def test_model_parameters_and_forecasts_are_those_of_rest(app: tuple[FastAPI, FastAPI], session: zenoh.Session) -> None:
+    (answer,) = ask(session, f"{SITE}/living/model?step=15min;draws=5")
+    assert answer == (True, get(app[0], "/zones/living/model?step=15min&draws=5").json())
+    (answer,) = ask(session, f"{SITE}/living/parameters?level=0.5")
+    assert answer == (True, get(app[0], "/zones/living/parameters?level=0.5").json())
+    body = {"horizon": "1h", "plans": [{"inputs": {"*": {"u_heat": 0.0}}}]}
+    (answer,) = ask(session, f"{SITE}/forecasts", body)
+    assert answer == (True, post(app[0], "/forecasts", body).json())
+
+
+@pytest.mark.parametrize(
+    ("selector", "body", "words"),
+    [
+        ("living/fan?horizont=1h", None, "query parameter 'horizont' is not known"),
+        ("living/fan?horizon=7min", None, "not a whole number of the zone's periods"),
+        ("living/model?setp=15min", None, "query parameter 'setp' is not known"),
+        ("living/parameters?level=2", None, "a level lies between 0 and 1"),
+        ("living/plan", {"horizon": "1h", "inputs": {"u_heat": 1e9}}, "plans 1e+09 W"),
+        ("living/plan", None, "JSON body"),
+        ("cellar/model", None, "it knows no physics"),
+        ("new/model", None, "has no forecast now"),
+        ("forecasts", {"horizon": "1h", "zones": ["attic"]}, "there is no zone 'attic'"),
+        ("living/forecast?level=0.5", None, "parameter 'level' is not known"),
+        ("living/status?verbose=1", None, "parameter 'verbose' is not known"),
+    ],
+)
+def test_what_is_asked_wrongly_is_refused_with_the_sentence_of_rest(
+    session: zenoh.Session, selector: str, body: Any, words: str
+) -> None:
+    (answer,) = ask(session, f"{SITE}/{selector}", body)
+    assert answer[0] is False
+    assert words in answer[1]["detail"]
+
+
+def test_parameters_of_zenoh_itself_are_not_refused(session: zenoh.Session) -> None:
+    assert ask(session, f"{SITE}/living/status?_time=[now(-1h)..]") == [], "nothing was published yet, and no error"
+
+
+def test_questions_that_wait_are_bounded(publisher_and_session: tuple[Publisher, zenoh.Session]) -> None:
+    publisher, session = publisher_and_session
+    held: list[Any] = []
+    full = threading.Event()
+
+    def hold(question: Any, reply: Any) -> None:
+        held.append(reply)
+        if len(held) == MOST_QUESTIONS:
+            full.set()
+
+    publisher.answer_with(hold)
+    waiting = [session.get(f"{SITE}/living/fan", timeout=120) for _ in range(MOST_QUESTIONS)]
+    assert full.wait(120)
+    (answer,) = ask(session, f"{SITE}/living/fan")
+    assert answer[0] is False
+    assert "wait for their answers" in answer[1]["detail"]
+    for reply in held:
+        reply(Reply(True, b"{}"))
+    assert [reply.ok.payload.to_bytes() for replies in waiting for reply in replies] == [b"{}"] * MOST_QUESTIONS

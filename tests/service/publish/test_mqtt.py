@@ -1,0 +1,206 @@
+"""The publisher on MQTT, heard by clients of a real broker."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.broker import Mosquitto, Party, broker
+from support.config_samples import sound, write
+from support.fake_zones import announced, make_update, running, waiting
+from support.waiting import wait_until
+
+from adapters.mqtt.broker import Broker
+from estimator.diagnosis.finding import FINDINGS
+from service.config.load import load
+from service.errors import ConfigError
+from service.publish import mqtt
+from service.publish.mqtt import Publisher
+from service.publish.sinks import TOPICS, Announcement, Occasion
+from service.records.measures import family
+
+AVAILABLE = "thermogate/htwg/availability"
+LIVING = "thermogate/htwg/living/"
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Mosquitto]:
+    with broker(tmp_path) as started:
+        yield started
+
+
+def publisher(port: int, prefix: str | None = None) -> Publisher:
+    opened = Publisher(Broker("127.0.0.1", port, client_id="thermogate-htwg", timeout=2.0), "htwg", prefix)
+    opened.add("living")
+    return opened.open()
+
+
+def everything(name: str = "living", step: int = 2) -> Announcement:
+    """An announcement with all there is to tell but a gain, which its estimator does not know."""
+    zone = running(name)
+    skill, trust = asyncio.run(zone.skill()), zone.trust()
+    return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, skill, trust=trust)
+
+
+def test_who_comes_late_has_everything_at_once(site: Mosquitto) -> None:
+    publishing = publisher(site.port)
+    announcement = everything()
+    publishing.publish(announcement)
+    with Party(site.port, "thermogate/#") as first:
+        told = {f"{LIVING}{topic}": announcement.payload(topic) for topic in announcement.topics}
+        assert announcement.topics == tuple(topic for topic in TOPICS if topic != "gain")
+        wait_until(lambda: told.items() <= first.newest().items())
+        assert first.newest() == told | {AVAILABLE: b"online"}
+    with Party(site.port, "thermogate/#") as late:
+        wait_until(lambda: len(late.newest()) == len(told) + 1)
+        assert late.newest() == told | {AVAILABLE: b"online"}
+        assert all(retained for _, _, retained in late.came)
+        forecast = json.loads(late.newest()[f"{LIVING}forecast"])
+        assert (forecast["zone"], forecast["unit"]) == ("living", "degC")
+        publishing.close()
+        publishing.close()
+        wait_until(lambda: late.newest()[AVAILABLE] == b"offline")
+
+
+def test_a_broker_that_was_away_has_the_newest_afterwards(site: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
+    publishing = publisher(site.port)
+    publishing.publish(everything(step=1))
+    with Party(site.port, f"{LIVING}#") as watching:
+        wait_until(lambda: f"{LIVING}forecast" in watching.newest())
+    (connected, overtaken) = publishing.measures()
+    assert list(connected.read()) == [((), 1.0)]
+    site.stop()
+    wait_until(lambda: list(connected.read()) == [((), 0.0)])
+    for step in (2, 3, 4):
+        publishing.publish(everything(step=step))
+    # Nothing that it had retained has survived.
+    site.start()
+    newest = everything(step=4)
+    with Party(site.port, f"{LIVING}#") as late:
+        wait_until(lambda: late.newest().get(f"{LIVING}forecast") == newest.payload("forecast"))
+        # Forecast, volatility and gate differed each time; two of three were never sent.
+        assert sum(value for _, value in overtaken.read()) >= 2 * 3
+    publishing.close()
+    assert "[mqtt]: the connection to mqtt://127.0.0.1" in caplog.text
+    assert family(overtaken).name == "thermogate_mqtt_messages_overtaken"
+
+
+def test_without_a_broker_the_daemon_goes_on_and_stops(site: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
+    site.stop()
+    publishing = publisher(site.port)
+    wait_until(lambda: "no MQTT broker answers" in caplog.text)
+    for step in range(100):
+        publishing.publish(everything(step=step))
+    assert len(publishing._last) == len(TOPICS) - 1, "the newest of each topic waits, and nothing else"
+    publishing.close()
+    assert publishing._background.ended
+
+
+def test_what_nobody_expects_does_not_end_it(
+    site: Mosquitto, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    real, calls = mqtt.connected, []
+
+    def odd(*arguments: Any, **settings: Any) -> Any:
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise RuntimeError("odd")
+        return real(*arguments, **settings)
+
+    monkeypatch.setattr(mqtt, "connected", odd)
+    publishing = publisher(site.port)
+    with Party(site.port, AVAILABLE) as watching:
+        wait_until(lambda: watching.newest().get(AVAILABLE) == b"online")
+    publishing.close()
+    assert "[mqtt]: the publisher failed: RuntimeError('odd'); trying again in 1 s" in caplog.text
+
+
+def test_a_zone_that_is_removed_is_forgotten(site: Mosquitto) -> None:
+    publishing = publisher(site.port, "homeassistant")
+    publishing.add("bedroom")
+    publishing.publish(everything())
+    publishing.publish(everything("bedroom"))
+    with Party(site.port, "thermogate/#", "homeassistant/#") as watching:
+        wait_until(lambda: sum("bedroom" in topic for topic in watching.newest()) > 20)
+        publishing.remove("bedroom")
+        publishing.publish(everything("bedroom", step=3))
+        wait_until(lambda: not any(value for topic, value in watching.newest().items() if "bedroom" in topic))
+    with Party(site.port, "thermogate/#", "homeassistant/#") as late:
+        wait_until(lambda: f"{LIVING}status" in late.newest() and len(late.newest()) > 20)
+        assert not any("bedroom" in topic for topic in late.newest())
+    publishing.remove("bedroom")
+    publishing.close()
+
+
+def test_a_forecast_that_nobody_vouches_for_is_told_bad_once(site: Mosquitto) -> None:
+    publishing = publisher(site.port)
+    zone = running("living")
+    with Party(site.port, f"{LIVING}forecast") as watching:
+        publishing.publish(everything())
+        wait_until(lambda: len(watching.came) == 1)
+        zone.state, zone.reason = "stalled", "no measurement of T_i"
+        for _ in range(3):
+            publishing.publish(announced("living", make_update(2), zone.status(), Occasion.STATUS))
+            wait_until(lambda: len(watching.came) == 2)
+        publishing.publish(everything(step=3))
+        wait_until(lambda: len(watching.came) == 3)
+        assert [json.loads(payload)["quality"] for _, payload, _ in watching.came] == ["good", "bad", "good"]
+    publishing.close()
+
+
+def test_a_zone_without_an_update_tells_its_status(site: Mosquitto) -> None:
+    publishing = publisher(site.port, "homeassistant")
+    publishing.publish(announced("living", None, waiting("living").status()))
+    with Party(site.port, "thermogate/#", "homeassistant/#") as watching:
+        wait_until(lambda: f"{LIVING}status" in watching.newest())
+        wait_until(lambda: sum(topic.endswith("/config") for topic in watching.newest()) == len(FINDINGS) + 3)
+        entities = {topic.split("/")[-2] for topic in watching.newest() if topic.endswith("/config")}
+        assert entities == {"state", "last_sample", "problem", *FINDINGS}
+    publishing.close()
+
+
+def test_many_zones_at_once_wait_for_nobody(site: Mosquitto) -> None:
+    publishing = publisher(site.port)
+    names = [f"zone-{k}" for k in range(200)]
+    for name in names:
+        publishing.add(name)
+        publishing.publish(everything(name))
+    with Party(site.port, "thermogate/htwg/+/forecast") as watching:
+        wait_until(lambda: len(watching.newest()) == len(names))
+    publishing.close()
+    assert "mqtt-publisher" not in {thread.name for thread in threading.enumerate()}
+
+
+def mistaken(folder: Path, table: dict[str, object]) -> list[str]:
+    with pytest.raises(ConfigError) as mistakes:
+        load(write(folder, sound(folder) | {"mqtt": table}))
+    return mistakes.value.problems
+
+
+def test_mistakes_in_the_table_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "needs host, the broker to publish on" in mistaken(tmp_path, {"home_assistant": True})[0]
+    assert "user goes with the password's place" in mistaken(tmp_path, {"host": "x", "user": "me"})[0]
+    assert "wildcard" in mistaken(tmp_path, {"host": "x", "discovery_prefix": "home/#"})[0]
+    assert "password_file" in mistaken(tmp_path, {"host": "x", "user": "me", "password_file": "missing"})[0]
+    assert "version" in mistaken(tmp_path, {"host": "x", "version": "4"})[0]
+    monkeypatch.setattr("adapters.mqtt.broker.find_spec", lambda name: None)
+    assert "pip install 'thermogate[mqtt]'" in mistaken(tmp_path, {"host": "x"})[0]
+    assert load(write(tmp_path, sound(tmp_path))).table("mqtt").host is None
+
+
+def test_a_table_with_a_host_is_opened(tmp_path: Path, site: Mosquitto, caplog: pytest.LogCaptureFixture) -> None:
+    table = {"host": "127.0.0.1", "port": site.port}
+    config = load(write(tmp_path, sound(tmp_path) | {"mqtt": table}))
+    with caplog.at_level(logging.INFO):
+        opened = mqtt.KIND.open(config.table("mqtt"), config.site.id)
+        assert opened is not None
+        wait_until(lambda: f"[mqtt]: connected (mqtt://127.0.0.1:{site.port})" in caplog.text)
+        opened.settle()
+        opened.close()
+    assert mqtt.KIND.open(load(write(tmp_path, sound(tmp_path))).table("mqtt"), "house") is None

@@ -1,0 +1,300 @@
+"""What a controller asks over REST: models, trust, and forecasts of many zones under many plans."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from fastapi import FastAPI
+from support.http_client import get, post, problem
+from support.site_of_rooms import PERIOD, Room, site_of
+
+from adapters.reading import Quality
+from service.records.outlook import Surroundings
+from service.web.control.models import ModelPayload, SiteForecastPayload, SiteForecastRequest
+from service.zone.zone import Zone
+
+HOURS = 12
+ROOMS = {
+    "rbpf": Room(surroundings=Surroundings({"u_heat": (0.0, 2000.0), "T_out": (-30.0, 45.0)})),
+    "ekf": Room("ekf"),
+    "ukf": Room("ukf"),
+    "mkf": Room("mkf"),
+    "arx": Room("arx"),
+    "new": Room(samples=0),
+}
+NEXT_DOOR = {
+    "west": Room(
+        "ekf", "ecolar-6r4c", surroundings=Surroundings(neighbours={"T_adj": ("east", "T_air")}), temperature=24.0
+    ),
+    "east": Room(
+        "ekf", "ecolar-6r4c", surroundings=Surroundings(neighbours={"T_adj": ("west", "T_air")}), temperature=16.0
+    ),
+    "told": Room("arx", "ecolar-6r4c", surroundings=Surroundings(neighbours={"T_adj": ("west", "T_air")})),
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, dict[str, Zone]]]:
+    with site_of(tmp_path_factory.mktemp("site"), ROOMS) as made:
+        yield made
+
+
+@pytest.fixture
+def app(site: tuple[FastAPI, dict[str, Zone]]) -> FastAPI:
+    return site[0]
+
+
+@pytest.fixture(scope="module")
+def coupled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
+    with site_of(tmp_path_factory.mktemp("coupled"), NEXT_DOOR) as (made, _):
+        yield made
+
+
+def simulated(document: dict[str, Any], plan: np.ndarray) -> np.ndarray:
+    """The means of the first output at each step, from the matrices that `document` names as the fan's."""
+    if document["fan_mean"] == "mean":
+        a, b, x = (np.array(document["mean"][name])[None] for name in ("A", "B", "state"))
+        weights = np.ones(1)
+    else:
+        a, b, x = (np.array(document["draws"][name]) for name in ("A", "B", "state"))
+        weights = np.array(document["draws"]["weights"])
+    c, path = np.array(document["mean"]["C"])[0], []
+    for u in plan:
+        path.append(float(weights @ (x @ c)))
+        x = np.einsum("kij,kj->ki", a, x) + b @ u
+    return np.array([*path, float(weights @ (x @ c))])
+
+
+@pytest.mark.parametrize(("zone", "draws"), [("rbpf", 300), ("ekf", 10), ("ukf", 400), ("mkf", 400)])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_simulating_the_given_matrices_gives_the_mean_of_the_published_fan(
+    app: FastAPI, zone: str, draws: int, periods: int
+) -> None:
+    steps = HOURS * 3600 // (PERIOD * periods)
+    coarse = np.column_stack([np.linspace(5.0, 0.0, steps), 1500.0 * (np.arange(steps) % 8 < 4)])
+    fine = np.repeat(coarse, periods, axis=0)
+    inputs = {"T_out": fine[:, 0].tolist(), "u_heat": fine[:, 1].tolist()}
+    fan = post(app, f"/zones/{zone}/forecast", {"horizon": f"{HOURS}h", "inputs": inputs}).json()
+    means = np.array([step["outputs"][0]["mean"] for step in fan["fan"]])[::periods]
+    sds = np.array([step["outputs"][0]["sd"] for step in fan["fan"]])[::periods]
+    model = get(app, f"/zones/{zone}/model?step={5 * periods}min&draws={draws}").json()
+    assert (model["step_s"], model["valid_time"]) == (PERIOD * periods, fan["valid_time"])
+    # All particles of the one, and the mean of the other, are the fan itself; draws have a sampling error.
+    allowed = 1e-6 if zone in ("rbpf", "ekf") else 5.0 * sds / np.sqrt(draws)
+    assert (np.abs(simulated(model, coarse) - means) <= allowed).all()
+
+
+@pytest.mark.parametrize("zone", ["rbpf", "mkf"])
+def test_a_model_names_everything_and_comes_as_npz_too(app: FastAPI, zone: str) -> None:
+    answer = get(app, f"/zones/{zone}/model?step=15min&draws=20")
+    document = ModelPayload.model_validate(answer.json())
+    gains = 1 if zone == "mkf" else 0
+    assert [one.name for one in document.states] == ["T_i", "T_e", "T_h"] + ["gain"] * gains
+    assert [(one.name, one.unit) for one in document.inputs] == [("T_out", "degC"), ("u_heat", "W")]
+    assert [(one.name, one.unit) for one in document.outputs] == [("T_i", "degC")]
+    assert (document.gain is not None) == (gains == 1)
+    if document.gain is not None:
+        assert len(document.gain.mean) == len(document.gain.sd) == 96
+    packed = get(app, f"/zones/{zone}/model?step=15min&draws=20", headers={"Accept": "application/x-npz"})
+    assert packed.headers["content-type"] == "application/x-npz"
+    with np.load(io.BytesIO(packed.content), allow_pickle=False) as arrays:
+        assert arrays["A"].tolist() == document.mean.A
+        assert arrays["draws_B"].tolist() == document.draws.B
+        assert arrays["covariance"].tolist() == document.covariance
+        about = json.loads(str(arrays["about"]))
+    assert about["valid_time"] == answer.json()["valid_time"]
+    assert about["states"] == answer.json()["states"]
+
+
+def test_a_model_that_is_not_there_is_refused_in_one_sentence(app: FastAPI) -> None:
+    assert "has no model: it knows no physics" in problem(get(app, "/zones/arx/model"), 404)["detail"]
+    assert "has no forecast now (waiting)" in problem(get(app, "/zones/new/model"), 503)["detail"]
+    wrong = problem(get(app, "/zones/rbpf/model?step=7min"), 422)["detail"]
+    assert wrong == "step 7min is not a whole number of the zone's periods of 5min; 5min would be"
+    assert "longer than a day" in problem(get(app, "/zones/rbpf/model?step=2d"), 422)["detail"]
+    assert "not known" in problem(get(app, "/zones/rbpf/model?setp=15min"), 422)["detail"]
+    assert "draws" in problem(get(app, "/zones/rbpf/model?draws=5000"), 422)["detail"]
+
+
+def asked(app: FastAPI, **body: Any) -> list[dict[str, Any]]:
+    answer = post(app, "/forecasts", {"horizon": "6h"} | body)
+    assert answer.status_code == 200, answer.text
+    SiteForecastPayload.model_validate(answer.json())
+    return [{zone["zone"]: zone for zone in plan["zones"]} for plan in answer.json()["plans"]]
+
+
+def test_many_zones_and_plans_are_forecast_in_one_request(app: FastAPI) -> None:
+    off, on = asked(
+        app,
+        plans=[
+            {"name": "off", "inputs": {"*": {"u_heat": 0.0}}},
+            {"name": "on", "inputs": {"*": {"u_heat": 0.0}, "rbpf": {"u_heat": 2000.0}}},
+        ],
+    )
+    assert list(off) == list(ROOMS)
+    for name in ("rbpf", "ekf", "ukf", "mkf", "arx"):
+        mean = off[name]["outputs"][0]["mean"]
+        assert len(mean) == 73
+        assert off[name]["problem"] is None
+        # No other zone had another plan.
+        assert (on[name]["outputs"][0]["mean"] == mean) is (name != "rbpf")
+    assert on["rbpf"]["outputs"][0]["mean"][-1] > off["rbpf"]["outputs"][0]["mean"][-1] + 0.3
+    assert "has no forecast now" in off["new"]["problem"]
+    assert off["new"]["outputs"] == []
+
+
+def test_the_compact_fan_is_the_fan_of_the_zone(app: FastAPI) -> None:
+    """The same numbers as one fan where nothing is left out, and alike where quantiles stand on fewer components."""
+    plan = {"u_heat": [1500.0 * (k % 24 < 12) for k in range(72)], "T_out": 3.0}
+    (fans,) = asked(app, zones=["rbpf", "ekf"], levels=[0.8], plans=[{"inputs": {"rbpf": plan, "ekf": plan}}])
+    for name in ("rbpf", "ekf"):
+        own = post(app, f"/zones/{name}/forecast", {"horizon": "6h", "levels": [0.8], "inputs": plan}).json()["fan"]
+        output = fans[name]["outputs"][0]
+        sd = np.array(output["sd"])
+        for key in ("mean", "sd"):
+            assert np.allclose(output[key], [step["outputs"][0][key] for step in own], rtol=0, atol=1e-9)
+        upper = np.array([step["outputs"][0]["intervals"][0]["upper"] for step in own])
+        assert (np.abs(np.array(output["upper"][0]) - upper) < 0.5 * sd).all()
+
+
+def test_a_plan_may_be_coarser_or_timed(app: FastAPI, site: tuple[FastAPI, dict[str, Zone]]) -> None:
+    latest = site[1]["rbpf"].latest()
+    assert latest is not None
+    start = latest.forecast.valid_time
+    fine = [1000.0] * 24 + [0.0] * 48
+
+    def at(seconds: int) -> str:
+        return f"{np.datetime64(start + seconds, 's')}Z"
+
+    forms: list[Any] = [
+        fine,
+        {"step": "2h", "values": [1000.0, 0.0, 0.0]},
+        [{"time": at(-3600), "value": 1000.0}, {"time": at(7200), "value": 0.0}],
+    ]
+    plans = [{"inputs": {"rbpf": {"u_heat": form}}} for form in forms]
+    found = [plan["rbpf"]["outputs"][0]["mean"] for plan in asked(app, zones=["rbpf"], plans=plans)]
+    assert found[0] == found[1] == found[2]
+    # Half of an interval at 1000 W is 500 W; before the first time nothing is planned, and 0 W is held.
+    timed = [{"time": at(7200 + 150), "value": 1000.0}]
+    held = [0.0] * 24 + [1000.0] * 48
+    same = [{"inputs": {"rbpf": {"u_heat": form}}} for form in (timed, held)]
+    late, whole = asked(app, zones=["rbpf"], plans=same)
+    assert late["rbpf"]["inputs"][1]["quality"] == "uncertain"
+    assert late["rbpf"]["outputs"][0]["mean"][24] == pytest.approx(whole["rbpf"]["outputs"][0]["mean"][24], abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "sentence"),
+    [
+        ({"rbpf": {"u_heat": 1e9}}, "plans 1e+09 W; 0 to 2000 W can be planned"),
+        ({"rbpf": {"u_heat": [0.0] * 71 + [2001.0]}}, "plans 2001 W"),
+        ({"rbpf": {"T_out": -80.0}}, "plans -80 degC; -30 to 45 degC can be planned"),
+        ({"ekf": {"u_heat": 1e9}}, "plans 1e+09 W; -1e+06 to 1e+06 W can be planned"),
+        ({"rbpf": {"u_heat": [0.0] * 7}}, "has 7 values, but the horizon has 72 steps"),
+        ({"rbpf": {"u_heat": {"step": "7min", "values": [0.0]}}}, "not a whole number of the zone's periods"),
+        ({"rbpf": {"u_heat": {"step": "1h", "values": [0.0]}}}, "the horizon takes 6 of them"),
+        ({"rbpf": {"u_haet": 0.0}}, "is not an input of this zone; its inputs are T_out, u_heat"),
+        ({"attic": {"u_heat": 0.0}}, "is not a zone of this request"),
+        ({"*": {"I_sol": 0.0}}, "is an input of none of the zones"),
+        ({"rbpf": {"u_heat": "on"}}, "give a finite number"),
+        ({"rbpf": {"u_heat": [{"time": "2025-01-01T00:00:00", "value": 1.0}]}}, "has no time zone"),
+        (
+            {"rbpf": {"u_heat": [{"time": f"2025-01-01T0{hour}:00:00Z", "value": 1.0} for hour in (1, 0)]}},
+            "times that do not increase",
+        ),
+    ],
+)
+def test_a_plan_that_cannot_be_is_refused_in_one_sentence(app: FastAPI, inputs: Any, sentence: str) -> None:
+    document = problem(post(app, "/forecasts", {"horizon": "6h", "plans": [{"inputs": inputs}]}), 422)
+    assert any(sentence in error for error in document["errors"]), document["errors"]
+    assert len(document["errors"]) == 1
+
+
+def test_one_zone_refuses_the_same_plans(app: FastAPI) -> None:
+    document = problem(post(app, "/zones/rbpf/forecast", {"horizon": "1h", "inputs": {"u_heat": 1e9}}), 422)
+    sentence = "plans 1e+09 W; 0 to 2000 W can be planned, by valid, installed and nominal of the channel"
+    assert document["detail"] == f"field 'inputs.u_heat' {sentence}"
+
+
+def test_work_per_request_is_bounded(app: FastAPI) -> None:
+    many = [{"name": str(index)} for index in range(64)]
+    large = [{"inputs": {"*": {"u_heat": [1.0] * 1400}}}] * 64
+    document = problem(post(app, "/forecasts", {"horizon": "5min", "plans": large}), 422)
+    assert document["detail"] == "the plans have 537600 values; at most 500000 are read in one request"
+    document = problem(post(app, "/forecasts", {"horizon": "7d", "plans": many}), 422)
+    assert "at most 100000 are forecast in one request" in document["detail"]
+    document = problem(post(app, "/forecasts", {"horizon": "2d", "scenarios": 1000}), 422)
+    assert "at most 2000000 are given in one request" in document["detail"]
+    assert "plans" in problem(post(app, "/forecasts", {"horizon": "1h", "plans": [{}] * 65}), 422)["detail"]
+    too_many = {"horizon": "1h", "plans": [{"inputs": {"rbpf": {"u_heat": [0.0] * 3000}}}]}
+    assert "at most 2016 values" in problem(post(app, "/forecasts", too_many), 422)["detail"]
+    assert "not known" in problem(post(app, "/forecasts", {"horizon": "1h", "zone": "rbpf"}), 422)["detail"]
+    assert (
+        "there is no zone 'attic'"
+        in problem(post(app, "/forecasts", {"horizon": "1h", "zones": ["attic"]}), 404)["detail"]
+    )
+
+
+def test_scenarios_come_on_request_and_repeat(app: FastAPI) -> None:
+    first, again = (asked(app, zones=["rbpf", "mkf", "ekf"], scenarios=30)[0] for _ in range(2))
+    for name in ("rbpf", "mkf", "ekf"):
+        output = first[name]["outputs"][0]
+        paths = np.array(output["scenarios"])
+        assert paths.shape == (30, 73)
+        assert again[name]["outputs"][0]["scenarios"] == output["scenarios"]
+        mean, sd = np.array(output["mean"]), np.array(output["sd"])
+        assert (np.abs(paths.mean(axis=0) - mean) < 6.0 * sd / np.sqrt(30)).all()
+    (refused,) = asked(app, zones=["arx"], scenarios=5)
+    assert "has no scenarios" in refused["arx"]["problem"]
+
+
+def test_rooms_next_door_are_simulated_together(coupled: FastAPI) -> None:
+    (together,) = asked(coupled, horizon="24h", plans=[{"inputs": {"*": {"u_heat": 0.0}}}])
+    (apart,) = asked(coupled, horizon="24h", plans=[{"inputs": {"*": {"u_heat": 0.0, "T_adj": 20.0}}}])
+    for room, other in (("west", "east"), ("east", "west"), ("told", "west")):
+        origin = together[room]["inputs"][1]
+        assert (origin["channel"], origin["origin"], origin["source"]) == ("T_adj", "neighbour", other)
+        assert apart[room]["inputs"][1]["origin"] == "plan"
+        # A regression whose neighbour never changed has not learned what it does.
+        changed = together[room]["outputs"][0]["mean"][-1] != apart[room]["outputs"][0]["mean"][-1]
+        assert changed is (room != "told")
+    # What a room was told of its neighbour is what the neighbour is then forecast to do.
+    east = together["east"]["outputs"][0]["mean"][:-1]
+    (told,) = asked(
+        coupled, horizon="24h", zones=["west"], plans=[{"inputs": {"*": {"u_heat": 0.0}, "west": {"T_adj": east}}}]
+    )
+    assert np.allclose(told["west"]["outputs"][0]["mean"], together["west"]["outputs"][0]["mean"], atol=1e-2)
+    # A neighbour that is not asked for is simulated all the same.
+    (alone,) = asked(
+        coupled, horizon="24h", zones=["west"], plans=[{"inputs": {"*": {"u_heat": 0.0}, "east": {"u_heat": 0.0}}}]
+    )
+    assert list(alone) == ["west"]
+    assert alone["west"]["outputs"][0]["mean"] == together["west"]["outputs"][0]["mean"]
+
+
+def test_trust_is_told_for_every_horizon(app: FastAPI) -> None:
+    document = get(app, "/zones/rbpf/trust").json()
+    assert [one["lead_s"] for one in document["horizons"]] == [300, 3600, 21600, 86400]
+    assert [one["trust"] for one in document["horizons"]] == ["trusted", "learning", "learning", "learning"]
+    assert "it takes 24" in document["horizons"][1]["reason"]
+    assert problem(get(app, "/zones/new/trust"), 503)
+    (fans,) = asked(app, zones=["rbpf"])
+    assert fans["rbpf"]["trust"]["lead_s"] == 86400, "the horizon of 6 h ends a period later"
+
+
+def test_a_forecast_that_no_measurement_would_be_believed_at_is_bad(app: FastAPI) -> None:
+    plan = {"inputs": {"ekf": {"u_heat": 1e6}}}
+    (fans,) = asked(app, zones=["ekf"], plans=[plan])
+    assert fans["ekf"]["quality"] == Quality.BAD
+    body = {"horizon": "6h", "inputs": {"u_heat": 1e6}}
+    assert post(app, "/zones/ekf/forecast", body).json()["quality"] == Quality.BAD
+
+
+def test_the_documented_example_is_a_valid_request() -> None:
+    for example in SiteForecastRequest.model_config["json_schema_extra"]["examples"]:  # type: ignore[index,call-overload]
+        SiteForecastRequest.model_validate(example)

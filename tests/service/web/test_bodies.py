@@ -1,0 +1,191 @@
+"""What one request may have in it, and how much of what is wrong with it is told."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from support.fake_zones import running
+from support.http_client import get, post, problem, request
+
+from service.config.http import HttpConfig
+from service.publish.metrics import Metrics
+from service.web import zones as zone_module
+from service.web.app import create_app
+from service.web.server import bodies
+from service.web.server.bodies import GatherBody
+from service.web.server.refusal import LONGEST_SENTENCE, MOST_SENTENCES
+
+PLAN = "/zones/living/forecast"
+
+
+@pytest.fixture
+def app() -> FastAPI:
+    zones = {zone.id: zone for zone in (running("living"), running("bedroom"))}
+    return create_app("htwg", zones, Metrics(zones).registry)
+
+
+def sent(app: FastAPI, body: bytes) -> httpx.Response:
+    return request(app, "POST", PLAN, content=body, headers={"Content-Type": "application/json"})
+
+
+WRONG: dict[str, Callable[[int], dict[str, Any]]] = {
+    "levels": lambda count: {"horizon": "1h", "levels": [2] * count},
+    "planned values": lambda count: {"horizon": "1h", "inputs": {"u_heat": ["x"] * count}},
+    "unknown fields": lambda count: {"horizon": "1h"} | {f"field{i}": i for i in range(count)},
+    "unknown channels": lambda count: {"horizon": "1h", "inputs": {f"channel{i}": 1 for i in range(count)}},
+    "nested": lambda count: {"horizon": [[0] * 10] * (count // 10)},
+    "a long name": lambda count: {"x" * count: 1},
+    "a long value": lambda count: {"horizon": "x" * count},
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+@pytest.mark.parametrize("count", [5_000, 200_000])
+def test_one_request_is_answered_in_few_sentences(app: FastAPI, case: str, count: int) -> None:
+    answer = post(app, PLAN, WRONG[case](count))
+    assert answer.status_code in (413, 422)
+    document = problem(answer, answer.status_code)
+    sentences = document.get("errors") or [document["detail"]]
+    assert len(sentences) <= MOST_SENTENCES + 1
+    assert max(map(len, sentences)) <= LONGEST_SENTENCE
+    assert len(answer.content) < 2 * (MOST_SENTENCES + 2) * LONGEST_SENTENCE
+
+
+def test_how_many_mistakes_there_are_is_told(app: FastAPI) -> None:
+    errors = problem(post(app, PLAN, {"horizon": "1h"} | {f"field{i}": i for i in range(100)}), 422)["errors"]
+    assert errors[0] == "field 'field0' is not known; /docs lists the known ones"
+    assert errors[-1] == f"and {100 - MOST_SENTENCES} more"
+
+
+def test_a_query_is_answered_in_few_sentences_too(app: FastAPI) -> None:
+    query = "&".join(["level=x"] * 900)
+    assert len(problem(get(app, f"{PLAN}?{query}"), 422)["errors"]) <= MOST_SENTENCES + 1
+
+
+def test_a_body_of_many_values_is_not_even_validated(app: FastAPI) -> None:
+    many = json.dumps({"horizon": "1h", "levels": [0.5] * (bodies.MAX_ITEMS + 1)}).encode()
+    assert f"more than {bodies.MAX_ITEMS} values" in problem(sent(app, many), 413)["detail"]
+
+
+@pytest.mark.parametrize(
+    "body", [b'{"horizon":"\\ud800"}', b'{"\\uDFFF":1}', b'{"horizon":"1h","inputs":{"\\udabc":1}}']
+)
+def test_half_a_character_is_the_clients_mistake(app: FastAPI, body: bytes) -> None:
+    assert "half a character" in problem(sent(app, body), 400)["detail"]
+
+
+def test_whole_characters_may_be_escaped(app: FastAPI) -> None:
+    found = problem(sent(app, b'{"horizon":"\\ud83d\\ude00"}'), 422)["detail"]
+    assert "\N{GRINNING FACE}" in found
+
+
+@pytest.mark.parametrize("body", [b"[" * 19_000, b'{"a":' * 19_000, b"\xff\xfe", b"\x00", b'"\\ud800', b"1e400"])
+def test_what_is_no_json_is_the_clients_mistake(app: FastAPI, body: bytes) -> None:
+    assert sent(app, body).status_code in (400, 422)
+
+
+def _scope(client: str) -> dict[str, Any]:
+    headers = [(b"content-length", b"100"), (b"content-type", b"application/json")]
+    return {"type": "http", "method": "POST", "headers": headers, "state": {"client": client}, "extensions": {}}
+
+
+def test_bodies_of_all_clients_together_find_room_or_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bodies, "AT_ONCE", 3)
+    monkeypatch.setattr(bodies, "AT_ONCE_OF_ONE", 2)
+    release = asyncio.Event()
+    taken = 0
+
+    async def application(scope: Any, receive: Any, send: Any) -> None:
+        nonlocal taken
+        message = await receive()
+        if message["type"] == "http.request":
+            taken += 1
+            await release.wait()
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            await send({"type": "http.response.body", "body": b"done"})
+
+    gate = GatherBody(application, limit=100)
+
+    async def ask(client: str) -> int:
+        statuses = []
+
+        async def receive() -> dict[str, Any]:
+            return {"type": "http.request", "body": b"x" * 100, "more_body": False}
+
+        async def send(message: Any) -> None:
+            statuses.extend([message["status"]] if "status" in message else [])
+
+        await gate(_scope(client), receive, send)
+        (status,) = statuses
+        return int(status)
+
+    async def scenario() -> list[int]:
+        held = [asyncio.create_task(ask("greedy")) for _ in range(2)]
+        while taken < 2:
+            await asyncio.sleep(0)
+        refused = [await ask("greedy")]
+        held.append(asyncio.create_task(ask("other")))
+        while taken < 3:
+            await asyncio.sleep(0)
+        refused.append(await ask("third"))
+        release.set()
+        done = await asyncio.gather(*held)
+        return [*refused, *done, await ask("greedy")]
+
+    assert asyncio.run(scenario()) == [429, 503, 200, 200, 200, 200]
+
+
+def test_a_body_that_no_route_reads_is_not_taken_in(app: FastAPI) -> None:
+    asked = []
+
+    async def body() -> Any:
+        asked.append(1)
+        yield b"x"
+
+    for path in ("/healthz", "/zones", "/", "/openapi.json"):
+        assert request(app, "POST", path, content=body()).status_code == 405
+    assert not asked
+
+
+@pytest.mark.parametrize("path", ["/zones", "/zones/living", "/metrics", "/healthz", "/zones/living/skill", "/readyz"])
+def test_a_parameter_that_a_route_does_not_know_is_refused(app: FastAPI, path: str) -> None:
+    assert get(app, path).status_code in (200, 503)
+    assert "query parameter 'colour' is not known" in problem(get(app, f"{path}?colour=red"), 422)["detail"]
+
+
+def test_what_a_path_takes_is_told_in_full(app: FastAPI) -> None:
+    answer = request(app, "OPTIONS", PLAN)
+    assert (answer.status_code, answer.headers["allow"]) == (405, "GET, POST")
+
+
+def test_the_description_allows_no_level_and_no_horizon_that_is_refused(app: FastAPI) -> None:
+    parameters = get(app, "/openapi.json").json()["paths"]["/zones/{zone}/forecast"]["get"]["parameters"]
+    schemas = {each["name"]: each["schema"] for each in parameters}
+    level = schemas["level"]["items"]
+    assert (level["exclusiveMinimum"], level["exclusiveMaximum"], schemas["level"]["maxItems"]) == (0, 1, 32)
+    assert "pattern" in json.dumps(schemas["horizon"])
+
+
+def test_rows_are_written_on_another_thread(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
+    threads = []
+    own = zone_module.history_payload
+    monkeypatch.setattr(
+        zone_module, "history_payload", lambda *a: threads.append(threading.current_thread()) or own(*a)
+    )
+    assert get(app, "/zones/living/history").status_code == 200
+    assert threading.main_thread() not in threads
+    assert len(threads) == 1
+
+
+def test_the_end_of_time_is_no_failure() -> None:
+    for moment in ("9999-12-31T23:59:59-14:00", "0001-01-01T00:00:00+14:00"):
+        zones = {"living": running("living")}
+        app = create_app("htwg", zones, Metrics(zones).registry, http=HttpConfig())
+        assert get(app, f"/zones/living/history?start={moment.replace('+', '%2B')}").status_code == 422

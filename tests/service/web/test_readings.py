@@ -1,0 +1,272 @@
+"""Posting readings over REST: who may, what is read, and what is refused before it is looked at."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from support.fake_zones import running
+from support.http_client import get, problem, request
+
+from adapters.http.posted import Posted
+from adapters.reading import Fault, Quality
+from service.config.http import HttpConfig
+from service.errors import JournalError
+from service.publish.metrics import Metrics
+from service.records.receipt import Receipt
+from service.web import readings
+from service.web.app import create_app
+from service.web.keys import KeyRing, create_key
+from service.web.readings import AT_ONCE, MAX_VALUES, Taken
+from service.web.server.refusal import MOST_SENTENCES
+
+JSON = "application/json"
+SENML = "application/senml+json"
+LINES = "text/plain"
+
+
+class Desk:
+    """Takes everything and remembers it; waits for `open` if it is told to, or fails."""
+
+    def __init__(self) -> None:
+        self.taken: list[tuple[list[Posted], str | None]] = []
+        self.failure: Exception | None = None
+        self.open: asyncio.Event | None = None
+
+    async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
+        if self.open is not None:
+            await self.open.wait()
+        if self.failure is not None:
+            raise self.failure
+        self.taken.append((list(posted), zone))
+        return Taken(Receipt(len(posted), 1, Counter({Fault.OUT_OF_ORDER: 2}), 3), 4, ("cpu idle",))
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "keys.json"
+
+
+@pytest.fixture
+def app(desk: Desk, file: Path) -> FastAPI:
+    zones = {zone.id: zone for zone in (running("living"), running("bedroom"))}
+    http = HttpConfig.model_validate({"limits": {"body": 4_000_000}}, context={"folder": "/"})
+    keys = KeyRing(file, required=False)
+    return create_app("htwg", zones, Metrics(zones).registry, keys=keys, take=desk.take, http=http)
+
+
+@pytest.fixture
+def key(file: Path) -> str:
+    return create_key(file, "telegraf", "write")
+
+
+def post(
+    app: FastAPI, body: bytes, key: str, kind: str = LINES, path: str = "/readings", **more: str
+) -> httpx.Response:
+    headers = {"Authorization": f"Bearer {key}", "Content-Type": kind, **more}
+    return request(app, "POST", path, content=body, headers={name: text for name, text in headers.items() if text})
+
+
+def entries(*found: object) -> bytes:
+    return json.dumps({"readings": found}).encode()
+
+
+def test_the_answer_says_what_became_of_it(app: FastAPI, desk: Desk, key: str) -> None:
+    answer = post(app, b"living T_i=21.5 1768478400000000000", key)
+    assert answer.status_code == 200
+    assert answer.json() == {
+        "schema": 1,
+        "site": "htwg",
+        "accepted": 1,
+        "repeated": 1,
+        "first_counts": 3,
+        "refused": {"out_of_order": 2},
+        "unknown": 4,
+        "unknown_names": ["cpu idle"],
+    }
+    assert desk.taken == [([Posted("living", 21.5, 1768478400.0, "T_i", {})], None)]
+
+
+def test_three_formats(app: FastAPI, desk: Desk, key: str) -> None:
+    entry = {"channel": "T_i", "value": 21.5, "time": "2026-01-15T13:00:00+01:00", "unit": "degC"}
+    nothing = {"channel": "T_out", "value": None, "quality": "uncertain"}
+    for body, kind in (
+        (entries(entry, nothing), f"{JSON}; charset=utf-8"),
+        (b'[{"n": "T_i", "u": "Cel", "v": 21.5, "t": 1768478400}]', SENML),
+        (b"living T_i=21.5 1768478400", f"{LINES}; charset=utf-8"),
+    ):
+        assert post(app, body, key, kind, "/zones/living/readings?precision=s").status_code == 200
+    first, second, third = (posted for posted, zone in desk.taken if zone == "living")
+    assert first[0] == second[0] == Posted("T_i", 21.5, 1768478400.0, unit="degC")
+    assert first[1] == Posted("T_out", Fault.NOT_AVAILABLE, quality=Quality.UNCERTAIN)
+    assert third == [Posted("living", 21.5, 1768478400.0, "T_i", {})]
+
+
+def test_the_documented_example_is_a_valid_request(app: FastAPI, desk: Desk, key: str, file: Path) -> None:
+    reader = {"Authorization": f"Bearer {create_key(file, 'reader', 'read')}"}
+    document = get(app, "/openapi.json", headers=reader).json()
+    (example,) = document["components"]["schemas"]["PostedReadings"]["examples"]
+    assert post(app, json.dumps(example).encode(), key, JSON).status_code == 200
+    content = document["paths"]["/readings"]["post"]["requestBody"]["content"]
+    assert post(app, json.dumps(content[SENML]["schema"]["examples"][0]).encode(), key, SENML).status_code == 200
+    assert post(app, content[LINES]["schema"]["examples"][0].encode(), key).status_code == 200
+    assert [len(posted) for posted, _ in desk.taken] == [1, 1, 2]
+
+
+@pytest.mark.parametrize("path", ["/readings", "/zones/living/readings"])
+def test_posting_needs_a_key_for_it_even_where_reading_is_open(app: FastAPI, desk: Desk, file: Path, path: str) -> None:
+    assert get(app, "/zones").status_code == 200
+    answer = request(app, "POST", path, content=b"a b=1", headers={"Content-Type": LINES})
+    assert "needs an API key" in problem(answer, 401)["detail"]
+    problem(post(app, b"a b=1", create_key(file, "reader", "read"), path=path), 403)
+    assert post(app, b"a b=1", create_key(file, "boss", "admin"), path=path).status_code == 200
+    assert post(app, b"a b=1", create_key(file, "writer", "write"), path=path).status_code == 200
+    assert len(desk.taken) == 2
+
+
+def test_a_zone_may_be_called_readings(tmp_path: Path, desk: Desk, file: Path) -> None:
+    zones = {"readings": running("readings")}
+    app = create_app("htwg", zones, Metrics(zones).registry, keys=KeyRing(file, required=False), take=desk.take)
+    assert get(app, "/zones/readings").status_code == 200
+    assert get(app, "/zones/readings/forecast").status_code == 200
+    problem(request(app, "POST", "/zones/readings/readings", content=b"a b=1"), 401)
+
+
+def test_a_key_for_writing_does_nothing_else(app: FastAPI, key: str) -> None:
+    headers = {"Authorization": f"Bearer {key}"}
+    for path in ("/zones", "/zones/living", "/zones/living/forecast", "/metrics", "/readyz"):
+        assert "key for read" in problem(get(app, path, headers=headers), 403)["detail"]
+    problem(request(app, "POST", "/zones/living/forecast", json={"horizon": "10min"}, headers=headers), 403)
+    problem(request(app, "POST", "/admin/reload", headers=headers), 403)
+    assert get(app, "/healthz", headers=headers).status_code == 200
+
+
+def test_a_key_for_one_zone_posts_to_no_other(app: FastAPI, desk: Desk, file: Path) -> None:
+    key = create_key(file, "tenant", "write", ["living"])
+    assert post(app, b"living T_i=1", key, path="/zones/living/readings").status_code == 200
+    problem(post(app, b"bedroom T_i=1", key, path="/zones/bedroom/readings"), 404)
+    assert "all zones" in problem(post(app, b"living T_i=1", key), 403)["detail"]
+    problem(post(app, b"a b=1", create_key(file, "any", "write"), path="/zones/attic/readings"), 404)
+    assert len(desk.taken) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "kind", "status", "sentence"),
+    [
+        (b"a b=1", "", 415, "Content-Type must be application/json, application/senml+json, or text/plain"),
+        (b"a b=1", "application/x-www-form-urlencoded", 415, "not 'application/x-www-form-urlencoded'"),
+        (b"a b=1\nc d", LINES, 422, "line 2: a field is key=value"),
+        (b"\xff", LINES, 400, "not text in UTF-8"),
+        (b"{", JSON, 422, "the body is not JSON"),
+        (b"[" * 100_000, JSON, 422, "the body is not JSON"),
+        (b"[]", JSON, 422, 'one list: {"readings": [...]}'),
+        (b'{"readings": [], "more": 1}', JSON, 422, "one list"),
+        (b"{", SENML, 422, "the body is not JSON"),
+        (b'[{"n": "a", "v_": 1}]', SENML, 422, 'the body has the field "v_", which must be understood'),
+        (b'[{"n": "a", "' + b"x" * 10_000 + b'_": 1}]', SENML, 422, 'the body has the field "xxx'),
+        (b'[{"n": "a", "v": 1, "t": 1e999}]', SENML, 422, "whose time is not finite"),
+        (entries({"channel": "a"}), JSON, 422, "field 'readings[0].value' is missing"),
+        (entries({"channel": "a", "value": "1"}), JSON, 422, "must be a valid number"),
+        (entries({"channel": "a", "value": 1, "time": "2026-01-15T12:00:00"}), JSON, 422, "has no time zone"),
+        (b'{"readings": [{"channel": "a", "value": NaN}]}', JSON, 422, "must be a finite number"),
+        (entries({"channel": "a", "value": 10**400}), JSON, 422, "field 'readings[0].value'"),
+        (entries({"channel": "a", "value": 1, "colour": 1}), JSON, 422, "field 'readings[0].colour' is not known"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_as_a_whole(
+    body: bytes, kind: str, status: int, sentence: str, app: FastAPI, desk: Desk, key: str
+) -> None:
+    assert sentence in problem(post(app, body, key, kind), status)["detail"]
+    assert not desk.taken
+
+
+def test_an_answer_lists_few_mistakes(app: FastAPI, desk: Desk, key: str) -> None:
+    wrong = [{"channel": "", "value": "x"} for _ in range(1000)]
+    document = problem(post(app, entries({"channel": "a", "value": 1}, *wrong), key, JSON), 422)
+    assert len(document["errors"]) == MOST_SENTENCES + 1
+    assert document["errors"][-1].endswith(" more")
+    assert not desk.taken
+
+
+@pytest.mark.parametrize(
+    ("body", "kind"),
+    [
+        (b'{"readings": [' + b"1," * MAX_VALUES + b"1]}", JSON),
+        (b"[" + b"{}," * MAX_VALUES + b"{}]", SENML),
+        (b"a b=1\n" * (MAX_VALUES + 1), LINES),
+        (b"a b=1" + b",b=1" * MAX_VALUES, LINES),
+    ],
+)
+def test_too_many_values_are_refused_before_they_are_looked_at(
+    body: bytes, kind: str, app: FastAPI, desk: Desk, key: str
+) -> None:
+    detail = problem(post(app, body, key, kind), 413)["detail"]
+    assert f"at most {MAX_VALUES} values" in detail
+    assert "metric_batch_size" in detail
+    assert not desk.taken
+
+
+def test_a_packed_body(app: FastAPI, desk: Desk, key: str) -> None:
+    assert post(app, gzip.compress(b"a b=1"), key, **{"Content-Encoding": "gzip"}).status_code == 200
+    bomb = gzip.compress(b"\n" * 5_000_000)
+    detail = problem(post(app, bomb, key, **{"Content-Encoding": "gzip"}), 413)["detail"]
+    assert detail == "the body is larger than 4000000 bytes when it is unpacked"
+    for wrong in (b"a b=1", gzip.compress(b"a b=1")[:-4], gzip.compress(b"a b=1") + b"more"):
+        problem(post(app, wrong, key, **{"Content-Encoding": "gzip"}), 400)
+    problem(post(app, b"a b=1", key, **{"Content-Encoding": "br"}), 415)
+    assert len(desk.taken) == 1
+
+
+def test_a_body_that_is_too_large_is_not_read(app: FastAPI, desk: Desk, key: str) -> None:
+    problem(post(app, b"#" * 4_000_001, key), 413)
+    assert not desk.taken
+
+
+def test_who_posts_faster_than_the_journal_writes_waits(app: FastAPI, desk: Desk, key: str) -> None:
+    async def run() -> list[httpx.Response]:
+        desk.open = asyncio.Event()
+        headers = {"Authorization": f"Bearer {key}", "Content-Type": LINES}
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+
+            async def one() -> httpx.Response:
+                return await client.post("/readings", content=b"a b=1", headers=headers)
+
+            # Those that find no room are answered at once, the others when the desk opens.
+            waiting = [asyncio.ensure_future(one()) for _ in range(AT_ONCE + 3)]
+            done: set[Any] = set()
+            while len(done) < 3:
+                done, _ = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.sleep(0)
+            desk.open.set()
+            answers = await asyncio.gather(*waiting)
+            return [*answers, await one()]
+
+    *answers, last = asyncio.run(run())
+    refused = [answer for answer in answers if answer.status_code == 429]
+    assert len(refused) == 3
+    assert {answer.headers["retry-after"] for answer in refused} == {str(readings.RETRY_SECONDS)}
+    assert Counter(answer.status_code for answer in answers)[200] == AT_ONCE
+    assert last.status_code == 200
+
+
+def test_where_the_journal_fails_the_client_is_told_to_come_back(app: FastAPI, desk: Desk, key: str) -> None:
+    desk.failure = JournalError("the journal /x failed (disk full); free space on its disk")
+    answer = post(app, b"a b=1", key)
+    assert "free space" in problem(answer, 503)["detail"]
+    assert int(answer.headers["retry-after"]) > 0
+    desk.failure = None
+    assert post(app, b"a b=1", key).status_code == 200

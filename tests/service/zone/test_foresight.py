@@ -1,0 +1,156 @@
+"""The inputs to come: by a forecast of the weather, by yesterday's shape, or held."""
+
+import numpy as np
+import pytest
+from support.zone_samples import comparable
+
+from adapters.reading import Quality
+from adapters.units import IDENTITY, conversion
+from adapters.weather.forecast import WeatherForecast, WeatherSeries
+from estimator.network.presets import network
+from estimator.registry import build
+from service.records.outlook import Weather, WeatherBook, WeatherLink
+from service.records.sample import Sample
+from service.store.checkpoint import CheckpointStore
+from service.zone import snapshot
+from service.zone.worker import WorkerSettings, ZoneWorker
+
+PERIOD = 900
+DAY = 86400
+NET = network("building-67")
+START = 10 * DAY
+
+
+def outdoors(time):
+    return 5.0 + 4.0 * np.sin(2 * np.pi * time / DAY)
+
+
+def sun(time):
+    return max(0.0, 300.0 * np.sin(2 * np.pi * (time / DAY - 0.25)))
+
+
+def worker():
+    return ZoneWorker(build("ekf", NET, PERIOD, {}), WorkerSettings(5, (0.95,), 12, 3600.0))
+
+
+def fed(zone, steps, first=0, colder=0.0):
+    for k in range(first, first + steps):
+        time = START + k * PERIOD
+        inputs = {"T_out": outdoors(time) - colder, "u_heat": 700.0, "I_sol": sun(time)}
+        values = np.array([inputs[name] for name in NET.inputs])
+        qualities = (Quality.GOOD,) * len(values)
+        zone.step(Sample(time, np.array([20.0 + 0.1 * np.sin(k)]), values, (Quality.GOOD,), qualities))
+    return zone
+
+
+def seen(zone, steps, weather=None):
+    update, outlook = zone.outlook(steps, *([] if weather is None else [weather]))
+    columns = {name: outlook.rows[:, column] for column, name in enumerate(NET.inputs)}
+    times = update.forecast.valid_time + PERIOD * np.arange(steps)
+    return times, columns, {origin.channel: origin for origin in outlook.origins}
+
+
+def test_until_a_day_is_known_the_last_values_are_held():
+    zone = fed(worker(), DAY // PERIOD)
+    _, columns, origins = seen(zone, 8)
+    last = START + (DAY // PERIOD - 1) * PERIOD
+    assert (columns["T_out"] == outdoors(last)).all()
+    assert (columns["I_sol"] == sun(last)).all()
+    assert {origin.origin for origin in origins.values()} == {"held"}
+
+
+def test_then_outdoor_temperature_and_sun_follow_the_day_before_and_heating_is_held():
+    zone = fed(worker(), DAY // PERIOD + 30)
+    times, columns, origins = seen(zone, 2 * DAY // PERIOD)
+    assert np.allclose(columns["T_out"], [outdoors(time) for time in times])
+    assert np.allclose(columns["I_sol"], [sun(time) for time in times])
+    assert (columns["u_heat"] == 700.0).all()
+    assert [origins[name].origin for name in ("T_out", "I_sol", "u_heat")] == ["yesterday", "yesterday", "held"]
+
+
+def test_the_shape_of_a_temperature_begins_with_the_last_value():
+    zone = fed(worker(), DAY // PERIOD)
+    fed(zone, 30, DAY // PERIOD, colder=3.0)
+    times, columns, _ = seen(zone, 40)
+    assert np.allclose(columns["T_out"], [outdoors(time) - 3.0 for time in times])
+    assert np.allclose(columns["I_sol"], [sun(time) for time in times])
+
+
+def test_a_fan_uses_it_and_a_plan_goes_before_it():
+    zone = fed(worker(), DAY // PERIOD + 30)
+    times, _, _ = seen(zone, 24)
+    foreseen = zone.fan((0.9,), [{}] * 24)
+    told = zone.fan((0.9,), [{"T_out": outdoors(time), "I_sol": sun(time)} for time in times])
+    for left, right in zip(foreseen.steps, told.steps, strict=True):
+        assert left.outputs[0].mean == pytest.approx(right.outputs[0].mean, abs=1e-9)
+    assert [origin.origin for origin in told.origins] == ["plan", "held", "plan"]
+    held = zone.fan((0.9,), [{"T_out": outdoors(times[0]), "I_sol": 0.0}] * 24)
+    assert held.steps[-1].outputs[0].mean != pytest.approx(told.steps[-1].outputs[0].mean, abs=1e-3)
+
+
+def test_what_is_published_one_step_ahead_and_verified_does_not_depend_on_it(monkeypatch):
+    """A worker that foresees nothing learns, publishes and verifies the same."""
+    zone = fed(worker(), DAY // PERIOD + 60)
+    blind = worker()
+    monkeypatch.setattr(blind.foresight, "outlook", lambda *given: pytest.fail("nothing is foreseen for a sample"))
+    fed(blind, DAY // PERIOD + 60)
+    assert comparable(blind.latest) == comparable(zone.latest)
+    assert repr(blind.skill()) == repr(zone.skill())
+
+
+def test_the_day_survives_a_restart_and_is_missing_in_an_old_checkpoint(tmp_path):
+    zone = fed(worker(), DAY // PERIOD + 30)
+    store = CheckpointStore(tmp_path)
+    store.save("z", snapshot.take(zone, "mark", "ekf"))
+    checkpoint = store.load("z", "mark")
+    back = worker()
+    snapshot.restore(back, checkpoint)
+    for left, right in zip(seen(zone, 40)[1].values(), seen(back, 40)[1].values(), strict=True):
+        assert left.tobytes() == right.tobytes()
+    assert back.known.trust == zone.known.trust
+    arrays = {name: value for name, value in checkpoint.arrays.items() if not name.startswith("day.")}
+    meta = {name: value for name, value in checkpoint.meta.items() if name != "trust"}
+    old = worker()
+    snapshot.restore(old, checkpoint._replace(arrays=arrays, meta=meta))
+    assert seen(old, 4)[2]["T_out"].origin == "held"
+    assert not old.known.trust.horizons
+    fed(old, 4, DAY // PERIOD + 30)
+    assert comparable(old.latest) == comparable(fed(back, 4, DAY // PERIOD + 30).latest)
+
+
+def test_a_gap_of_days_forgets_the_shape():
+    zone = fed(worker(), DAY // PERIOD + 30)
+    fed(zone, 10, 5 * DAY // PERIOD)
+    assert seen(zone, 4)[2]["T_out"].origin == "held"
+
+
+def weather(series, issued, unit="degC", max_age=DAY, given="degC"):
+    book = WeatherBook()
+    book.put("outlook", WeatherForecast(issued, {"t": series}))
+    return Weather({"T_out": WeatherLink("outlook", "t", given, conversion(given, unit), max_age)}, book)
+
+
+def test_a_forecast_of_the_weather_goes_before_yesterday_as_far_as_it_reaches():
+    zone = fed(worker(), DAY // PERIOD + 30)
+    now = zone.latest.forecast.issue_time
+    hours = now + 3600.0 * np.arange(-1, 5)
+    told = weather(WeatherSeries(hours, 20.0 + np.arange(6.0)), now - 7200)
+    times, columns, origins = seen(zone, 12, told)
+    # A straight line between the hours, at the middle of each interval.
+    assert np.allclose(columns["T_out"], 21.0 + (times + PERIOD / 2 - now) / 3600.0)
+    assert origins["T_out"] == ("T_out", "weather", "outlook", 7200.0, Quality.GOOD)
+    times, columns, origins = seen(zone, 40, told)
+    assert origins["T_out"].quality is Quality.UNCERTAIN
+    assert np.allclose(columns["T_out"][16:], [outdoors(time) for time in times[16:]])
+
+
+def test_a_forecast_that_is_old_or_in_another_unit_is_not_used():
+    zone = fed(worker(), DAY // PERIOD + 30)
+    now = zone.latest.forecast.issue_time
+    series = WeatherSeries(now + 3600.0 * np.arange(10), np.full(10, 50.0), "degF")
+    used = seen(zone, 12, weather(series, now, given="degF"))
+    assert np.allclose(used[1]["T_out"], 10.0)
+    assert seen(zone, 12, weather(series, now))[2]["T_out"].origin == "yesterday"
+    assert seen(zone, 12, weather(series, now - 2 * DAY, given="degF"))[2]["T_out"].origin == "yesterday"
+    empty = Weather({"T_out": WeatherLink("nobody", "t", "degC", IDENTITY, DAY)}, WeatherBook())
+    assert seen(zone, 12, empty)[2]["T_out"].origin == "yesterday"

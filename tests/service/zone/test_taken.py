@@ -1,0 +1,138 @@
+"""Readings that a zone is handed while somebody waits: accepted once, durable, and recalled after a start."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from math import isnan
+from pathlib import Path
+
+import pytest
+from support.running_zone import make, plumbing
+from support.zone_samples import PERIOD
+
+from adapters.reading import Fault, Quality, Reading
+from estimator.network.presets import network
+from service.errors import JournalError, ServiceError
+from service.zone.alignment import Alignment
+from service.zone.clock import Clock
+from service.zone.zone import Zone
+
+NETWORK = network("ecolar-6r4c")
+OUTPUT, INPUT = NETWORK.measured[0], NETWORK.inputs[0]
+DAY = 1_772_000_000 // 86400 * 86400
+CHANNELS = {name: f"z/{name}" for name in NETWORK.channels}
+
+
+def reading(channel: str, time: float, value: float = 20.0, fault: Fault | None = None) -> Reading:
+    quality = Quality.GOOD if fault is None else Quality.BAD
+    return Reading(CHANNELS[channel], DAY + time, value, quality, fault)
+
+
+def aligned(zone: Zone, after: int | None = None) -> Zone:
+    alignment = Alignment(NETWORK, PERIOD, {}, sources=["post"], zone="z", resume_after=after, live=True)
+    zone.align(alignment, live=True)
+    return zone
+
+
+def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+            first = [reading(OUTPUT, 10.0), reading(INPUT, 10.0, 5.0)]
+            assert await zone.take("post", first) == (2, 0, Counter(), 0)
+            assert await zone.take("post", first) == (0, 2, Counter(), 0)
+            again = [reading(OUTPUT, 10.0, 99.0), reading(OUTPUT, 11.0), reading(OUTPUT, 11.0)]
+            assert await zone.take("post", again) == (1, 2, Counter(), 0)
+            assert zone.status().faults == {}
+
+    asyncio.run(run())
+
+
+def test_what_is_refused_is_counted_by_its_fault(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+            await zone.take("post", [reading(OUTPUT, 10.0)])
+            await zone.elapse(DAY + PERIOD)
+            wrong = [reading(INPUT, 11.0), reading(INPUT, PERIOD + 1.0, float("nan"), Fault.OUT_OF_RANGE)]
+            receipt = await zone.take("post", [*wrong, reading(INPUT, PERIOD + 2.0), reading(OUTPUT, 10.0)])
+            refused = Counter({Fault.OUT_OF_ORDER: 1, Fault.OUT_OF_RANGE: 1})
+            assert receipt == (1, 1, refused, 0), "what has closed with its interval is known, too"
+            assert zone.status().faults == {"out_of_order": 1, "out_of_range": 1}
+
+    asyncio.run(run())
+
+
+def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+            await zone.take("post", [reading(OUTPUT, 10.0), reading(INPUT, 10.0)])
+            await zone.elapse(DAY + PERIOD)
+            uncertain = reading(INPUT, PERIOD + 7.0, 3.5)._replace(quality=Quality.UNCERTAIN)
+            await zone.take("post", [reading(OUTPUT, PERIOD + 5.0, 21.25), uncertain])
+        # Nothing of the zone is left but the journal, as after a crash.
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            last = await zone.prepare()
+            assert last == DAY
+            await aligned(zone, last).recall()
+            assert (await zone.take("post", [reading(OUTPUT, PERIOD + 5.0), uncertain])).repeated == 2
+            assert (await zone.take("post", [reading(OUTPUT, 10.0)])).repeated == 1
+            await zone.elapse(DAY + 2 * PERIOD)
+            (sample,) = await shared.store.samples_after("z", DAY)
+            assert (sample.time, sample.outputs[0], sample.inputs[0]) == (DAY + PERIOD, 21.25, 3.5)
+            assert sample.input_quality[0] is Quality.UNCERTAIN
+            assert all(isnan(value) for value in sample.inputs[1:])
+            assert zone.status().faults == {}
+
+    asyncio.run(run())
+
+
+def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+
+            async def full(*_: object) -> None:
+                raise JournalError("the journal failed (disk full); free space on its disk")
+
+            with monkeypatch.context() as failing:
+                failing.setattr(shared.store, "keep", full)
+                with pytest.raises(JournalError):
+                    await zone.take("post", [reading(OUTPUT, 10.0, 21.5)])
+            assert await shared.store.kept("z", 0.0) == []
+            receipt = await zone.take("post", [reading(OUTPUT, 10.0, 99.0)])
+            assert receipt.repeated == 1
+            kept = await shared.store.kept("z", 0.0)
+            assert kept == [reading(OUTPUT, 10.0, 21.5)], "what the sample will hold is what is on disk"
+
+    asyncio.run(run())
+
+
+def test_a_zone_that_is_being_stopped_takes_nothing(tmp_path: Path) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+            await zone.close_mailbox()
+            with pytest.raises(ServiceError, match="being stopped or replaced; post the readings again"):
+                await zone.take("post", [reading(OUTPUT, 10.0)])
+            assert await shared.store.kept("z", 0.0) == []
+
+    asyncio.run(run())
+
+
+def test_clocks_are_those_of_the_machine(tmp_path: Path) -> None:
+    """What is posted does not move a zone's time on."""
+
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared._replace(clock=Clock(lambda: DAY + 1.0, lambda: 0.0))))
+            await zone.take("post", [reading(OUTPUT, 10.0), reading(OUTPUT, 5 * PERIOD)])
+            assert await shared.store.last_sample_time("z") is None
+            assert (await zone.take("post", [reading(OUTPUT, 2 * PERIOD)])).accepted == 1
+
+    asyncio.run(run())

@@ -1,0 +1,149 @@
+"""Trust: lost at once, won back by hours of better forecasts, and said with a reason."""
+
+import math
+
+import pytest
+from support.fake_zones import make_update
+
+from estimator.diagnosis.finding import Diagnosis, Finding
+from service.records.skill import HorizonSkill, Skill
+from service.records.trust import Trust, untrusted
+from service.records.update import Gate
+from service.zone.trust import RISES, judged
+
+HOUR = 3600
+GOOD = {"coverage": 0.95, "rmse": 0.4, "persistence_rmse": 0.8, "forecasts": 100}
+
+
+def horizon(lead, **given):
+    numbers = GOOD | given
+    return HorizonSkill(
+        lead, numbers["forecasts"], numbers["coverage"], 0.2, numbers["rmse"], 0.2, numbers["persistence_rmse"], 0.5
+    )
+
+
+def skill(day=None, **week):
+    """Two horizons, of which the second is as `week` and `day` say."""
+    weeks = (horizon(300), horizon(21600, **week))
+    days = (horizon(300), horizon(21600, **({"forecasts": 24} | (day or {}))))
+    return Skill(0, 0.95, {1: days, 7: weeks, 30: weeks}, {})
+
+
+def after(trust, found, hours=1, findings=(), update=None):
+    diagnosis = Diagnosis(tuple(Finding(name, "zone", f"{name}; do something") for name in findings))
+    for _ in range(hours):
+        trust = judged(trust, update or make_update(trust.time // 300 + 12), found, diagnosis)
+    return trust
+
+
+def level(trust, place=1):
+    return trust.horizons[place].level
+
+
+def test_a_horizon_is_learning_until_enough_was_verified():
+    trust = after(Trust(), skill(forecasts=3))
+    assert (level(trust, 0), level(trust)) == ("trusted", "learning")
+    assert trust.horizons[1].reason == "3 forecasts 6h ahead were verified in 7 days; it takes 24"
+    assert level(after(trust, skill())) == "trusted"
+
+
+@pytest.mark.parametrize(
+    ("week", "day", "expected", "words"),
+    [
+        ({"coverage": 0.84}, {}, "doubtful", "held 84% of what came in 7 days"),
+        ({"coverage": 0.69}, {}, "untrusted", "held 69%"),
+        ({}, {"coverage": 0.69}, "doubtful", "in the last day"),
+        ({}, {"coverage": 0.39}, "untrusted", "in the last day"),
+        ({}, {"coverage": 0.0, "forecasts": 11}, "trusted", ""),
+        ({"rmse": 0.9}, {}, "doubtful", "0.90 K in 7 days, and 0.80 K if nothing had changed"),
+        ({"rmse": 1.3}, {}, "untrusted", "1.30 K"),
+        ({"rmse": 0.2, "persistence_rmse": 0.1}, {}, "trusted", ""),
+    ],
+)
+def test_a_threshold_that_is_crossed_lowers_the_trust_at_once(week, day, expected, words):
+    trust = after(after(Trust(), skill()), skill(day, **week))
+    assert level(trust) == expected
+    assert words in trust.horizons[1].reason
+    assert level(trust, 0) == "trusted"
+
+
+@pytest.mark.parametrize(("bad", "fallen"), [({"coverage": 0.8}, "doubtful"), ({"coverage": 0.5}, "untrusted")])
+def test_trust_comes_back_only_by_a_margin_and_after_hours(bad, fallen):
+    trust = after(after(Trust(), skill()), skill(**bad))
+    assert level(trust) == fallen
+    if fallen == "doubtful":
+        # Above the threshold, but not by the margin.
+        assert level(after(trust, skill(coverage=0.87), hours=3 * RISES)) == fallen
+    assert level(after(trust, skill(), hours=RISES - 1)) == fallen
+    assert level(after(trust, skill(), hours=RISES)) == "trusted"
+    # One bad hour in between, and it begins anew.
+    broken = after(after(trust, skill(), hours=RISES - 1), skill(**bad))
+    assert level(after(broken, skill(), hours=RISES - 1)) == fallen
+
+
+def test_trust_that_wavers_at_a_threshold_does_not_flap():
+    trust, levels = after(Trust(), skill()), []
+    for hour in range(60):
+        trust = after(trust, skill(coverage=0.84 if hour % 2 else 0.86))
+        levels.append(level(trust))
+    assert levels[0] == "trusted"
+    assert set(levels[1:]) == {"doubtful"}
+
+
+def test_findings_lower_the_trust_where_they_matter():
+    trust = after(Trust(), skill(), findings=["heat-loss-against-balance"])
+    assert (level(trust, 0), level(trust)) == ("trusted", "doubtful")
+    assert trust.horizons[1].reason == "heat-loss-against-balance; do something"
+    trust = after(Trust(), skill(), findings=["forecast-implausible"])
+    assert (level(trust, 0), level(trust)) == ("untrusted", "untrusted")
+    assert level(after(Trust(), skill(), findings=["parameter-at-bound"])) == "trusted"
+
+
+def test_what_acts_now_makes_the_next_hours_doubtful_until_it_is_over():
+    trust = after(Trust(), skill())
+    calm = make_update(20)
+    wide = calm.forecast.outputs[0]._replace(sd=0.2)
+    high = calm._replace(
+        gate=Gate(0.05, "high"), forecast=calm.forecast._replace(outputs=(wide, *calm.forecast.outputs[1:]))
+    )
+    trust = after(trust, None, update=high)
+    assert trust.disturbed
+    assert (level(trust, 0), level(trust)) == ("doubtful", "doubtful")
+    # A little narrower, still disturbed; then over at once.
+    less = high._replace(forecast=high.forecast._replace(outputs=(wide._replace(sd=0.08),)))
+    assert after(trust, None, update=less).disturbed
+    assert not after(after(Trust(), skill()), None, update=less).disturbed
+    trust = after(trust, None, update=calm)
+    assert (trust.disturbed, level(trust)) == (False, "trusted")
+
+
+def test_a_measurement_that_cannot_be_explained_takes_all_trust_until_the_next():
+    trust = after(after(Trust(), skill()), None, update=make_update(20)._replace(outcome="vanished"))
+    assert {one.level for one in trust.horizons} == {"untrusted"}
+    assert level(after(trust, None)) == "trusted"
+
+
+def test_a_horizon_that_is_one_step_is_verified_as_that_step():
+    hourly = tuple(HorizonSkill(3600, n, 0.95, 0.2, 0.4, 0.2, 0.8, 0.5) for n in (100, 0))
+    trust = after(Trust(), Skill(0, 0.95, dict.fromkeys((1, 7, 30), hourly), {}))
+    assert [(one.lead, one.level) for one in trust.horizons] == [(3600, "trusted")]
+
+
+def test_the_horizon_of_a_plan_is_the_next_longer_one():
+    trust = after(Trust(), skill())
+    assert [trust.at(lead).lead for lead in (60, 300, 301, 21600, 90000)] == [300, 300, 21600, 21600, 21600]
+    assert Trust().at(60) is None
+
+
+def test_a_zone_that_cannot_vouch_for_its_forecasts_is_not_trusted():
+    told = untrusted(after(Trust(), skill()), "the zone is stalled: no reading of T_out")
+    assert {(one.level, one.reason) for one in told.horizons} == {
+        ("untrusted", "the zone is stalled: no reading of T_out")
+    }
+
+
+def test_nothing_verified_yet_is_no_mistake():
+    none = HorizonSkill(300, 0, *[math.nan] * 6)
+    trust = after(Trust(), Skill(0, 0.95, dict.fromkeys((1, 7, 30), (none,)), {}))
+    assert level(trust, 0) == "learning"
+    assert not trust.disturbed

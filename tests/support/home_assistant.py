@@ -1,0 +1,130 @@
+"""Home Assistant itself, as a process of its own, set up and asked over its REST interface as its own pages do."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.harness import free_port
+from support.waiting import PATIENCE
+
+HOME = Path(os.environ.get("THERMOGATE_HOME_ASSISTANT", Path(sys.prefix) / "home-assistant"))
+"""Where `make home-assistant` installs it."""
+
+_CLIENT = "http://127.0.0.1/"
+_SETTINGS = """
+homeassistant:
+  name: Test
+  unit_system: metric
+  time_zone: UTC
+http:
+  server_host: 127.0.0.1
+  server_port: {port}
+frontend:
+"""
+
+
+class HomeAssistant:
+    """A running Home Assistant, whose owner is us."""
+
+    def __init__(self, folder: Path, settings: str) -> None:
+        """`settings` are added to its configuration.yaml."""
+        if not (HOME / "installed").exists():
+            pytest.skip("Home Assistant is not installed; make home-assistant installs it")
+        port = free_port()
+        self.url = f"http://127.0.0.1:{port}"
+        self._log = folder / "home-assistant.log.txt"
+        self._token = ""
+        folder.mkdir(exist_ok=True)
+        (folder / "configuration.yaml").write_text(_SETTINGS.format(port=port) + settings, encoding="utf-8")
+        command = [str(HOME / "bin" / "hass"), "--skip-pip", "--config", str(folder)]
+        # It is another application, with another interpreter's packages.
+        clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COVERAGE"))}
+        with self._log.open("w") as log:
+            self.process = subprocess.Popen(command, stdout=log, stderr=log, env=clean)
+
+    def log(self) -> str:
+        return self._log.read_text(encoding="utf-8", errors="replace")
+
+    def until(self, found: Callable[[], Any]) -> Any:
+        """What `found` returns, as soon as that is true; whatever cannot be had yet is waited for."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                if result := found():
+                    return result
+            except (OSError, KeyError, ValueError):
+                pass
+            assert self.process.poll() is None, self.log()
+            assert time.monotonic() < deadline, self.log()
+            time.sleep(0.1)
+
+    def ask(self, path: str, body: object = None, form: bool = False) -> Any:
+        """The answer to a GET, or with `body` to a POST."""
+        headers = {"Authorization": f"Bearer {self._token}"} if self._token else {}
+        data = None
+        if body is not None:
+            headers["Content-Type"] = "application/x-www-form-urlencoded" if form else "application/json"
+            data = (urllib.parse.urlencode(body) if form else json.dumps(body)).encode()  # type: ignore[arg-type]
+        request = urllib.request.Request(self.url + path, data, headers)
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
+                text = answer.read().decode()
+                return json.loads(text) if answer.headers.get_content_subtype() == "json" else text
+        except urllib.error.HTTPError as error:
+            with error:
+                raise OSError(f"{path}: {error.code} {error.read()!r}; {self.log()}") from error
+
+    def set_up(self, broker_port: int) -> None:
+        """Become its owner, and add the broker as a person does under Settings, Devices & services."""
+        self.until(lambda: self.ask("/api/onboarding"))
+        owner = {"client_id": _CLIENT, "name": "T", "username": "t", "password": "test-only", "language": "en"}
+        code = self.ask("/api/onboarding/users", owner)["auth_code"]
+        grant = {"grant_type": "authorization_code", "code": code, "client_id": _CLIENT}
+        self._token = self.ask("/auth/token", grant, form=True)["access_token"]
+        flow = self.ask("/api/config/config_entries/flow", {"handler": "mqtt"})
+        done = self.ask(
+            f"/api/config/config_entries/flow/{flow['flow_id']}", {"broker": "127.0.0.1", "port": broker_port}
+        )
+        assert done["type"] == "create_entry", done
+
+    def states(self) -> dict[str, dict[str, Any]]:
+        """Every entity by its id, with state and attributes."""
+        return {entity["entity_id"]: entity for entity in self.ask("/api/states")}
+
+    def state(self, entity: str) -> str:
+        """The state of an entity; KeyError as long as there is none."""
+        return str(self.states()[entity]["state"])
+
+    def render(self, template: str) -> str:
+        """What a template says."""
+        return str(self.ask("/api/template", {"template": template}))
+
+    def call(self, domain: str, service: str, **data: object) -> None:
+        """Call a service."""
+        self.ask(f"/api/services/{domain}/{service}", data)
+
+
+@contextmanager
+def home_assistant(folder: Path, settings: str = "") -> Iterator[HomeAssistant]:
+    running = HomeAssistant(folder, settings)
+    try:
+        yield running
+    finally:
+        running.process.terminate()
+        try:
+            running.process.wait(timeout=60)
+        except subprocess.TimeoutExpired:
+            running.process.kill()
+            running.process.wait()
