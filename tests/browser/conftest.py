@@ -14,8 +14,9 @@ SCREENS = {
 }
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
+    """A browser for one module: playwright runs an event loop, beside which other tests could not run theirs."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
     executable = shutil.which("chromium")
     if executable is None:
