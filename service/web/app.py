@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -38,6 +39,8 @@ _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate
 
 Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in degC, their differences and standard
 deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
+
+_WRITING = threading.Lock()
 
 
 def create_app(
@@ -107,21 +110,26 @@ def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
 
 
 def _document(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the schemas that FastAPI cannot see."""
-    if app.openapi_schema is None:
-        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        schemas = document["components"]["schemas"]
-        for model in (Problem, PostedReadings):
-            schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
-            schemas |= schema.pop("$defs", {}) | {model.__name__: schema}
-        document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
-        for path, operations in document["paths"].items():
-            for operation in operations.values():
-                # Any request may be refused for its key, its size or its pace, before it is looked at.
-                operation["responses"] |= {"default": problem_response("refused: key, size or pace")}
-                operation["security"] = _security(path)
-        app.openapi_schema = document
+    """The OpenAPI document, with the schemas that FastAPI cannot see; it cannot write one on two threads at once."""
+    with _WRITING:
+        if app.openapi_schema is None:
+            app.openapi_schema = _written(app)
     return app.openapi_schema
+
+
+def _written(app: FastAPI) -> dict[str, Any]:
+    document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+    schemas = document["components"]["schemas"]
+    for model in (Problem, PostedReadings):
+        schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas |= schema.pop("$defs", {}) | {model.__name__: schema}
+    document["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            # Any request may be refused for its key, its size or its pace, before it is looked at.
+            operation["responses"] |= {"default": problem_response("refused: key, size or pace")}
+            operation["security"] = _security(path)
+    return document
 
 
 def _security(path: str) -> list[dict[str, list[str]]]:

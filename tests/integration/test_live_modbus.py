@@ -133,7 +133,7 @@ def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Pat
 
         site.registers[1, "holding"][0] = 0xD700
         wrong = thermogate("probe", config, "--source", "bms")
-        assert site.codes == {3}
+        assert site.codes <= {3, 4}, "a probe only reads, also where it looks for the register that was meant"
         assert wrong.returncode == 1
         assert "implausible: not within -60 to 80\n    BADC would be 21.5, which is plausible" in wrong.stdout
     gone = thermogate("probe", config)

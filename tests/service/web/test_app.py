@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,13 @@ def references(node: Any) -> set[str]:
         own = {node["$ref"]} if isinstance(node.get("$ref"), str) else set()
         return own.union(*(references(value) for value in node.values()))
     return set().union(*(references(value) for value in node)) if isinstance(node, list) else set()
+
+
+def test_the_openapi_document_is_written_once_whoever_asks_first(zones: dict[str, FakeZone]) -> None:
+    fresh = create_app("htwg", zones, Metrics(zones).registry)
+    with ThreadPoolExecutor(8) as clients:
+        documents = list(clients.map(lambda _: fresh.openapi(), range(8)))
+    assert all(document is documents[0] for document in documents)
 
 
 def test_the_openapi_document_is_complete(app: FastAPI) -> None:
