@@ -55,7 +55,9 @@ def judge(observations: Sequence[Observation], pace: float) -> list[Verdict]:
     for limit in LIMITS:
         values = np.array([getattr(one, limit.figure) for one in settled], dtype=float)
         over = days if limit.by == "simulated day" else thousands
-        slope, _, lower, upper = map(float, theilslopes(values, over))
+        # Where little has changed there are so many ties that the bounds are not defined (NaN).
+        with np.errstate(invalid="ignore"):
+            slope, _, lower, upper = map(float, theilslopes(values, over))
         verdicts.append(Verdict(limit, slope, lower, upper, slope < limit.most))
     return verdicts
 
