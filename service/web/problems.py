@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import reprlib
 from collections.abc import Mapping, Sequence
 from functools import reduce
@@ -67,14 +68,15 @@ def problem_response(description: str) -> dict[str, Any]:
     return {"description": description, "content": {MEDIA_TYPE: {"schema": schema}}}
 
 
-def known_parameters(request: Request) -> None:
+async def known_parameters(request: Request) -> None:
     """Dependency of every described route: RequestRefused for query parameters that its description does not have.
 
     A misspelt parameter would otherwise be ignored.
     """
     if not request.query_params:
         return
-    described = request.app.openapi()["paths"].get(request.scope["route"].path, {}).get(request.method.lower(), {})
+    document = request.app.openapi_schema or await asyncio.to_thread(request.app.openapi)
+    described = document["paths"].get(request.scope["route"].path, {}).get(request.method.lower(), {})
     known = [each["name"] for each in described.get("parameters", []) if each["in"] == "query"]
     unknown = [name for name in request.query_params if name not in known]
     if unknown:
