@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,6 +66,21 @@ def status(daemon: Daemon, zone: str) -> dict:
     return daemon.get(f"/zones/{zone}")[1]["status"]
 
 
+def counted_as_nonsense(daemon: Daemon, party: Party, payload: str | bytes) -> None:
+    """Publish `payload` until it is counted: broker and source may each drop what comes behind a flood."""
+    before = status(daemon, "wild")["faults"].get("non_numeric", 0)
+    published = float("-inf")
+
+    def counted() -> bool:
+        nonlocal published
+        if time.monotonic() - published > 5:
+            party.put("home/room", payload, qos=1)
+            published = time.monotonic()
+        return status(daemon, "wild")["faults"].get("non_numeric", 0) > before
+
+    wait_until(counted)
+
+
 def test_what_one_broker_does_harms_no_zone_of_another(tmp_path: Path) -> None:
     folders = {name: tmp_path / name for name in ("calm", "wild")}
     for folder in folders.values():
@@ -76,8 +92,7 @@ def test_what_one_broker_does_harms_no_zone_of_another(tmp_path: Path) -> None:
             before = status(daemon, "calm")["samples"]
             flood(wild.port, "home/room", (str(1000 + k) for k in range(30_000)))
             for payload in (b"9" * (10 * 2**20), "warm", b"\xff"):
-                party.put("home/room", payload, qos=1)
-            wait_until(lambda: status(daemon, "wild")["faults"].get("non_numeric", 0) >= 3)
+                counted_as_nonsense(daemon, party, payload)
             wait_until(lambda: status(daemon, "calm")["samples"] > before + 2)
             wild.stop()
             wait_until(lambda: "no MQTT broker answers" in status(daemon, "wild")["reason"])
