@@ -42,6 +42,7 @@ LEVELS = {
     "service": (
         {"__main__"},
         {"cli"},
+        {"fleet"},
         {"daemon"},
         {"web"},
         {"config"},

@@ -19,6 +19,7 @@ from service.config.checks import (
     check_weather,
     check_zone,
 )
+from service.config.fleet import FleetConfig
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
@@ -99,6 +100,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         site = problems.read(SiteConfig, site_table, ("site",), context)
     log = problems.read(LogConfig, raw.get("log", {}), ("log",), context)
     http = problems.read(HttpConfig, raw.get("http", {}), ("http",), context)
+    fleet = problems.read(FleetConfig, raw["fleet"], ("fleet",), context) if "fleet" in raw else None
     sinks = {name: problems.read(kind.table, raw.get(name, {}), (name,), context) for name, kind in SINK_KINDS.items()}
     for name, table in sinks.items():
         for problem in SINK_KINDS[name].problems(table) if table is not None else ():
@@ -133,6 +135,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         zones=zones,
         weather={name: table for name, table in weather.items() if table is not None},
         warnings=tuple(problems.warnings),
+        fleet=fleet,
     )
     problems.sentences += [problem for name in config.weather for problem in config.build_weather(name).check()]
     return config

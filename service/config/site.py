@@ -15,6 +15,7 @@ from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsA
 from adapters.reading import Source
 from adapters.weather.forecast import WeatherSource
 from estimator.network.network import Network
+from service.config.fleet import FleetConfig
 from service.config.http import HttpConfig
 from service.config.log import LogConfig
 from service.config.network_tables import NetworkConfig
@@ -100,7 +101,7 @@ class ZoneConfig(ZoneTable):
         return {name: channel.max_age for name, channel in self.channels.items() if channel.max_age is not None}
 
 
-TABLES = ("site", "log", "http", *SINK_KINDS, "sources", "weather", "zones")
+TABLES = ("site", "log", "http", *SINK_KINDS, "fleet", "sources", "weather", "zones")
 """The tables of a configuration file, in the order in which they are shown."""
 
 
@@ -121,6 +122,8 @@ class Config(BaseModel):
     """What is no mistake, but probably not meant: one sentence each."""
     weather: dict[str, Any] = {}
     """Tables of the kinds in `WEATHER_KINDS`, by name."""
+    fleet: FleetConfig | None = None
+    """None where the file has no such table."""
 
     def table(self, name: str) -> Any:
         """The table [`name`] of the file, one of TABLES, as it was read."""

@@ -16,7 +16,8 @@ def effective_toml(config: Config) -> str:
     """`config` as TOML that `load` accepts, with every default, network parameter and estimator option written out."""
     resolved = {"zones": {"__all__": {"network", "options", "proposes_bounds"}}}
     dumped = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
-    tables = {name: dumped["sinks"][name] if name in config.sinks else dumped[name] for name in TABLES}
+    shown = dumped | dumped["sinks"]
+    tables = {name: shown[name] for name in TABLES if name in shown}
     for table, zone in zip(tables["zones"], config.zones, strict=True):
         table["network"] = network_table(zone.network)
         table["estimator_options"] = _plain(written(zone.estimator, zone.options))

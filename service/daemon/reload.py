@@ -8,8 +8,9 @@ from typing import NamedTuple
 from service.config.fitting import fingerprint
 from service.config.site import TABLES, Config, ZoneConfig
 
-RELOADABLE = ("log", "zones", "sources", "weather")
-"""Tables of the configuration that take effect while the daemon runs; the others do with its next start."""
+RELOADABLE = ("log", "fleet", "zones", "sources", "weather")
+"""Tables of the configuration that take effect while the daemon runs, or have none on it; the others do with its next
+start."""
 
 
 class Changes(NamedTuple):

@@ -1,0 +1,56 @@
+"""[fleet]: how the zones of a site are spread over the machines of a Ray cluster, and where their state is kept."""
+
+from __future__ import annotations
+
+from typing import Annotated
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
+
+from service.fields.durations import format_duration
+from service.fields.tables import TABLE
+from service.fields.values import FilePath, Positive, PositiveDuration, text, whole
+
+SHORTEST_LEASE = 2.0
+LONGEST_LEASE = 60.0
+MOST_SHARDS = 4096
+
+
+def database(value: object) -> str:
+    """The address of a PostgreSQL database, without a password."""
+    try:
+        parts = urlsplit(text(value))
+        given, port = parts.password, parts.port
+    except ValueError:
+        parts, given, port = None, None, None
+    if given is not None:
+        # What is there must not end up in a log.
+        raise ValueError("holds a password; put that into a file of its own, and name the file in password_file")
+    if parts is None or parts.scheme not in ("postgresql", "postgres") or len(parts.path) < 2 or port == 0:
+        raise ValueError(
+            "is not the address of a PostgreSQL database; write one such as "
+            '"postgresql://thermogate@db.example:5432/thermogate"'
+        )
+    return str(value)
+
+
+def lease(seconds: float) -> float:
+    """How long a shard may go on without the database having heard of it, s."""
+    if not SHORTEST_LEASE <= seconds <= LONGEST_LEASE:
+        shortest, longest = format_duration(SHORTEST_LEASE), format_duration(LONGEST_LEASE)
+        raise ValueError(f"must be from {shortest} to {longest}, not {format_duration(seconds)}")
+    return seconds
+
+
+class FleetConfig(BaseModel):
+    """[fleet]: read by `thermogate fleet`; the daemon on one machine passes it over."""
+
+    model_config = TABLE
+
+    database: Annotated[str, BeforeValidator(database)] = Field(
+        description='the PostgreSQL database, such as "postgresql://thermogate@db.example/thermogate"'
+    )
+    password_file: FilePath | None = None
+    shards: Annotated[int, BeforeValidator(whole(1, MOST_SHARDS))] = 2
+    shard_cpus: Positive = 1.0
+    lease: Annotated[PositiveDuration, AfterValidator(lease)] = 5.0

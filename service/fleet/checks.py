@@ -1,0 +1,46 @@
+"""What a configuration needs to be run as a fleet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+
+from service.config.fleet import FleetConfig
+from service.config.site import Config
+from service.errors import ConfigError, ServiceError
+
+
+def require_extra() -> None:
+    """ServiceError where what the extra `fleet` brings is not installed."""
+    missing = [name for name in ("ray", "psycopg") if find_spec(name) is None]
+    if missing:
+        raise ServiceError(
+            f"a fleet needs {' and '.join(missing)}, which the daemon on one machine does not; install it with "
+            "pip install 'thermogate[fleet]'"
+        )
+
+
+def fleet_of(config: Config) -> FleetConfig:
+    """The table [fleet] of a configuration that can be run as a fleet. Raises ConfigError."""
+    if problems := list(_problems(config)):
+        raise ConfigError(problems)
+    assert config.fleet is not None
+    return config.fleet
+
+
+def _problems(config: Config) -> Iterator[str]:
+    if config.fleet is None:
+        yield 'fleet: is missing; add [fleet] and a line such as database = "postgresql://thermogate@db.example/thermogate"'
+    zenoh = config.table("zenoh")
+    if zenoh.enabled and zenoh.listen:
+        yield (
+            "zenoh.listen: every shard would listen there; write listen = [] and name the site's router in connect, or "
+            "switch publishing off with enabled = false"
+        )
+    if config.table("mqtt").host is not None:
+        yield (
+            "mqtt.host: a fleet publishes on Zenoh alone; remove the table, and bridge Zenoh to the broker where one "
+            "is needed"
+        )
+    if config.http.socket is not None:
+        yield "http.socket: a fleet serves every machine's clients at an address; give host and port instead"
