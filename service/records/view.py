@@ -45,7 +45,7 @@ class ZoneView(Protocol):
         sample.
         """
 
-    def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
         """The newest update, and the inputs of `steps` steps from its forecast on as far as they are foreseen without
         a plan; None where there is no standing forecast. Cheap."""
 

@@ -146,6 +146,14 @@ class Zone:
         """What waits, and what was finished."""
         return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
 
+    async def durable_until(self) -> int | None:
+        """UTC s up to which every interval is closed, and its sample in the journal; None where there is none yet."""
+        return await self._intake.durable_until()
+
+    def knows(self, reading: Reading) -> bool:
+        """Whether a reading is in the zone's intervals already, closed or open."""
+        return self._intake.knows(reading)
+
     def latest(self) -> Update | None:
         """The newest update."""
         return self._worker.latest
@@ -155,7 +163,7 @@ class Zone:
         rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
         return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows, weather=self._weather))
 
-    def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
         """The newest update, and the inputs of the next `steps` steps as far as they are foreseen."""
         return self._worker.outlook(steps, self._weather)
 

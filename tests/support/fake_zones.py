@@ -104,7 +104,7 @@ class FakeZone:
             START, (HorizonTrust(PERIOD, "trusted", "", START), HorizonTrust(86400, "learning", "wait", START))
         )
 
-    def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
         update = self.latest()
         if update is None or self.state == "stalled":
             return None

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import inf, isfinite, nextafter
+from typing import Protocol
 
 from adapters.errors import SourceConfigError, SourceError
-from adapters.reading import Source
+from adapters.reading import Batch, Reading, Source
 from service.pauses import GrowingPause
-from service.sources.routing import Delivery, Router
+from service.sources.routing import Delivery
 from service.zone.clock import Clock
 from service.zone.zone import Zone
 
@@ -30,7 +31,30 @@ TOGETHER = 32
 _log = logging.getLogger(__name__)
 
 
-async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start: float | None) -> None:
+class Taker(Protocol):
+    """Who takes what a source delivers: a zone, or somebody on behalf of many."""
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Readings of `source`, and its clock."""
+
+    async def end(self, source: str) -> None:
+        """`source` has come to its end."""
+
+    async def source_failed(self, source: str, reason: str) -> None:
+        """`source` does not deliver for now, and why."""
+
+
+class Splitter(Protocol):
+    """Splits batches over takers, whose names are `zones`."""
+
+    @property
+    def zones(self) -> Sequence[str]: ...
+
+    def split(self, batch: Batch) -> list[Delivery]:
+        """A delivery for everyone."""
+
+
+async def feed(source: Source, router: Splitter, zones: Mapping[str, Taker], start: float | None) -> None:
     """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures.
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
@@ -70,7 +94,7 @@ async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start:
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
 
 
-async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) -> None:
+async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Taker]) -> None:
     """Hand every zone its share, some zones at a time, whose samples then share a commit of the journal."""
     for first in range(0, len(deliveries), TOGETHER):
         # A zone that a reload has taken away meanwhile wants nothing more.
@@ -85,7 +109,7 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) ->
                 raise result
 
 
-async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
+async def _tell(zones: Mapping[str, Taker], router: Splitter, source: str, reason: str) -> None:
     for name in router.zones:
         await zones[name].source_failed(source, reason)
 

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
@@ -33,6 +33,35 @@ class Tally:
     """When it last delivered, UTC s."""
 
 
+class Supply(Protocol):
+    """Where the sources of a configuration come from: they are built from their tables, unless somebody else reads
+    them."""
+
+    def build(self, config: Config, name: str) -> Source:
+        """The source `name`, delivering to the zones of `config`."""
+
+    def rebind(self, config: Config, name: str, source: Source) -> None:
+        """Let a live `source`, built before, deliver to the zones of `config`."""
+
+    async def caught_up(self) -> None:
+        """Return once time may pass for live zones: what was read before this start is with them."""
+
+
+class OwnSources:
+    """Sources that this process reads itself."""
+
+    def build(self, config: Config, name: str) -> Source:
+        """The source of the table."""
+        return config.build_source(name)
+
+    def rebind(self, config: Config, name: str, source: Source) -> None:
+        """As the kind of the source does."""
+        config.rebind_source(name, source)
+
+    async def caught_up(self) -> None:
+        """Nothing was read before this start."""
+
+
 class Handed(NamedTuple):
     """What became of a post at one source, and which of its values, by their places, some channel asks for."""
 
@@ -44,14 +73,21 @@ class Feed:
     """One source delivering to some zones."""
 
     def __init__(
-        self, name: str, config: Config, zones: Mapping[str, Zone], served: Collection[str], tally: Tally
+        self,
+        name: str,
+        config: Config,
+        zones: Mapping[str, Zone],
+        served: Collection[str],
+        tally: Tally,
+        supply: Supply,
     ) -> None:
         """`served` are the zones of `config` that it is for; `zones` finds them when something comes for them."""
         self.name = name
         self.tally = tally
         self._zones = zones
+        self._supply = supply
         self._config = _narrowed(config, served)
-        self.source = self._config.build_source(name)
+        self.source = supply.build(self._config, name)
         self._router = Router(name, _channels(name, self._config))
         self._task: asyncio.Task[None] | None = None
 
@@ -94,7 +130,7 @@ class Feed:
         """Deliver to the zones `served` of `config` from now on, over the same connection. Live sources only."""
         narrowed = _narrowed(config, served)
         if narrowed.bindings(self.name) != self._config.bindings(self.name):
-            narrowed.rebind_source(self.name, self.source)
+            self._supply.rebind(narrowed, self.name, self.source)
         self._config = narrowed
         self._router.adopt(_channels(self.name, narrowed))
 

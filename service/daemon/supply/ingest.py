@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
-from service.daemon.supply.feeds import Feed
+from service.daemon.supply.feeds import Feed, Handed
 from service.records.receipt import NOTHING
 from service.web.readings import RETRY_SECONDS, Taken
 from service.web.server.refusal import RequestRefused
@@ -39,14 +39,20 @@ class Ingest:
         if not feeds:
             sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
             raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
-        receipt, used = NOTHING, set[int]()
-        for feed in feeds:
-            handed = await feed.receive(posted, zone)
-            receipt = receipt.plus(handed.receipt)
-            used |= handed.used
+        receipt, used = await hand(feeds, posted, zone)
         unknown = [one.shown for place, one in enumerate(posted) if place not in used]
         names = tuple(dict.fromkeys(unknown))[:_SHOWN]
         if unknown and time.monotonic() >= self._say_at:
             self._say_at = time.monotonic() + REPEAT
             _log.info("no channel asks for %d of %d posted values, such as %s", len(unknown), len(posted), names[0])
         return Taken(receipt, len(unknown), names)
+
+
+async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Handed:
+    """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError."""
+    receipt, used = NOTHING, frozenset[int]()
+    for feed in feeds:
+        if feed.is_posted_to:
+            handed = await feed.receive(posted, zone)
+            receipt, used = receipt.plus(handed.receipt), used | handed.used
+    return Handed(receipt, used)

@@ -10,6 +10,7 @@ import numpy as np
 
 from service.errors import NoModel
 from service.records.outlook import Outlook
+from service.records.update import Update
 from service.records.view import ZoneView
 from service.web.access import Caller
 from service.web.control.answers import missing_payload, zone_payload
@@ -45,7 +46,9 @@ async def under(
     plan: SitePlan, body: SiteForecastRequest, asked: Sequence[ZoneView], around: Sequence[ZoneView]
 ) -> PlanForecastPayload:
     """The zones `asked` under `plan`; those `around` are simulated with them."""
-    made = await asyncio.to_thread(lambda: [_part(plan, body.horizon, view) for view in (*asked, *around)])
+    views = (*asked, *around)
+    foreseen = await asyncio.gather(*(_foreseen(view, body.horizon) for view in views))
+    made = await asyncio.to_thread(lambda: [_part(plan, *one) for one in zip(views, foreseen, strict=True)])
     parts = {part.view.id: part for part in made if part is not None}
     next_door = {name: {zone for zone, _ in part.foreseen.values()} for name, part in parts.items()}
     involved = {name for name, others in next_door.items() if others}.union(*next_door.values())
@@ -64,15 +67,18 @@ async def under(
     return PlanForecastPayload(name=plan.name, zones=await asyncio.gather(*(in_turn(view) for view in asked)))
 
 
-def _part(plan: SitePlan, horizon: float, view: ZoneView) -> Part | None:
-    """The zone with its inputs under `plan`; None where it has no forecast."""
-    found = view.outlook(steps := whole_steps(horizon, view.period))
-    if found is None:
+async def _foreseen(view: ZoneView, horizon: float) -> tuple[Update, Outlook] | None:
+    return await view.outlook(whole_steps(horizon, view.period))
+
+
+def _part(plan: SitePlan, view: ZoneView, foreseen: tuple[Update, Outlook] | None) -> Part | None:
+    """The zone with its inputs under `plan`, otherwise as `foreseen`; None where it has no forecast."""
+    if foreseen is None:
         return None
-    update, outlook = found
+    update, outlook = foreseen
     planned = {}
     for channel, (_, value) in inputs_of(plan, view.id, view.network).items():
-        values = planned_values(value, update.forecast.valid_time, view.period, steps)
+        values = planned_values(value, update.forecast.valid_time, view.period, len(outlook.rows))
         if not isinstance(values, str):
             planned[channel] = values
     return Part(view, update, filled(outlook, view.network, planned))
@@ -99,7 +105,7 @@ async def _forecast(
             if fan is not None:
                 limits = view.surroundings.limits
                 return await asyncio.to_thread(zone_payload, part, fan, levels, limits, body.horizon)
-            before, part = part, _part(plan, body.horizon, view)
+            before, part = part, _part(plan, view, await _foreseen(view, body.horizon))
             if part is not None:
                 # Its neighbours are still those that it was simulated with, one period later.
                 part.outlook = _carried(before, part)

@@ -15,7 +15,7 @@ from support.config_samples import sound, write
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Reading
 from service.config.load import load
-from service.daemon.supply.feeds import Feed, Tally
+from service.daemon.supply.feeds import Feed, OwnSources, Tally
 from service.daemon.supply.ingest import Ingest
 from service.errors import ServiceError
 from service.records.receipt import Receipt
@@ -51,7 +51,7 @@ def feeds(tmp_path: Path, zones: dict[str, Any]) -> list[Feed]:
         channels[name] = {"source": source, "unit": channels[name]["unit"], "aggregate": "mean"}
     config = load(write(tmp_path, tables))
     return [
-        Feed(name, config, zones, [zone.id for zone in config.zones_of(name)], Tally())
+        Feed(name, config, zones, [zone.id for zone in config.zones_of(name)], Tally(), OwnSources())
         for name in ("one", "two", "log")
     ]
 

@@ -1,0 +1,111 @@
+"""What the zones of a shard announce, kept for the gateways until they ask for it: a sink."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+
+from service.fleet.messages import News, ZoneNews
+from service.publish.sinks import Announcement, Occasion
+from service.records.measures import Measure
+from service.zone.zone import Zone
+
+PATIENCE = 2.0
+"""How long a gateway is kept waiting for news, s."""
+
+GATHER = 0.05
+"""How long news gather before they are told, s: one message for many zones."""
+
+LOOK = 1.0
+"""How often it is looked whether a zone's status has changed by itself, as with the time, s."""
+
+
+class Herald:
+    """The newest of every zone. A gateway that is slow misses what was overtaken, and nothing waits for it."""
+
+    def __init__(self, boot: str, zones: Mapping[str, Zone]) -> None:
+        self._boot, self._zones = boot, zones
+        self._loop = asyncio.get_running_loop()
+        self._lock = threading.Lock()
+        self._version = 0
+        self._newest: dict[str, tuple[int, ZoneNews]] = {}
+        """In the order of their versions."""
+        self._arrived = asyncio.Event()
+        self.refused: dict[str, str] = {}
+
+    def add(self, zone: str) -> None:
+        """A zone begins without news."""
+
+    def remove(self, zone: str) -> None:
+        """Its news are nobody's any more."""
+        with self._lock:
+            self._newest.pop(zone, None)
+
+    def publish(self, announcement: Announcement) -> None:
+        """Keep what a zone has to tell, and with it what its last word had that this one leaves out."""
+        zone = self._zones.get(announcement.zone)
+        if zone is None:
+            return
+        news = ZoneNews(
+            announcement.zone,
+            announcement.status,
+            zone.trust(),
+            announcement.update,
+            announcement.occasion,
+            announcement.skill,
+            announcement.heat_loss,
+            announcement.trust,
+        )
+        self._keep(news)
+
+    def settle(self) -> None:
+        """Nobody is waited for."""
+
+    def measures(self) -> list[Measure]:
+        """None of its own."""
+        return []
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    async def news(self, boot: str, since: int) -> News:
+        """What is newer than `since`, as soon as there is any, or nothing after PATIENCE."""
+        known = since if boot == self._boot else 0
+        if boot == self._boot and self._version <= known:
+            self._arrived.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(PATIENCE):
+                    await self._arrived.wait()
+                    await asyncio.sleep(GATHER)
+        with self._lock:
+            version, fresh = self._version, []
+            for at, news in reversed(self._newest.values()):
+                if at <= known:
+                    break
+                fresh.append(news)
+        return News(self._boot, version, fresh[::-1], dict(self.refused))
+
+    async def watch(self) -> None:
+        """Notice, for ever, what changes without an announcement."""
+        while True:
+            await asyncio.sleep(LOOK)
+            for zone in tuple(self._zones.values()):
+                status, told = zone.status(), self._newest.get(zone.id)
+                if told is None or told[1].status._replace(now=None) != status._replace(now=None):
+                    self._keep(ZoneNews(zone.id, status, zone.trust(), zone.latest(), Occasion.STATUS))
+
+    def _keep(self, news: ZoneNews) -> None:
+        with self._lock:
+            self._version += 1
+            _, before = self._newest.pop(news.zone, (0, news))
+            occasion = before.occasion if news.occasion is Occasion.STATUS else news.occasion
+            self._newest[news.zone] = self._version, news._replace(
+                occasion=occasion,
+                skill=news.skill or before.skill,
+                heat_loss=news.heat_loss or before.heat_loss,
+                trust_news=news.trust_news or before.trust_news,
+            )
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._arrived.set)

@@ -1,0 +1,260 @@
+"""The way of one source from the reader to the shards, and what is kept on it until it is durable there."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import suppress
+from math import inf
+from typing import Any, NamedTuple
+
+from adapters.reading import Batch, Reading
+from service.daemon.supply.feeding import feed
+from service.daemon.tasks import end
+from service.errors import ServiceError
+from service.fleet.messages import Ack
+from service.fleet.peers import Away, Peer
+from service.fleet.plan import Plan
+from service.sources.routing import Delivery
+
+ROOM = 64
+"""Batches of a recording that may wait for a shard; then the recording waits."""
+
+MOST_KEPT = 500_000
+"""Readings of a live source that are kept at most; then the oldest are lost, and it is said."""
+
+AGAIN = 0.3
+"""Pause before a shard that could not be reached is asked again, s."""
+
+LOOK = 1.0
+"""How often a shard for which there is nothing is asked whether it was started anew, s."""
+
+_log = logging.getLogger(__name__)
+
+
+class _Kept(NamedTuple):
+    """A batch, and the time of its newest reading."""
+
+    batch: Batch
+    newest: float
+
+
+class Line:
+    """The source `name` by `plan`, and its ends at the shards."""
+
+    def __init__(self, name: str, plan: Plan, peer: Callable[[str], Peer]) -> None:
+        self.name = name
+        self._peer = peer
+        self._source = plan.config.build_source(name)
+        self._live = plan.config.is_live(name)
+        self._kept: deque[_Kept] = deque()
+        self._readings = 0
+        """How many readings are kept."""
+        self._lost = 0
+        self._ends: dict[str, _End] = {}
+        self._held_from: float | None = None
+        """The earliest time of which zones that are on their way to another shard may want something."""
+        self._version = 0
+        self.assign(plan)
+
+    @property
+    def zones(self) -> Sequence[str]:
+        """The shards, which are to `feed` what zones are in the daemon."""
+        return tuple(self._ends)
+
+    def problems(self) -> list[str]:
+        """What is wrong, one sentence each."""
+        if not self._lost:
+            return []
+        return [
+            f"sources.{self.name}: {self._lost} readings were given up, because shards did not take them for too long"
+        ]
+
+    def assign(self, plan: Plan) -> None:
+        """Deliver as `plan` says from now on."""
+        owner = plan.owners()
+        channels: dict[str, set[str]] = {}
+        for binding in plan.config.bindings(self.name):
+            zone = binding.id.split("/", 1)[0]
+            if zone not in plan.moving:
+                channels.setdefault(owner[zone], set()).add(binding.id)
+        if plan.moving:
+            # Who takes the moving zones over begins where those who had them stopped.
+            floors = [held.durable for held in self._ends.values()]
+            self._held_from = min(floors, default=-inf) if self._held_from is None else self._held_from
+        for shard in set(self._ends) - set(channels):
+            self._ends.pop(shard).cancel()
+        for shard, asked in channels.items():
+            if shard not in self._ends:
+                self._ends[shard] = _End(self, self._peer(shard))
+            self._ends[shard].ask_for(frozenset(asked), self._kept)
+        self._version = plan.version
+
+    async def run(self) -> None:
+        """Read until the source ends, and then stay for shards that are started anew."""
+        position = None if self._live else await self._position()
+        await feed(self._source, self, self._ends, position)
+        await asyncio.Event().wait()
+
+    def split(self, batch: Batch) -> list[Delivery]:
+        """Keep a batch, and owe it to every shard."""
+        self._trim()
+        kept = _Kept(batch, max((reading.time for reading in batch.readings), default=-inf))
+        self._kept.append(kept)
+        self._readings += len(batch.readings)
+        for held in self._ends.values():
+            held.owe(kept)
+        while self._live and self._readings > MOST_KEPT:
+            self._give_up(self._kept[0])
+        return [Delivery(shard, self.name, [], batch.now) for shard in self._ends]
+
+    def has_room(self, owed: int) -> bool:
+        """Whether a shard to which so many batches are owed can be owed more; a live source does not wait."""
+        return self._live or owed < ROOM
+
+    async def close(self) -> None:
+        """Stop delivering, and let go of the source."""
+        for held in self._ends.values():
+            held.cancel()
+        await end([held.task for held in self._ends.values()])
+        await self._source.close()
+
+    async def _position(self) -> float | None:
+        """Where a recording goes on: where the zone is that is furthest behind."""
+        times: dict[str, float | None] = {}
+        while missing := [shard for shard in self._ends if shard not in times]:
+            for shard in missing:
+                with suppress(ServiceError):
+                    ack: Ack = await self._peer(shard).ask("position", self.name, "")
+                    if ack.version >= self._version:
+                        times[shard] = ack.durable
+            await asyncio.sleep(AGAIN)
+        known = [time for time in times.values() if time is not None]
+        return min(known) if known and len(known) == len(times) else None
+
+    def _trim(self) -> None:
+        """Keep no longer what is durable wherever it is wanted."""
+        if self._held_from is not None and all(held.version >= self._version for held in self._ends.values()):
+            self._held_from = None
+        floor = min((held.durable for held in self._ends.values()), default=-inf)
+        if self._held_from is not None:
+            floor = min(floor, self._held_from)
+        owed = {id(kept) for held in self._ends.values() for kept in held.owed}
+        while self._kept and self._kept[0].newest < floor and id(self._kept[0]) not in owed:
+            self._readings -= len(self._kept.popleft().batch.readings)
+
+    def _give_up(self, kept: _Kept) -> None:
+        if not self._lost:
+            _log.error("source '%s': shards do not take what it delivers; the oldest readings are given up", self.name)
+        self._lost += len(kept.batch.readings)
+        self._readings -= len(kept.batch.readings)
+        self._kept.popleft()
+        for held in self._ends.values():
+            held.forgive(kept)
+
+
+class _End:
+    """What one shard is owed of a source; in order, again from the beginning for every new process of it."""
+
+    def __init__(self, line: Line, peer: Peer) -> None:
+        self.version = 0
+        """Of the shard's plan."""
+        self.durable = -inf
+        self._line, self._peer = line, peer
+        self._boot = ""
+        self._channels: frozenset[str] = frozenset()
+        self._owed: deque[tuple[_Kept, Collection[str]]] = deque()
+        """Batches, and the channels of each that the shard does not have yet."""
+        self._finished = False
+        self._told_end = False
+        self._news, self._room = asyncio.Event(), asyncio.Event()
+        self._kept: Iterable[_Kept] = ()
+        self.task = asyncio.create_task(self._serve())
+
+    @property
+    def owed(self) -> list[_Kept]:
+        """The batches that the shard does not have yet."""
+        return [kept for kept, _ in self._owed]
+
+    def ask_for(self, channels: frozenset[str], kept: Iterable[_Kept]) -> None:
+        """The shard has these channels from now on; of those it did not have it gets all that is `kept`."""
+        fresh, owed = channels - self._channels, {id(one): asked for one, asked in self._owed}
+        self._kept, self._channels = kept, channels
+        if fresh:
+            self.durable = -inf
+            # One clock for all channels: they come in the order in which they were read.
+            self._owed = deque((one, frozenset(owed.get(id(one), ())) | fresh) for one in kept)
+            self._news.set()
+
+    def owe(self, kept: _Kept) -> None:
+        """The shard gets a batch."""
+        self._owed.append((kept, self._channels))
+        self._news.set()
+
+    def forgive(self, kept: _Kept) -> None:
+        """The shard does not get a batch any more."""
+        self._owed = deque(each for each in self._owed if each[0] is not kept)
+
+    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
+        """Wait for room; what is delivered is owed already."""
+        while not self._line.has_room(len(self._owed)):
+            self._room.clear()
+            await self._room.wait()
+
+    async def end(self, source: str) -> None:
+        """Tell the shard that nothing follows what it is owed."""
+        self._finished = True
+        self._news.set()
+
+    async def source_failed(self, source: str, reason: str) -> None:
+        """Tell the shard why there is nothing; one that is away hears it the next time."""
+        with suppress(ServiceError):
+            await self._peer.ask("trouble", source, reason, timeout=AGAIN)
+
+    def cancel(self) -> None:
+        """Deliver nothing any more."""
+        self.task.cancel()
+
+    async def _serve(self) -> None:
+        while True:
+            try:
+                await self._next()
+            except ServiceError as error:
+                if not isinstance(error, Away):
+                    _log.error("source '%s': %s", self._line.name, error)
+                await asyncio.sleep(AGAIN)
+
+    async def _next(self) -> None:
+        """Hand over what comes next, or look after the shard where there is nothing."""
+        name = self._line.name
+        if self._owed:
+            item = self._owed[0]
+            kept, channels = item
+            batch = Batch([reading for reading in kept.batch.readings if reading.channel in channels], kept.batch.now)
+            if self._heard(await self._ask("deliver", batch)) and self._owed and self._owed[0] is item:
+                self._owed.popleft()
+                self._room.set()
+        elif self._finished and not self._told_end:
+            self._told_end = self._heard(await self._ask("finish"))
+        else:
+            self._heard(await self._peer.ask("position", name, self._boot, timeout=10 * LOOK))
+            self._news.clear()
+            if not self._owed:
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(LOOK):
+                        await self._news.wait()
+
+    async def _ask(self, method: str, *arguments: Any) -> Ack:
+        ack: Ack = await self._peer.ask(method, self._line.name, self._boot, *arguments)
+        return ack
+
+    def _heard(self, ack: Ack) -> bool:
+        """Whether the shard is still the process that it was; another one is owed everything."""
+        self.version, self.durable = ack.version, -inf if ack.durable is None else ack.durable
+        if ack.boot == self._boot:
+            return True
+        self._boot, self._told_end = ack.boot, False
+        self._owed = deque((kept, self._channels) for kept in self._kept)
+        return False

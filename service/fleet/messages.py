@@ -1,0 +1,61 @@
+"""What the members of a fleet tell each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from service.publish.sinks import Occasion
+from service.records.skill import Skill
+from service.records.status import ZoneStatus
+from service.records.trust import Trust
+from service.records.update import Update
+
+
+class Beat(NamedTuple):
+    """A sign of life. `boot` names the process: a member that was started anew has another one."""
+
+    name: str
+    boot: str
+    node: str
+    pid: int
+    version: int
+    """Of the plan that it goes by; 0 before the first."""
+    zones: int = 0
+    ready: bool = False
+    problems: Sequence[str] = ()
+    url: str = ""
+    """Where a gateway serves."""
+
+
+class Ack(NamedTuple):
+    """The answer of a shard to a batch. `boot` is its process; a batch for another one was not taken. `version` is that
+    of its plan. What its zones had from the source before `durable` (UTC s) is not wanted again, whatever happens to the
+    shard; None: a zone has not begun."""
+
+    boot: str
+    version: int
+    durable: float | None
+
+
+class ZoneNews(NamedTuple):
+    """The newest that a zone has announced, and how it is doing."""
+
+    zone: str
+    status: ZoneStatus
+    trust: Trust
+    update: Update | None
+    occasion: Occasion
+    skill: Skill | None = None
+    heat_loss: Sequence[float] | None = None
+    trust_news: Trust | None = None
+
+
+class News(NamedTuple):
+    """What is new in a shard since `version` of before, or all there is for a reader of another `boot`."""
+
+    boot: str
+    version: int
+    zones: Sequence[ZoneNews]
+    refused: Mapping[str, str]
+    """Zones that the shard cannot run, and why."""

@@ -1,0 +1,159 @@
+"""The members of a fleet as they ask each other, and what Ray says of one that cannot be asked.
+
+Every member is an actor with a name in the namespace of its site, restarted by Ray wherever there is room. It holds one
+body, whose coroutines are what can be asked of it. No other module knows Ray's errors.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import ray
+from ray.actor import ActorHandle
+from ray.exceptions import RayError, RayTaskError
+from ray.experimental.internal_kv import _internal_kv_del, _internal_kv_get, _internal_kv_put
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from service.errors import NoModel, ReloadRefused, ServiceError, TooManyQuestions
+
+STEWARD, READER = "steward", "reader"
+
+_BODIES = {
+    "steward": "service.fleet.steward:Steward",
+    "shard": "service.fleet.shard:Shard",
+    "reader": "service.fleet.reader:Reader",
+    "gateway": "service.fleet.gateway:Gateway",
+}
+_PLAIN: Mapping[str, type[ServiceError]] = {error.__name__: error for error in (NoModel, TooManyQuestions)}
+
+
+class Away(ServiceError):
+    """A member cannot be asked now: it is being started, or its machine is lost."""
+
+
+class Refusal(NamedTuple):
+    """An error of ours on its way to who asked: the name of its class, and its sentences."""
+
+    kind: str
+    sentences: list[str]
+
+
+class Member:
+    """The actor around every body."""
+
+    async def __init__(self, role: str, site: str, name: str) -> None:  # type: ignore[misc]  # as Ray has it
+        # Before anything imports Numba, so here and not at the top.
+        from service.daemon.process import prepare_process
+
+        prepare_process()
+        module, _, kind = _BODIES[role].partition(":")
+        self._body = getattr(import_module(module), kind)(site, name)
+        await self._body.wake()
+
+    async def ask(self, method: str, arguments: tuple[Any, ...]) -> Any:
+        """What the coroutine `method` of the body returns."""
+        try:
+            return await getattr(self._body, method)(*arguments)
+        except ReloadRefused as error:
+            return Refusal("ReloadRefused", error.problems)
+        except ServiceError as error:
+            # Not every class of ours can be pickled with what it was made of.
+            return Refusal(type(error).__name__, [str(error)])
+
+
+class Peer:
+    """The member `name` of the fleet of `site`, whichever process it is in."""
+
+    def __init__(self, site: str, name: str) -> None:
+        self.name = name
+        self._namespace = namespace(site)
+        self._handle: ActorHandle | None = None
+
+    async def ask(self, method: str, *arguments: Any, timeout: float | None = None) -> Any:
+        """What the member answers. Raises Away, or the ServiceError that it raised."""
+        try:
+            async with asyncio.timeout(timeout):
+                if self._handle is None:
+                    self._handle = await asyncio.to_thread(ray.get_actor, self.name, self._namespace)
+                answer = await self._handle.ask.remote(method, arguments)
+        except TimeoutError:
+            raise Away(f"{self.name} has not answered for {timeout:g} s") from None
+        except RayTaskError as error:
+            raise ServiceError(f"{self.name} failed: {error.cause!r}") from error
+        except (RayError, ValueError) as error:
+            # Under this name there may be another actor by now.
+            self._handle = None
+            raise Away(f"{self.name} cannot be reached now; it is being started or moved") from error
+        if isinstance(answer, Refusal):
+            raise _error(answer)
+        return answer
+
+
+def _error(refusal: Refusal) -> ServiceError:
+    if refusal.kind == "ReloadRefused":
+        return ReloadRefused(refusal.sentences)
+    return _PLAIN.get(refusal.kind, ServiceError)(" ".join(refusal.sentences))
+
+
+def namespace(site: str) -> str:
+    """Where the members of a site have their names."""
+    return f"thermogate-{site}"
+
+
+def create(role: str, site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
+    """Let there be a member, on any machine with so many processors to spare or on `node` alone; without effect if there
+    is one of this name already. It outlives its creator."""
+    strategy = "SPREAD" if node is None else NodeAffinitySchedulingStrategy(node, soft=False)
+    ray.remote(Member).options(
+        name=name,
+        namespace=namespace(site),
+        get_if_exists=True,
+        lifetime="detached",
+        max_restarts=-1,
+        num_cpus=cpus,
+        scheduling_strategy=strategy,
+        max_concurrency=1000,
+    ).remote(role, site, name)
+
+
+def remove(site: str, name: str) -> None:
+    """End a member for good; without effect if there is none."""
+    try:
+        ray.kill(ray.get_actor(name, namespace(site)), no_restart=True)
+    except (RayError, ValueError):
+        return
+
+
+def remember(site: str, key: str, value: bytes) -> None:
+    """Keep `value` where the cluster keeps its actors."""
+    _internal_kv_put(key.encode(), value, overwrite=True, namespace=namespace(site).encode())
+
+
+def remembered(site: str, key: str) -> bytes | None:
+    """What was kept last."""
+    return _internal_kv_get(key.encode(), namespace=namespace(site).encode())
+
+
+def forget(site: str, key: str) -> None:
+    """Keep it no longer."""
+    _internal_kv_del(key.encode(), namespace=namespace(site).encode())
+
+
+def nodes() -> dict[str, str]:
+    """The machines of the cluster that live: id and address."""
+    return {node["NodeID"]: node["NodeManagerAddress"] for node in ray.nodes() if node["Alive"]}
+
+
+def own_node() -> str:
+    """The id of the machine that this process is on."""
+    node: str = ray.get_runtime_context().get_node_id()
+    return node
+
+
+def end_process() -> None:
+    """End this process at once, without a word to anybody; Ray starts the member anew."""
+    os._exit(1)

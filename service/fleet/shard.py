@@ -1,0 +1,249 @@
+"""A shard: some hundred zones in a process of their own, run as the daemon runs them, for as long as its lease holds."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import secrets
+import threading
+from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from typing import Any
+
+from prometheus_client import Metric
+
+from adapters.http.posted import Posted
+from adapters.reading import Batch
+from service.config.fitting import fingerprint
+from service.config.site import Config
+from service.daemon.instruments import instrument
+from service.daemon.logs import configure_logging
+from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
+from service.daemon.runtime import Runtime
+from service.daemon.supply.feeds import Handed
+from service.daemon.supply.ingest import hand
+from service.daemon.tasks import end
+from service.daemon.zone_table import ZoneTable
+from service.errors import StateMismatch
+from service.fleet.herald import Herald
+from service.fleet.inlets import Inlets
+from service.fleet.leasing import Fenced, Leased, lease
+from service.fleet.messages import Ack, Beat, News
+from service.fleet.peers import Away, end_process, own_node
+from service.fleet.plan import narrowed
+from service.publish.kinds import SINK_KINDS
+from service.publish.metrics import Metrics
+from service.publish.sinks import Sink
+from service.records.asker import Asker, asked_by
+from service.records.outlook import WeatherBook
+from service.records.update import Update
+from service.store.retention import Limits
+from service.zone.plumbing import Plumbing
+from service.zone.questions import THREADS, Questions
+
+_log = logging.getLogger(__name__)
+
+
+class Shard:
+    """The body of a shard. It begins with its first plan."""
+
+    def __init__(self, site: str, name: str) -> None:
+        self._site, self._name = site, name
+        self._boot, self._node = secrets.token_hex(8), own_node()
+        self._version = 0
+        self._work: _Work | None = None
+        self._adopting = asyncio.Lock()
+
+    async def wake(self) -> None:
+        """Nothing to do before the steward says what."""
+        favour_the_event_loop()
+
+    async def beat(self) -> Beat:
+        """A sign of life."""
+        work = self._work
+        zones, problems = (0, []) if work is None else (len(work.zones), work.leased.store.problems())
+        return Beat(self._name, self._boot, self._node, os.getpid(), self._version, zones, work is not None, problems)
+
+    async def adopt(self, version: int, config: Config) -> None:
+        """Run the zones of `config`, and no others, from now on. Raises ServiceError."""
+        async with self._adopting:
+            if version <= self._version:
+                return
+            if self._work is None:
+                configure_logging(config.log)
+                self._work = await _Work.begin(self._site, self._name, self._boot, config)
+            else:
+                await self._work.go_over(config)
+            self._version = version
+            _log.info("%s runs %d zones by plan %d", self._name, len(self._work.zones), version)
+
+    async def deliver(self, source: str, boot: str, batch: Batch) -> Ack:
+        """Take what the reader has read of a source."""
+        work = self._working()
+        if boot == self._boot:
+            await work.inlets.deliver(source, batch)
+        return Ack(self._boot, self._version, await work.inlets.durable_until(source, work.runtime.config))
+
+    async def finish(self, source: str, boot: str) -> Ack:
+        """A source has come to its end."""
+        work = self._working()
+        if boot == self._boot:
+            await work.inlets.finish(source)
+        return Ack(self._boot, self._version, await work.inlets.durable_until(source, work.runtime.config))
+
+    async def position(self, source: str, boot: str) -> Ack:
+        """Where a source goes on, for a reader that keeps nothing more of it for the process `boot`."""
+        work = self._working()
+        if boot == self._boot:
+            work.inlets.settle(source)
+        return Ack(self._boot, self._version, await work.inlets.durable_until(source, work.runtime.config))
+
+    async def trouble(self, source: str, reason: str) -> None:
+        """A source does not deliver for now."""
+        work = self._working()
+        for zone in work.runtime.config.zones_of(source):
+            if zone.id in work.zones:
+                await work.zones[zone.id].source_failed(source, reason)
+
+    async def take(self, posted: Sequence[Posted], zone: str | None, expected: Collection[str]) -> Handed:
+        """Take what clients posted for the zones `expected`; durable on return. Raises ServiceError."""
+        work = self._working()
+        if missing := [name for name in expected if name not in work.zones]:
+            raise Away(f"zone '{missing[0]}' is being moved; post the readings again")
+        return await hand(work.runtime.feeds, posted, zone)
+
+    async def news(self, boot: str, since: int) -> News:
+        """What the zones have announced since."""
+        return await self._working().herald.news(boot, since)
+
+    async def question(self, asker: str, zone: str, method: str, arguments: tuple[Any, ...]) -> Any:
+        """What `method` of a zone answers a client."""
+        zones = self._working().zones
+        if zone not in zones:
+            raise Away(f"zone '{zone}' is being moved; ask again in a moment")
+        asked_by(Asker(asker))
+        # An update that went through another process is the same where its time is.
+        own = [_own(zones[zone].latest(), each) if isinstance(each, Update) else each for each in arguments]
+        return await getattr(zones[zone], method)(*own)
+
+    async def metrics(self) -> list[Metric]:
+        """Every metric of the shard as it is now."""
+        registry = self._working().metrics.registry
+        return await asyncio.to_thread(lambda: list(registry.collect()))
+
+    async def stop(self) -> None:
+        """Stop in order: mailboxes emptied, checkpoints written, the lease given back."""
+        async with self._adopting:
+            if self._work is not None:
+                await self._work.stop()
+                self._work = None
+
+    def _working(self) -> _Work:
+        if self._work is None:
+            raise Away(f"{self._name} is starting")
+        return self._work
+
+
+class _Work:
+    """What a shard runs under its lease."""
+
+    def __init__(self, site: str, name: str, boot: str, config: Config, leased: Leased, opened: Sequence[Sink]) -> None:
+        self.leased = leased
+        self.zones = ZoneTable()
+        self.metrics = Metrics(self.zones, version("thermogate"))
+        self.herald = Herald(boot, self.zones)
+        self.inlets = Inlets(self.zones)
+        self._opened = opened
+        self._stopping = threading.Event()
+        threads = max(1, round(config.fleet.shard_cpus)) if config.fleet is not None else 1
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="estimator", initializer=stand_back)
+        self._asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
+        sinks = (self.metrics, *(Fenced(sink, leased) for sink in (*opened, self.herald)))
+        plumbing = Plumbing(
+            site,
+            leased.store,
+            self._pool,
+            Questions(self._asking, self._stopping),
+            self._stopping,
+            self.metrics,
+            sinks,
+            config.site.checkpoint_every,
+            weather=WeatherBook(),
+        )
+        self.runtime = Runtime(config, self.zones, plumbing, self.inlets)
+        instrument(self.metrics, self.runtime, leased.store, sinks)
+        self._watching: list[asyncio.Future[Any]] = []
+
+    @classmethod
+    async def begin(cls, site: str, name: str, boot: str, config: Config) -> _Work:
+        """Wait for the lease and start the zones."""
+        assert config.fleet is not None
+        leased = await lease(config, name, boot, end_process)
+        opened = []
+        for kind in SINK_KINDS.values():
+            sink = await asyncio.to_thread(kind.open, config.table(kind.name), site)
+            opened += [] if sink is None else [sink]
+        sound, refused = await _sound(config, leased)
+        work = cls(site, name, boot, sound, leased, opened)
+        work.herald.refused = refused
+        await work.runtime.declare()
+        await work.runtime.restore()
+        work.runtime.start_zones()
+        await work.runtime.start_feeds()
+        store, limits = leased.store, Limits(config.site.keep_history, config.site.max_journal)
+        work._watching = [
+            asyncio.create_task(store.keep_within(limits)),
+            asyncio.create_task(store.watch()),
+            asyncio.create_task(collect_garbage()),
+            asyncio.create_task(work.herald.watch()),
+        ]
+        work.runtime.broken.add_done_callback(_broken)
+        return work
+
+    async def go_over(self, config: Config) -> None:
+        """Run the zones of `config`; those that are the same go on untouched. Raises ServiceError."""
+        sound, self.herald.refused = await _sound(config, self.leased)
+        before = self.runtime.config
+        # The other tables take effect with the next start of the shard.
+        kept = {name: getattr(before, name) for name in ("site", "http", "sinks")}
+        await self.runtime.reload(sound.model_copy(update=kept))
+        if before.log != config.log:
+            configure_logging(config.log)
+
+    async def stop(self) -> None:
+        """Stop in order."""
+        self._stopping.set()
+        await self.runtime.stop_feeds()
+        await self.runtime.drain()
+        await end(self._watching)
+        for sink in self._opened:
+            await asyncio.to_thread(sink.close)
+        for executor in (self._asking, self._pool):
+            executor.shutdown(wait=True, cancel_futures=True)
+        await self.leased.release()
+
+
+async def _sound(config: Config, leased: Leased) -> tuple[Config, dict[str, str]]:
+    """`config` with the zones whose state fits, and why the others' does not: one zone's mistake is not the others'."""
+    refused = {}
+    for zone in config.zones:
+        try:
+            await leased.store.claim(zone.id, fingerprint(zone))
+        except StateMismatch as error:
+            _log.error("%s", error)
+            refused[zone.id] = str(error)
+    return narrowed(config, [zone.id for zone in config.zones if zone.id not in refused]), refused
+
+
+def _own(latest: Update | None, asked: Update) -> Update:
+    """`latest` where it is the update that was asked about."""
+    same = latest is not None and (latest.time, latest.segment) == (asked.time, asked.segment)
+    return latest if same and latest is not None else asked
+
+
+def _broken(outcome: asyncio.Future[None]) -> None:
+    if not outcome.cancelled() and (error := outcome.exception()) is not None:
+        _log.error("a zone has ended with an error that only a new process helps against: %r", error)
+        end_process()

@@ -1,0 +1,185 @@
+"""The zones of all shards as a gateway sees them: what they told last, and what is asked of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
+from typing import Any
+
+from estimator.arrays import Array
+from estimator.statespace.simulate import Simulation
+from estimator.types import ParameterSummary
+from service.config.fitting import surroundings
+from service.config.site import Config, ZoneConfig
+from service.fleet.messages import News, ZoneNews
+from service.fleet.peers import Peer
+from service.records.asker import current_asker
+from service.records.fan import Fan
+from service.records.history import HistoryRow
+from service.records.model import CompactFan, ZoneModel
+from service.records.outlook import Outlook
+from service.records.series import Series
+from service.records.skill import Skill
+from service.records.status import ZoneStatus
+from service.records.trust import Trust, untrusted
+from service.records.update import Update
+
+ANSWER_SECONDS = 60.0
+"""How long a question to a zone may take."""
+
+SILENT_SECONDS = 10.0
+"""A shard that has not answered for so long is not believed any more to run its zones."""
+
+
+class ShardView:
+    """A shard: whom to ask, and when it last answered."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.peer = peer
+        self.heard_at: float | None = None
+        """Monotonic s."""
+        self.refused: Mapping[str, str] = {}
+
+    def heard(self, news: News) -> None:
+        """The shard has answered."""
+        self.heard_at = time.monotonic()
+        self.refused = news.refused
+
+    def silence(self) -> str | None:
+        """Why nothing is known of its zones now; None where it answers."""
+        if self.heard_at is None:
+            return f"{self.peer.name}, which is to run it, is starting"
+        silent = time.monotonic() - self.heard_at
+        if silent <= SILENT_SECONDS:
+            return None
+        return f"{self.peer.name}, which runs it, has not answered for {silent:.0f} s; it is being started anew"
+
+
+class RemoteZone:
+    """A zone in another process (`service.records.view.ZoneView`)."""
+
+    def __init__(self, table: ZoneConfig, config: Config, shard: ShardView) -> None:
+        self.id = table.id
+        self.network = table.network
+        self.period = float(table.period)
+        self.estimator = table.estimator
+        self.surroundings = surroundings(config, table)
+        self.shard = shard
+        self._news: ZoneNews | None = None
+
+    def heard(self, news: ZoneNews) -> None:
+        """The newest of the zone."""
+        self._news = news
+
+    def status(self) -> ZoneStatus:
+        """How the zone was doing when its shard last said so."""
+        if (refused := self.shard.refused.get(self.id)) is not None:
+            return self._unknown("failed", refused)
+        silence = self.shard.silence()
+        if self._news is None:
+            return self._unknown("waiting", silence or "it is being restored")
+        status = self._news.status
+        return status if silence is None else status._replace(state="stalled", reason=silence)
+
+    def latest(self) -> Update | None:
+        """The newest update."""
+        return None if self._news is None else self._news.update
+
+    def trust(self) -> Trust:
+        """How far its forecasts can be relied on."""
+        status = self.status()
+        known = Trust() if self._news is None else self._news.trust
+        if status.state in ("stalled", "failed"):
+            return untrusted(known, f"the zone is {status.state}: {status.reason}")
+        return known
+
+    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
+        """The standing forecast and `steps` beyond it."""
+        fan: Fan | None = await self._ask("fan", steps, tuple(levels), plan)
+        return fan
+
+    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+        """The newest update, and the inputs of the next `steps` steps."""
+        found: tuple[Update, Outlook] | None = await self._ask("outlook", steps)
+        return found
+
+    async def compact_fan(
+        self, update: Update, levels: Sequence[float], rows: Array, scenarios: int
+    ) -> CompactFan | None:
+        """The forecast from `update` on under the inputs `rows`."""
+        fan: CompactFan | None = await self._ask("compact_fan", update, tuple(levels), rows, scenarios)
+        return fan
+
+    async def room(self, update: Update) -> Simulation | None:
+        """The zone's physics."""
+        room: Simulation | None = await self._ask("room", update)
+        return room
+
+    async def model(self, periods: int, count: int) -> ZoneModel | None:
+        """State-space matrices."""
+        model: ZoneModel | None = await self._ask("model", periods, count)
+        return model
+
+    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+        """Posterior quantiles of the parameters."""
+        summary: ParameterSummary | None = await self._ask("parameters", tuple(levels))
+        return summary
+
+    async def skill(self) -> Skill | None:
+        """What its forecasts have been worth."""
+        skill: Skill | None = await self._ask("skill")
+        return skill
+
+    async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """History rows, oldest first."""
+        rows: list[HistoryRow] = await self._ask("history", start, end, limit)
+        return rows
+
+    async def series(self, start: int, end: int, points: int) -> Series:
+        """The history of [start, end), UTC s, thinned out."""
+        series: Series = await self._ask("series", start, end, points)
+        return series
+
+    async def _ask(self, method: str, *arguments: Any) -> Any:
+        asker = current_asker()
+        name = "" if asker is None else asker.name
+        return await self.shard.peer.ask("question", name, self.id, method, arguments, timeout=ANSWER_SECONDS)
+
+    def _unknown(self, state: str, reason: str) -> ZoneStatus:
+        return ZoneStatus(state, reason, None, 0, 0, {}, {}, channels=self.network.channels)
+
+
+class Mirror(Mapping[str, RemoteZone]):
+    """All zones of a site by id, in the order of its configuration; replaced in one go, as in the daemon."""
+
+    def __init__(self) -> None:
+        self._zones: dict[str, RemoteZone] = {}
+
+    def adopt(self, config: Config, owner: Mapping[str, str], shard: Callable[[str], ShardView]) -> None:
+        """These are the zones from now on; what is known of one that stays as it is, is kept."""
+        zones = {}
+        for table in config.zones:
+            zone = RemoteZone(table, config, shard(owner[table.id]))
+            before = self._zones.get(table.id)
+            if before is not None and before._news is not None and before.network == zone.network:
+                zone.heard(before._news)
+            zones[table.id] = zone
+        self._zones = zones
+
+    def __getitem__(self, zone: str) -> RemoteZone:
+        return self._zones[zone]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._zones)
+
+    def __len__(self) -> int:
+        return len(self._zones)
+
+    def keys(self) -> KeysView[str]:
+        return self._zones.keys()
+
+    def values(self) -> ValuesView[RemoteZone]:
+        return self._zones.values()
+
+    def items(self) -> ItemsView[str, RemoteZone]:
+        return self._zones.items()
