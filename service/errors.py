@@ -47,6 +47,17 @@ class JournalError(ServiceError):
     """The journal cannot be opened or written."""
 
 
+class Fenced(JournalError):
+    """Another owner has what was to be written to: the lease of this one is over, or `zones` have gone to another.
+
+    Without `zones` it is the lease, and so everything.
+    """
+
+    def __init__(self, sentence: str, zones: Sequence[str] = ()) -> None:
+        super().__init__(sentence)
+        self.zones = tuple(zones)
+
+
 class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
 

@@ -12,6 +12,9 @@ Array = npt.NDArray[np.float64]
 COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate")
 """Columns of the history that a chart shows."""
 
+MAX_ROWS = 600_000
+"""Rows that are read in all; of a longer stretch, only every second, third, ... sample is."""
+
 
 class Series(NamedTuple):
     """n buckets of `bucket` s, oldest first; a bucket without any sample is left out.
@@ -30,3 +33,19 @@ class Series(NamedTuple):
     band_low: Array
     band_high: Array
     inputs: Array
+
+
+class Stretch(NamedTuple):
+    """What is asked of a zone: [start, end) in UTC s, in buckets of whole periods (s), with `width` inputs."""
+
+    zone: str
+    start: int
+    end: int
+    period: int
+    bucket: int
+    width: int
+
+    @property
+    def stride(self) -> int:
+        """Every which sample is read."""
+        return max(1, -(-(self.end - self.start) // (self.period * MAX_ROWS)))
