@@ -113,6 +113,10 @@ class HttpSource:
         taken = [reading for reading in readings if reading is not None]
         return Received(taken, len(readings) - len(taken), frozenset(place for place, _ in found))
 
+    def zones_of(self, posted: Posted, zone: str | None = None) -> set[str]:
+        """The zones whose channels ask for a value."""
+        return {watched.channel.zone for watched in self._meant(posted, zone)}
+
     def _all(self) -> Iterator[_Watched]:
         return (watched for listed in self._measured.values() for watched in listed)
 

@@ -63,13 +63,13 @@ class Inlets:
         self._caught_up.add(source)
         self._news.set()
 
-    async def deliver(self, source: str, batch: Batch) -> None:
-        """Hand a batch to the zones; what closed by it is durable on return. Raises Away where the source is not at work
-        yet."""
+    async def deliver(self, source: str, batch: Batch, again: bool) -> None:
+        """Hand a batch, which they may have had `again`, to the zones; what closed by it is durable on return. Raises
+        Away where the source is not at work yet."""
         if not self._open.get(source):
             raise Away(f"sources.{source} is not at work in this shard yet")
         self._ended.discard(source)
-        if batch.now <= self._seen.get(source, -inf):
+        if again or batch.now <= self._seen.get(source, -inf):
             batch = Batch([reading for reading in batch.readings if self._is_new(reading)], batch.now)
         await asyncio.gather(*(inlet.put(batch) for inlet in tuple(self._open[source])))
         self._seen[source] = max(batch.now, self._seen.get(source, -inf))

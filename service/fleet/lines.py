@@ -56,7 +56,8 @@ class Line:
         self._ends: dict[str, _End] = {}
         self._held_from: float | None = None
         """The earliest time of which zones that are on their way to another shard may want something."""
-        self._version = 0
+        self._moving = False
+        self.version = 0
         self.assign(plan)
 
     @property
@@ -90,7 +91,7 @@ class Line:
             if shard not in self._ends:
                 self._ends[shard] = _End(self, self._peer(shard))
             self._ends[shard].ask_for(frozenset(asked), self._kept)
-        self._version = plan.version
+        self.version, self._moving = plan.version, bool(plan.moving)
 
     async def run(self) -> None:
         """Read until the source ends, and then stay for shards that are started anew."""
@@ -128,7 +129,7 @@ class Line:
             for shard in missing:
                 with suppress(ServiceError):
                     ack: Ack = await self._peer(shard).ask("position", self.name, "")
-                    if ack.version >= self._version:
+                    if ack.version >= self.version:
                         times[shard] = ack.durable
             await asyncio.sleep(AGAIN)
         known = [time for time in times.values() if time is not None]
@@ -136,7 +137,11 @@ class Line:
 
     def _trim(self) -> None:
         """Keep no longer what is durable wherever it is wanted."""
-        if self._held_from is not None and all(held.version >= self._version for held in self._ends.values()):
+        if (
+            self._held_from is not None
+            and not self._moving
+            and all(held.version >= self.version for held in self._ends.values())
+        ):
             self._held_from = None
         floor = min((held.durable for held in self._ends.values()), default=-inf)
         if self._held_from is not None:
@@ -165,8 +170,9 @@ class _End:
         self._line, self._peer = line, peer
         self._boot = ""
         self._channels: frozenset[str] = frozenset()
-        self._owed: deque[tuple[_Kept, Collection[str]]] = deque()
-        """Batches, and the channels of each that the shard does not have yet."""
+        self._owed: deque[tuple[_Kept, Collection[str], bool]] = deque()
+        """Batches, the channels of each that the shard does not have yet, and whether its zones may have had them."""
+        self._doubt = False
         self._finished = False
         self._told_end = False
         self._news, self._room = asyncio.Event(), asyncio.Event()
@@ -176,21 +182,21 @@ class _End:
     @property
     def owed(self) -> list[_Kept]:
         """The batches that the shard does not have yet."""
-        return [kept for kept, _ in self._owed]
+        return [kept for kept, _, _ in self._owed]
 
     def ask_for(self, channels: frozenset[str], kept: Iterable[_Kept]) -> None:
         """The shard has these channels from now on; of those it did not have it gets all that is `kept`."""
-        fresh, owed = channels - self._channels, {id(one): asked for one, asked in self._owed}
+        fresh, owed = channels - self._channels, {id(one): asked for one, asked, _ in self._owed}
         self._kept, self._channels = kept, channels
         if fresh:
             self.durable = -inf
             # One clock for all channels: they come in the order in which they were read.
-            self._owed = deque((one, frozenset(owed.get(id(one), ())) | fresh) for one in kept)
+            self._owed = deque((one, frozenset(owed.get(id(one), ())) | fresh, True) for one in kept)
             self._news.set()
 
     def owe(self, kept: _Kept) -> None:
         """The shard gets a batch."""
-        self._owed.append((kept, self._channels))
+        self._owed.append((kept, self._channels, False))
         self._news.set()
 
     def forgive(self, kept: _Kept) -> None:
@@ -231,10 +237,13 @@ class _End:
         name = self._line.name
         if self._owed:
             item = self._owed[0]
-            kept, channels = item
+            kept, channels, again = item
+            # What could not be taken the last time may have been in part.
+            again, self._doubt = again or self._doubt, True
             batch = Batch([reading for reading in kept.batch.readings if reading.channel in channels], kept.batch.now)
-            if self._heard(await self._ask("deliver", batch)) and self._owed and self._owed[0] is item:
+            if self._heard(await self._ask("deliver", batch, again)) and self._owed and self._owed[0] is item:
                 self._owed.popleft()
+                self._doubt = False
                 self._room.set()
         elif self._finished and not self._told_end:
             self._told_end = self._heard(await self._ask("finish"))
@@ -247,7 +256,7 @@ class _End:
                         await self._news.wait()
 
     async def _ask(self, method: str, *arguments: Any) -> Ack:
-        ack: Ack = await self._peer.ask(method, self._line.name, self._boot, *arguments)
+        ack: Ack = await self._peer.ask(method, self._line.name, self._boot, self._line.version, *arguments)
         return ack
 
     def _heard(self, ack: Ack) -> bool:
@@ -256,5 +265,5 @@ class _End:
         if ack.boot == self._boot:
             return True
         self._boot, self._told_end = ack.boot, False
-        self._owed = deque((kept, self._channels) for kept in self._kept)
+        self._owed = deque((kept, self._channels, True) for kept in self._kept)
         return False

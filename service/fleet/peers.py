@@ -16,6 +16,7 @@ import ray
 from ray.actor import ActorHandle
 from ray.exceptions import RayError, RayTaskError
 from ray.experimental.internal_kv import _internal_kv_del, _internal_kv_get, _internal_kv_put
+from ray.util import list_named_actors
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from service.errors import NoModel, ReloadRefused, ServiceError, TooManyQuestions
@@ -105,8 +106,8 @@ def namespace(site: str) -> str:
 
 
 def create(role: str, site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
-    """Let there be a member, on any machine with so many processors to spare or on `node` alone; without effect if there
-    is one of this name already. It outlives its creator."""
+    """Let there be a member, on any machine with so many processors to spare or on `node` alone; without effect if
+    there is one of this name already. It outlives its creator."""
     strategy = "SPREAD" if node is None else NodeAffinitySchedulingStrategy(node, soft=False)
     ray.remote(Member).options(
         name=name,
@@ -126,6 +127,12 @@ def remove(site: str, name: str) -> None:
         ray.kill(ray.get_actor(name, namespace(site)), no_restart=True)
     except (RayError, ValueError):
         return
+
+
+def members(site: str) -> set[str]:
+    """The names of all members that there are."""
+    own = namespace(site)
+    return {each["name"] for each in list_named_actors(all_namespaces=True) if each["namespace"] == own}
 
 
 def remember(site: str, key: str, value: bytes) -> None:

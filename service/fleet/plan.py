@@ -49,7 +49,10 @@ class Plan(NamedTuple):
         return {shard: narrowed(self.config, names) for shard, names in zones.items()}
 
     def followed_by(
-        self, config: Config | None = None, shards: Sequence[str] | None = None, quarantined: frozenset[str] | None = None
+        self,
+        config: Config | None = None,
+        shards: Sequence[str] | None = None,
+        quarantined: frozenset[str] | None = None,
     ) -> Plan:
         """The next plan. Where zones have to change hands, it first takes them from those who have them; `settled`
         then gives them to their new shards."""

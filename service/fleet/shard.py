@@ -1,4 +1,4 @@
-"""A shard: some hundred zones in a process of their own, run as the daemon runs them, for as long as its lease holds."""
+"""A shard: some hundred zones in a process of their own, run as the daemon runs them, as long as its lease holds."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from service.daemon.zone_table import ZoneTable
 from service.errors import StateMismatch
 from service.fleet.herald import Herald
 from service.fleet.inlets import Inlets
-from service.fleet.leasing import Fenced, Leased, lease
+from service.fleet.leasing import Leased, Vouched, take_lease
 from service.fleet.messages import Ack, Beat, News
 from service.fleet.peers import Away, end_process, own_node
 from service.fleet.plan import narrowed
@@ -79,26 +79,29 @@ class Shard:
             self._version = version
             _log.info("%s runs %d zones by plan %d", self._name, len(self._work.zones), version)
 
-    async def deliver(self, source: str, boot: str, batch: Batch) -> Ack:
-        """Take what the reader has read of a source."""
+    async def deliver(self, source: str, boot: str, plan: int, batch: Batch, again: bool) -> Ack:
+        """Take what the reader has read of a source by its `plan`; it may have given it before."""
         work = self._working()
         if boot == self._boot:
-            await work.inlets.deliver(source, batch)
-        return Ack(self._boot, self._version, await work.inlets.durable_until(source, work.runtime.config))
+            self._agree(plan)
+            await work.inlets.deliver(source, batch, again)
+            self._agree(plan)
+        return await self._ack(work, source)
 
-    async def finish(self, source: str, boot: str) -> Ack:
+    async def finish(self, source: str, boot: str, plan: int) -> Ack:
         """A source has come to its end."""
         work = self._working()
         if boot == self._boot:
+            self._agree(plan)
             await work.inlets.finish(source)
-        return Ack(self._boot, self._version, await work.inlets.durable_until(source, work.runtime.config))
+        return await self._ack(work, source)
 
     async def position(self, source: str, boot: str) -> Ack:
         """Where a source goes on, for a reader that keeps nothing more of it for the process `boot`."""
         work = self._working()
         if boot == self._boot:
             work.inlets.settle(source)
-        return Ack(self._boot, self._version, await work.inlets.durable_until(source, work.runtime.config))
+        return await self._ack(work, source)
 
     async def trouble(self, source: str, reason: str) -> None:
         """A source does not deliver for now."""
@@ -140,6 +143,18 @@ class Shard:
                 await self._work.stop()
                 self._work = None
 
+    def _agree(self, plan: int) -> None:
+        """Raises Away while reader and shard go by different plans: they differ in whose zones are whose."""
+        if self._adopting.locked() or plan != self._version:
+            raise Away(f"{self._name} and the reader go by different plans; one of them is late")
+
+    async def _ack(self, work: _Work, source: str) -> Ack:
+        version = self._version
+        ack = Ack(self._boot, version, await work.inlets.durable_until(source, work.runtime.config))
+        if self._adopting.locked() or version != self._version:
+            raise Away(f"{self._name} is going over to another plan")
+        return ack
+
     def _working(self) -> _Work:
         if self._work is None:
             raise Away(f"{self._name} is starting")
@@ -160,7 +175,8 @@ class _Work:
         threads = max(1, round(config.fleet.shard_cpus)) if config.fleet is not None else 1
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="estimator", initializer=stand_back)
         self._asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
-        sinks = (self.metrics, *(Fenced(sink, leased) for sink in (*opened, self.herald)))
+        vouched = [Vouched(sink, leased) for sink in (*opened, self.herald)]
+        sinks: tuple[Sink, ...] = (self.metrics, *vouched)
         plumbing = Plumbing(
             site,
             leased.store,
@@ -175,12 +191,15 @@ class _Work:
         self.runtime = Runtime(config, self.zones, plumbing, self.inlets)
         instrument(self.metrics, self.runtime, leased.store, sinks)
         self._watching: list[asyncio.Future[Any]] = []
+        self._leaving: set[str] = set()
+        """Zones that are stopped, or are to be, and not given up yet."""
 
     @classmethod
     async def begin(cls, site: str, name: str, boot: str, config: Config) -> _Work:
         """Wait for the lease and start the zones."""
         assert config.fleet is not None
-        leased = await lease(config, name, boot, end_process)
+        owner = f"process {os.getpid()} on {own_node()[:8]} ({boot})"
+        leased = await take_lease(config.fleet, site, name, owner, end_process)
         opened = []
         for kind in SINK_KINDS.values():
             sink = await asyncio.to_thread(kind.open, config.table(kind.name), site)
@@ -206,9 +225,14 @@ class _Work:
         """Run the zones of `config`; those that are the same go on untouched. Raises ServiceError."""
         sound, self.herald.refused = await _sound(config, self.leased)
         before = self.runtime.config
+        self._leaving |= {zone.id for zone in before.zones}
         # The other tables take effect with the next start of the shard.
         kept = {name: getattr(before, name) for name in ("site", "http", "sinks")}
         await self.runtime.reload(sound.model_copy(update=kept))
+        self._leaving -= self.zones.keys()
+        for zone in tuple(self._leaving):
+            await self.leased.store.give_up(zone)
+            self._leaving.discard(zone)
         if before.log != config.log:
             configure_logging(config.log)
 

@@ -1,0 +1,172 @@
+"""A gateway: the whole REST API of every zone, on one machine of the cluster."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import secrets
+import signal
+from contextlib import suppress
+from importlib.metadata import version
+from typing import Any
+
+from prometheus_client import CollectorRegistry
+
+from service.config.site import Config
+from service.daemon.logs import configure_logging
+from service.daemon.process import collect_garbage, favour_the_event_loop
+from service.daemon.tasks import end
+from service.errors import ReloadRefused, ServiceError
+from service.fleet.messages import Beat, News
+from service.fleet.peers import Peer, own_node
+from service.fleet.plan import Plan
+from service.fleet.posts import Posts
+from service.fleet.scrape import FleetCollector
+from service.fleet.views import Mirror, ShardView
+from service.publish.changes import Changes
+from service.publish.events import Streams
+from service.publish.sinks import Announcement
+from service.web.app import create_app
+from service.web.keys import KeyRing
+from service.web.server.server import HttpServer
+
+AGAIN = 0.3
+"""Pause before a shard that could not be reached is asked again, s."""
+
+_log = logging.getLogger(__name__)
+
+
+class Gateway:
+    """The body of a gateway. It serves from its first plan on."""
+
+    def __init__(self, site: str, name: str) -> None:
+        self._site, self._name = site, name
+        self._boot, self._node = secrets.token_hex(8), own_node()
+        self._plan: Plan | None = None
+        self._zones = Mirror()
+        self._shards: dict[str, tuple[ShardView, asyncio.Task[None]]] = {}
+        self._posts = Posts()
+        self._streams, self._changes = Streams(), Changes()
+        self._server: HttpServer | None = None
+        self._serving: asyncio.Task[None] | None = None
+        self._watching: list[asyncio.Task[Any]] = []
+        self._problem = ""
+
+    async def wake(self) -> None:
+        """Nothing to do before the steward says what."""
+        favour_the_event_loop()
+
+    async def beat(self) -> Beat:
+        """A sign of life."""
+        ready = self._serving is not None and not self._serving.done()
+        return Beat(
+            self._name,
+            self._boot,
+            self._node,
+            os.getpid(),
+            0 if self._plan is None else self._plan.version,
+            len(self._zones),
+            ready,
+            [self._problem] if self._problem else [],
+            self._server.url if ready and self._server is not None else "",
+        )
+
+    async def adopt(self, plan: Plan) -> None:
+        """Serve the zones of `plan` from now on."""
+        before = self._plan
+        if before is not None and plan.version <= before.version:
+            return
+        if before is None or before.config.log != plan.config.log:
+            configure_logging(plan.config.log)
+        for name in set(self._shards) - set(plan.all_shards):
+            await end([self._shards.pop(name)[1]])
+        for name in plan.all_shards:
+            if name not in self._shards:
+                view = ShardView(Peer(self._site, name))
+                self._shards[name] = view, asyncio.create_task(self._listen(view))
+        owner = plan.owners()
+        self._zones.adopt(plan.config, owner, lambda name: self._shards[name][0])
+        running = {zone: self._shards[name][0] for zone, name in owner.items() if zone not in plan.moving}
+        self._posts.adopt(plan.config, running)
+        if before is None:
+            await self._serve(plan.config)
+        elif self._server is not None:
+            self._server.reload()
+        self._plan = plan
+
+    async def end(self, pid: int) -> None:
+        """End a process of this machine that does not answer any more."""
+        _log.error("process %d does not answer any more and is ended", pid)
+        with suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, signal.SIGKILL)
+
+    async def stop(self) -> None:
+        """Serve nobody any more."""
+        await end([task for _, task in self._shards.values()])
+        self._streams.end()
+        self._changes.end()
+        if self._server is not None and self._serving is not None:
+            await self._server.stop(self._serving)
+            self._server.close()
+        await end(self._watching)
+
+    async def _serve(self, config: Config) -> None:
+        registry = CollectorRegistry()
+        loop = asyncio.get_running_loop()
+        registry.register(FleetCollector(loop, lambda: [view.peer for view, _ in self._shards.values()]))
+        try:
+            app = create_app(
+                config.site.id,
+                self._zones,
+                registry,
+                version=version("thermogate"),
+                keys=KeyRing(config.keys_file, required=config.http.exposed),
+                problems=self._problems,
+                reload=_not_here,
+                http=config.http,
+                streams=self._streams,
+                take=self._posts.take,
+                changes=self._changes,
+                time_zone=config.site.time_zone,
+            )
+            self._server = server = HttpServer(app, config.http)
+            self._serving = asyncio.create_task(server.run())
+            await server.started(self._serving)
+        except ServiceError as error:
+            # The other machines serve all zones too; the steward shows what is wrong with this one.
+            _log.error("%s", error)
+            self._problem, self._serving = str(error), None
+            return
+        self._watching.append(asyncio.create_task(collect_garbage()))
+        _log.info("%s serves %d zones on %s", self._name, len(self._zones), server.url)
+
+    def _problems(self) -> list[str]:
+        silent = [view.peer.name for view, _ in self._shards.values() if view.silence() is not None]
+        return [f"shards that do not answer: {', '.join(silent)}"] if silent else []
+
+    async def _listen(self, view: ShardView) -> None:
+        """Hear, for ever, what a shard's zones announce."""
+        boot, since = "", 0
+        while True:
+            try:
+                news: News = await view.peer.ask("news", boot, since, timeout=30.0)
+            except ServiceError:
+                await asyncio.sleep(AGAIN)
+                continue
+            boot, since = news.boot, news.version
+            view.heard(news)
+            for one in news.zones:
+                zone = self._zones.get(one.zone)
+                if zone is None or zone.shard is not view:
+                    continue
+                zone.heard(one)
+                announcement = Announcement(
+                    self._site, one.zone, one.status, one.update, one.occasion, one.skill, one.heat_loss, one.trust_news
+                )
+                self._streams.publish(announcement)
+                self._changes.publish(announcement)
+
+
+async def _not_here() -> str:
+    raise ReloadRefused(["a fleet is reloaded where `thermogate fleet run` runs: send it SIGHUP"])

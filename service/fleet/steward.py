@@ -1,0 +1,251 @@
+"""The steward: keeps the plan, lets there be the members that it asks for, and ends those that hang."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import pickle
+import time
+from collections.abc import Awaitable, Iterable, Mapping
+from contextlib import suppress
+from typing import NamedTuple
+
+from service.config.fleet import FleetConfig
+from service.config.site import Config
+from service.daemon.logs import configure_logging
+from service.daemon.reload import compare, summary
+from service.errors import ReloadRefused, ServiceError
+from service.fleet import peers
+from service.fleet.messages import Beat
+from service.fleet.peers import READER, STEWARD, Peer
+from service.fleet.plan import Plan, shard_names
+
+LOOK = 0.5
+"""How often the members are looked after, s."""
+
+ANSWER_SECONDS = 5.0
+STOP_SECONDS = 30.0
+"""How long an orderly stop waits for each kind of member."""
+
+_PLAN = "plan"
+_GATEWAY = "gateway-"
+
+_log = logging.getLogger(__name__)
+
+
+class Known(NamedTuple):
+    """A member, and when it last gave a sign of life, monotonic s; None: not since it is looked for."""
+
+    beat: Beat
+    at: float
+
+
+class FleetStatus(NamedTuple):
+    """How the fleet is doing."""
+
+    version: int
+    moving: int
+    """Zones that are between two shards."""
+    nodes: Mapping[str, str]
+    members: tuple[tuple[str, Beat | None, float], ...]
+    """Every member that there should be: its name, its last sign of life, and how long ago that was, s."""
+    quarantined: tuple[str, ...]
+
+
+class Steward:
+    """The body of the steward. A new process of it goes on with the plan that the cluster keeps."""
+
+    def __init__(self, site: str, name: str) -> None:
+        self._site = site
+        self._plan: Plan | None = None
+        self._known: dict[str, Known] = {}
+        self._peers: dict[str, Peer] = {}
+        self._telling: dict[str, asyncio.Task[None]] = {}
+        self._nodes: dict[str, str] = {}
+        self._looking: asyncio.Task[None] | None = None
+        self._changing = asyncio.Lock()
+
+    async def wake(self) -> None:
+        """Go on with the plan of before, if there was one."""
+        if (kept := await asyncio.to_thread(peers.remembered, self._site, _PLAN)) is not None:
+            self._plan = pickle.loads(kept)
+            configure_logging(self._plan.config.log)
+            _log.info("the steward goes on with plan %d", self._plan.version)
+        self._looking = asyncio.create_task(self._look_after())
+
+    async def run(self, config: Config) -> str:
+        """Run the zones of `config` from now on; what that changes, as one line. Raises ReloadRefused."""
+        async with self._changing:
+            before = self._plan
+            if before is None:
+                configure_logging(config.log)
+                await self._go_by(Plan(1, config, shard_names(_fleet(config).shards)))
+                return f"{len(config.zones)} zones on {_fleet(config).shards} shards"
+            if problems := _obstacles(before.config, config):
+                raise ReloadRefused(problems)
+            changes = compare(before.config, config)
+            shards = None
+            if _fleet(config).shards != _fleet(before.config).shards:
+                shards = shard_names(_fleet(config).shards)
+            if before.config != config:
+                await self._go_by(before.followed_by(config, shards))
+            return summary(changes)
+
+    async def rebalance(self, shards: int) -> str:
+        """Spread the zones over so many shards; how many zones move. Raises ReloadRefused while the fleet starts."""
+        async with self._changing:
+            before = self._plan
+            if before is None or before.moving:
+                raise ReloadRefused(["the fleet is starting, or zones are moving already; try again in a moment"])
+            after = before.followed_by(shards=shard_names(shards))
+            await self._go_by(after)
+            return f"{len(after.moving)} of {len(after.config.zones)} zones move; {shards} shards"
+
+    async def status(self) -> FleetStatus:
+        """How the fleet is doing."""
+        now, plan = time.monotonic(), self._plan
+        names = [] if plan is None else self._wanted(plan)
+        members = tuple(
+            (name, known.beat, now - known.at) if (known := self._known.get(name)) else (name, None, 0.0)
+            for name in names
+        )
+        if plan is None:
+            return FleetStatus(0, 0, dict(self._nodes), (), ())
+        return FleetStatus(plan.version, len(plan.moving), dict(self._nodes), members, tuple(sorted(plan.quarantined)))
+
+    async def stop(self) -> None:
+        """Stop every member in order, and forget the plan: the reader first, the shards after their last sample."""
+        if self._looking is not None:
+            self._looking.cancel()
+        plan, self._plan = self._plan, None
+        await asyncio.to_thread(peers.forget, self._site, _PLAN)
+        if plan is None:
+            return
+        gateways = [name for name in self._wanted(plan) if name.startswith(_GATEWAY)]
+        for names in ((READER,), plan.all_shards, gateways):
+            await asyncio.gather(*(self._stopped(name) for name in names))
+
+    async def _stopped(self, name: str) -> None:
+        with suppress(ServiceError):
+            await self._peer(name).ask("stop", timeout=STOP_SECONDS)
+        await asyncio.to_thread(peers.remove, self._site, name)
+
+    async def _go_by(self, plan: Plan) -> None:
+        await asyncio.to_thread(peers.remember, self._site, _PLAN, pickle.dumps(plan))
+        self._plan = plan
+
+    async def _look_after(self) -> None:
+        while True:
+            try:
+                await self._look()
+            except Exception as error:
+                _log.error("the fleet could not be looked after: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
+            await asyncio.sleep(LOOK)
+
+    async def _look(self) -> None:
+        plan = self._plan
+        if plan is None:
+            return
+        self._nodes = await asyncio.to_thread(peers.nodes)
+        names = self._wanted(plan)
+        await asyncio.to_thread(self._create, plan)
+        await asyncio.gather(*(self._hear(name) for name in names))
+        for name in await asyncio.to_thread(peers.members, self._site) - {*names, STEWARD}:
+            _log.info("%s is not wanted any more", name)
+            await self._stopped(name)
+            self._known.pop(name, None)
+        await self._end_the_hung(plan)
+        await self._tell(plan)
+        async with self._changing:
+            if plan is self._plan and plan.moving and self._has_adopted(plan, (READER, *plan.all_shards)):
+                _log.info("%d zones have left their shards and go to others", len(plan.moving))
+                await self._go_by(plan.settled())
+
+    def _wanted(self, plan: Plan) -> list[str]:
+        """The members that there should be."""
+        return [*(f"{_GATEWAY}{node[:8]}" for node in self._nodes), READER, *plan.all_shards]
+
+    def _create(self, plan: Plan) -> None:
+        fleet = _fleet(plan.config)
+        for node in self._nodes:
+            if f"{_GATEWAY}{node[:8]}" not in self._known:
+                peers.create("gateway", self._site, f"{_GATEWAY}{node[:8]}", node=node)
+        if READER not in self._known:
+            peers.create("reader", self._site, READER)
+        for shard in plan.all_shards:
+            if shard not in self._known:
+                peers.create("shard", self._site, shard, fleet.shard_cpus)
+
+    def _peer(self, name: str) -> Peer:
+        return self._peers.setdefault(name, Peer(self._site, name))
+
+    async def _hear(self, name: str) -> None:
+        with suppress(ServiceError):
+            beat: Beat = await self._peer(name).ask("beat", timeout=ANSWER_SECONDS)
+            before = self._known.get(name)
+            if before is not None and before.beat.boot != beat.boot:
+                _log.warning("%s was started anew on %s", name, self._nodes.get(beat.node, "another machine"))
+            self._known[name] = Known(beat, time.monotonic())
+
+    async def _end_the_hung(self, plan: Plan) -> None:
+        patience = 3 * _fleet(plan.config).lease + ANSWER_SECONDS
+        for name, (beat, at) in list(self._known.items()):
+            if time.monotonic() - at <= patience or beat.node not in self._nodes or name.startswith(_GATEWAY):
+                continue
+            _log.error("%s has not answered for %.0f s", name, time.monotonic() - at)
+            with suppress(ServiceError):
+                await self._peer(f"{_GATEWAY}{beat.node[:8]}").ask("end", beat.pid, timeout=ANSWER_SECONDS)
+            # Ray starts it anew; until then there is nobody to hear from.
+            self._known[name] = Known(beat, time.monotonic())
+
+    async def _tell(self, plan: Plan) -> None:
+        """Tell the plan to every member that goes by another one. They come to it in any order: reader and shards do
+        nothing with each other before both have."""
+        shares = None
+        for name in self._wanted(plan):
+            known = self._known.get(name)
+            if known is None or known.beat.version >= plan.version or name in self._telling:
+                continue
+            if name in plan.all_shards:
+                shares = shares or plan.shares()
+                work = self._peer(name).ask("adopt", plan.version, shares[name])
+            else:
+                work = self._peer(name).ask("adopt", plan)
+            self._telling[name] = asyncio.create_task(self._told(name, work))
+
+    async def _told(self, name: str, work: Awaitable[None]) -> None:
+        try:
+            await work
+        except ServiceError as error:
+            _log.error("%s cannot go by the plan yet: %s", name, error)
+            await asyncio.sleep(LOOK)
+        finally:
+            self._telling.pop(name, None)
+
+    def _has_adopted(self, plan: Plan, names: Iterable[str]) -> bool:
+        """Whether all of these go by `plan`."""
+        found = [self._known.get(name) for name in names]
+        return all(known is not None and known.beat.version >= plan.version for known in found)
+
+
+def _fleet(config: Config) -> FleetConfig:
+    assert config.fleet is not None, "a configuration without [fleet] is refused before it comes here"
+    return config.fleet
+
+
+def _obstacles(old: Config, new: Config) -> list[str]:
+    """What the running fleet cannot go over to."""
+    found = []
+    for table in ("site", "http", "zenoh", "fleet"):
+        before, after = old.table(table), new.table(table)
+        names = [
+            name
+            for name in type(after).model_fields
+            if getattr(before, name) != getattr(after, name) and (table, name) != ("fleet", "shards")
+        ]
+        if names:
+            found.append(
+                f"{', '.join(f'{table}.{name}' for name in names)}: this takes effect with the next start only; stop "
+                "the fleet and start it again, or put it back as it was"
+            )
+    return found
