@@ -16,7 +16,7 @@ LONGEST_LEASE = 60.0
 MOST_SHARDS = 4096
 
 
-def database(value: object) -> str:
+def database_address(value: object) -> str:
     """The address of a PostgreSQL database, without a password."""
     try:
         parts = urlsplit(text(value))
@@ -34,7 +34,7 @@ def database(value: object) -> str:
     return str(value)
 
 
-def lease(seconds: float) -> float:
+def lease_length(seconds: float) -> float:
     """How long a shard may go on without the database having heard of it, s."""
     if not SHORTEST_LEASE <= seconds <= LONGEST_LEASE:
         shortest, longest = format_duration(SHORTEST_LEASE), format_duration(LONGEST_LEASE)
@@ -47,10 +47,10 @@ class FleetConfig(BaseModel):
 
     model_config = TABLE
 
-    database: Annotated[str, BeforeValidator(database)] = Field(
+    database: Annotated[str, BeforeValidator(database_address)] = Field(
         description='the PostgreSQL database, such as "postgresql://thermogate@db.example/thermogate"'
     )
     password_file: FilePath | None = None
     shards: Annotated[int, BeforeValidator(whole(1, MOST_SHARDS))] = 2
     shard_cpus: Positive = 1.0
-    lease: Annotated[PositiveDuration, AfterValidator(lease)] = 5.0
+    lease: Annotated[PositiveDuration, AfterValidator(lease_length)] = 5.0

@@ -29,11 +29,13 @@ _BODIES = {
     "reader": "service.fleet.reader:Reader",
     "gateway": "service.fleet.gateway:Gateway",
 }
-_PLAIN: Mapping[str, type[ServiceError]] = {error.__name__: error for error in (NoModel, TooManyQuestions)}
 
 
 class Away(ServiceError):
     """A member cannot be asked now: it is being started, or its machine is lost."""
+
+
+_PLAIN: Mapping[str, type[ServiceError]] = {error.__name__: error for error in (Away, NoModel, TooManyQuestions)}
 
 
 class Refusal(NamedTuple):

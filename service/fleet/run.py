@@ -28,6 +28,9 @@ OBJECT_STORE = 80 * 2**20
 
 ASK_SECONDS = 60.0
 
+_ADDRESS = "address"
+"""The file with the address of the cluster that a run has started on this machine alone."""
+
 _QUIET = {
     # Ray would tell its makers that it is used, and paint the lines of others.
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -61,7 +64,7 @@ def run_fleet(config: Config, address: str | None, reread: Callable[[], Config])
 
 def ask_steward(site: str, address: str | None, method: str, *arguments: Any) -> Any:
     """What the steward of a running fleet answers. Raises ServiceError."""
-    _join(address or "auto", alone=False)
+    _join(address)
     from service.fleet.peers import STEWARD, Peer
 
     try:
@@ -138,23 +141,26 @@ class _Running:
                 await asyncio.sleep(0.5)
 
 
-def _join(address: str | None, alone: bool) -> None:
-    """Join the cluster at `address`, or start one of this machine alone."""
+def _join(address: str | None, alone: bool = False) -> None:
+    """Join the cluster at `address`, or start one of this machine `alone`; None: the one that was started so, or any
+    that is on this machine."""
     for name, value in _QUIET.items():
         os.environ.setdefault(name, value)
+    folder = Path(tempfile.gettempdir()) / f"thermogate-ray-{os.getuid()}"
+    known = folder / _ADDRESS
+    if address is None and not alone and known.exists():
+        address = known.read_text(encoding="utf-8")
+    if alone or (address or "").startswith("127.0.0.1:"):
+        # Ray otherwise takes any other address of this machine, and listens on all of them.
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
     import ray
 
     options: dict[str, Any] = {"log_to_driver": alone, "configure_logging": False, "logging_level": logging.ERROR}
     if alone:
-        folder = Path(tempfile.gettempdir()) / f"thermogate-ray-{os.getuid()}"
-        options |= {
-            "include_dashboard": False,
-            "object_store_memory": OBJECT_STORE,
-            "_node_ip_address": "127.0.0.1",
-            "_temp_dir": str(folder),
-        }
+        folder.mkdir(mode=0o700, exist_ok=True)
+        options |= {"include_dashboard": False, "object_store_memory": OBJECT_STORE, "_temp_dir": str(folder)}
     else:
-        options["address"] = address
+        options["address"] = address or "auto"
     try:
         ray.init(**options)
     except (ConnectionError, ValueError, RuntimeError) as error:
@@ -163,6 +169,8 @@ def _join(address: str | None, alone: bool) -> None:
             f"the Ray cluster {address or 'of this machine'} cannot be joined ({first}); start one with `ray start "
             "--head`, or name another with --address"
         ) from error
+    if alone:
+        known.write_text(ray.get_runtime_context().gcs_address, encoding="utf-8")
 
 
 def _leave() -> None:

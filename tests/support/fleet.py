@@ -1,0 +1,214 @@
+"""Machines of a Ray cluster as process trees on this machine, and a fleet on them, driven from outside."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from support.harness import ROOT, THERMOGATE, free_port
+
+RAY = Path(sys.executable).with_name("ray")
+PATIENCE = 180.0
+"""s after which something that should come about is given up."""
+
+Found = TypeVar("Found")
+
+_ENVIRONMENT = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_health_check_initial_delay_ms": "1000",
+    "RAY_health_check_period_ms": "500",
+    "RAY_health_check_timeout_ms": "1000",
+    "RAY_health_check_failure_threshold": "3",
+    # A machine that Ray gave up must not linger.
+    "RAY_gcs_rpc_server_reconnect_timeout_s": "15",
+    "PYTHONPATH": str(ROOT),
+    "PYTHONUNBUFFERED": "1",
+}
+
+
+def environment() -> dict[str, str]:
+    return os.environ | _ENVIRONMENT
+
+
+def tree(pid: int) -> list[int]:
+    """A process and all below it, the uppermost first."""
+    children: dict[int, list[int]] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            with suppress(OSError, ValueError):
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                children.setdefault(parent, []).append(int(entry.name))
+    found = [pid]
+    for each in found:
+        found += children.get(each, [])
+    return found
+
+
+def until(found: Callable[[], Found], what: str, patience: float = PATIENCE) -> Found:
+    """What `found` returns, once that is true."""
+    deadline = time.monotonic() + patience
+    while not (result := found()):
+        assert time.monotonic() < deadline, f"waited {patience:.0f} s in vain for {what}"
+        time.sleep(0.1)
+    return result
+
+
+class Machine:
+    """A node of a Ray cluster: `ray start` and all that it starts."""
+
+    def __init__(self, log: Path, *options: str) -> None:
+        command = [str(RAY), "start", "--block", "--num-cpus=8", "--object-store-memory=83886080", *options]
+        with log.open("w") as stream:
+            self.process = subprocess.Popen(
+                command, stdout=stream, stderr=stream, env=environment(), start_new_session=True
+            )
+        self.frozen: list[int] = []
+
+    def signal(self, number: int) -> list[int]:
+        """Send a signal to every process of the machine; which ones that were."""
+        pids = tree(self.process.pid)
+        for pid in pids:
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
+        return pids
+
+    def kill(self) -> None:
+        """Take the power away."""
+        # What was stopped first starts nothing while the others end.
+        self.signal(signal.SIGSTOP)
+        self.signal(signal.SIGKILL)
+        self.process.wait()
+
+    def freeze(self) -> None:
+        """Stop every process of the machine."""
+        self.frozen = self.signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let those go on that were frozen."""
+        for pid in self.frozen:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+
+
+class Cluster:
+    """A head and as many other machines as are wanted; a context manager that leaves no process behind."""
+
+    def __init__(self) -> None:
+        # A socket's path must be short.
+        self.folder = Path(tempfile.mkdtemp(prefix="tgray-", dir="/tmp"))
+        self.address = f"127.0.0.2:{free_port()}"
+        self._started = 0
+        self.head = self._machine(
+            "--head",
+            "--node-ip-address=127.0.0.2",
+            f"--port={self.address.rpartition(':')[2]}",
+            f"--temp-dir={self.folder}/ray",
+            "--include-dashboard=false",
+            "--disable-usage-stats",
+            f"--ray-client-server-port={free_port()}",
+        )
+        self.others: list[Machine] = []
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for machine in (*self.others, self.head):
+            machine.kill()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def add(self) -> Machine:
+        """One machine more, which joins as soon as the head is there."""
+        machine = self._machine(f"--address={self.address}", f"--node-ip-address=127.0.0.{2 + self._started}")
+        self.others.append(machine)
+        return machine
+
+    def kill(self, machine: Machine) -> None:
+        """Take a machine away for good."""
+        self.others.remove(machine)
+        machine.kill()
+
+    def _machine(self, *options: str) -> Machine:
+        self._started += 1
+        return Machine(self.folder / f"machine-{self._started}.log", *options)
+
+
+class Fleet:
+    """`thermogate fleet run` on a cluster; a context manager that never leaves a process behind."""
+
+    def __init__(self, config: Path, address: str, log: Path) -> None:
+        self._config, self._address, self._log = config, address, log
+        with log.open("w") as stream:
+            self.process = subprocess.Popen(self._command("run"), stdout=stream, stderr=stream, env=environment())
+
+    def __enter__(self) -> Fleet:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+
+    def log(self) -> str:
+        return self._log.read_text()
+
+    def terminate(self) -> int:
+        """Exit code after an orderly stop."""
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(timeout=PATIENCE)
+
+    def ask(self, what: str, *options: str) -> subprocess.CompletedProcess[str]:
+        """Another command about the fleet."""
+        return subprocess.run(
+            [*self._command(what), *options], capture_output=True, text=True, env=environment(), timeout=PATIENCE
+        )
+
+    def status(self) -> dict[str, Any]:
+        """What `fleet status` tells."""
+        done = self.ask("status", "--json")
+        assert done.returncode == 0, done.stderr
+        found: dict[str, Any] = json.loads(re.findall(r"^\{.*\}$", done.stdout, re.MULTILINE)[-1])
+        return found
+
+    def members(self, kind: str) -> list[dict[str, Any]]:
+        """The members whose names begin so, as far as they are ready."""
+        return [each for each in self.status()["members"] if each["name"].startswith(kind) and each["ready"]]
+
+    def urls(self) -> list[str]:
+        """Where the gateways serve."""
+        return [each["url"] for each in self.members("gateway-")]
+
+    def _command(self, what: str) -> list[str]:
+        return [str(THERMOGATE), "fleet", what, str(self._config), "--address", self._address]
+
+
+def get(url: str, timeout: float = 20) -> tuple[int, Any]:
+    """Status and JSON body; 0 where nobody answers."""
+    try:
+        with urllib.request.urlopen(url, timeout=timeout) as answer:
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, json.load(error)
+    except OSError:
+        return 0, None
+
+
+def every(url: str) -> Iterator[dict[str, Any]]:
+    """Every zone that a gateway lists."""
+    status, body = get(f"{url}/zones")
+    if status == 200:
+        yield from body["zones"]
