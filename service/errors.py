@@ -58,6 +58,16 @@ class Fenced(JournalError):
         self.zones = tuple(zones)
 
 
+class LeaseHeld(ServiceError):
+    """The lease `name` belongs to `owner`, and expires in `seconds` unless it is renewed."""
+
+    def __init__(self, name: str, owner: str, seconds: float) -> None:
+        super().__init__(
+            f"the lease '{name}' belongs to {owner} for {seconds:.0f} s more; stop that owner, or wait until it expires"
+        )
+        self.name, self.owner, self.seconds = name, owner, seconds
+
+
 class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
 
