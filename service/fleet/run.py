@@ -14,7 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from service.config.site import Config
 from service.daemon.exposure import check_exposure
@@ -22,6 +22,9 @@ from service.daemon.logs import configure_logging
 from service.daemon.notify import Notifier
 from service.errors import ConfigError, ReloadRefused, ServiceError
 from service.fleet.checks import fleet_of
+
+if TYPE_CHECKING:
+    from service.fleet.steward import FleetStatus
 
 OBJECT_STORE = 80 * 2**20
 """Shared memory of a cluster on one machine, bytes: what members send each other is small."""
@@ -65,16 +68,39 @@ def run_fleet(config: Config, address: str | None, reread: Callable[[], Config])
 def ask_steward(site: str, address: str | None, method: str, *arguments: Any) -> Any:
     """What the steward of a running fleet answers. Raises ServiceError."""
     _join(address)
-    from service.fleet.peers import STEWARD, Peer
-
     try:
-        return asyncio.run(Peer(site, STEWARD).ask(method, *arguments, timeout=ASK_SECONDS))
-    except ServiceError as error:
-        if isinstance(error, ReloadRefused):
-            raise
-        raise ServiceError(f"there is no fleet of the site '{site}' on this cluster that answers: {error}") from error
+        return asyncio.run(_asked(site, method, *arguments))
     finally:
         _leave()
+
+
+def watch_steward(site: str, address: str | None, every: float, show: Callable[[FleetStatus], None]) -> None:
+    """Show the state of a running fleet every so many s, until interrupted; while it does not answer, say so."""
+
+    async def watch() -> None:
+        while True:
+            try:
+                show(await _asked(site, "status"))
+            except ServiceError as error:
+                _log.warning("%s", error)
+            await asyncio.sleep(every)
+
+    _join(address)
+    try:
+        asyncio.run(watch())
+    finally:
+        _leave()
+
+
+async def _asked(site: str, method: str, *arguments: Any) -> Any:
+    from service.fleet.peers import STEWARD, Away, Peer
+
+    try:
+        return await Peer(site, STEWARD).ask(method, *arguments, timeout=ASK_SECONDS)
+    except Away as error:
+        raise ServiceError(
+            f"no fleet of the site '{site}' answers on this cluster ({error}); start it with `thermogate fleet run`"
+        ) from error
 
 
 class _Running:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
-import re
+import secrets
 import shutil
 import signal
 import subprocess
@@ -13,7 +14,7 @@ import tempfile
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,7 +22,7 @@ from typing import Any, TypeVar
 from support.harness import ROOT, THERMOGATE, free_port
 
 RAY = Path(sys.executable).with_name("ray")
-PATIENCE = 180.0
+PATIENCE = 45.0
 """s after which something that should come about is given up."""
 
 Found = TypeVar("Found")
@@ -34,6 +35,8 @@ _ENVIRONMENT = {
     "RAY_health_check_failure_threshold": "3",
     # A machine that Ray gave up must not linger.
     "RAY_gcs_rpc_server_reconnect_timeout_s": "15",
+    "RAY_AUTH_MODE": "token",
+    "RAY_AUTH_TOKEN": secrets.token_hex(32),
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",
 }
@@ -77,9 +80,13 @@ class Machine:
             )
         self.frozen: list[int] = []
 
+    def pids(self) -> list[int]:
+        """Every process of the machine."""
+        return tree(self.process.pid)
+
     def signal(self, number: int) -> list[int]:
         """Send a signal to every process of the machine; which ones that were."""
-        pids = tree(self.process.pid)
+        pids = self.pids()
         for pid in pids:
             with suppress(ProcessLookupError):
                 os.kill(pid, number)
@@ -118,7 +125,6 @@ class Cluster:
             f"--temp-dir={self.folder}/ray",
             "--include-dashboard=false",
             "--disable-usage-stats",
-            f"--ray-client-server-port={free_port()}",
         )
         self.others: list[Machine] = []
 
@@ -143,6 +149,9 @@ class Cluster:
 
     def _machine(self, *options: str) -> Machine:
         self._started += 1
+        if self._started > 1:
+            # Who joins before the head is there gives up.
+            until(lambda: "Ray runtime started" in (self.folder / "machine-1.log").read_text(), "the head")
         return Machine(self.folder / f"machine-{self._started}.log", *options)
 
 
@@ -151,6 +160,8 @@ class Fleet:
 
     def __init__(self, config: Path, address: str, log: Path) -> None:
         self._config, self._address, self._log = config, address, log
+        self._told = log.with_suffix(".status")
+        self._watch: subprocess.Popen[bytes] | None = None
         with log.open("w") as stream:
             self.process = subprocess.Popen(self._command("run"), stdout=stream, stderr=stream, env=environment())
 
@@ -158,9 +169,10 @@ class Fleet:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
+        for process in (self._watch, self.process):
+            if process is not None and process.poll() is None:
+                process.kill()
+                process.wait()
 
     def log(self) -> str:
         return self._log.read_text()
@@ -177,10 +189,16 @@ class Fleet:
         )
 
     def status(self) -> dict[str, Any]:
-        """What `fleet status` tells."""
-        done = self.ask("status", "--json")
-        assert done.returncode == 0, done.stderr
-        found: dict[str, Any] = json.loads(re.findall(r"^\{.*\}$", done.stdout, re.MULTILINE)[-1])
+        """What `fleet status` told last, which it does all the time; nothing before the fleet answers."""
+        if self._watch is None or self._watch.poll() is not None:
+            command = [*self._command("status"), "--json", "--every", "0.3"]
+            self._told.touch()
+            with self._told.open("a") as stream:
+                self._watch = subprocess.Popen(
+                    command, stdout=stream, stderr=subprocess.DEVNULL, env=environment(), start_new_session=True
+                )
+        lines = [line for line in self._told.read_text().split("\n")[:-1] if line.startswith("{")]
+        found: dict[str, Any] = json.loads(lines[-1]) if lines else {"members": [], "moving_zones": 0}
         return found
 
     def members(self, kind: str) -> list[dict[str, Any]]:
@@ -195,20 +213,27 @@ class Fleet:
         return [str(THERMOGATE), "fleet", what, str(self._config), "--address", self._address]
 
 
-def get(url: str, timeout: float = 20) -> tuple[int, Any]:
+def get(url: str, key: str = "", timeout: float = 20) -> tuple[int, Any]:
     """Status and JSON body; 0 where nobody answers."""
+    return _answer(urllib.request.Request(url, headers=_headers(key)), timeout)
+
+
+def post_lines(url: str, lines: str, key: str, timeout: float = 60) -> tuple[int, Any]:
+    """The answer to readings in line protocol; 0 where nobody answers."""
+    headers = _headers(key) | {"Content-Type": "text/plain"}
+    return _answer(urllib.request.Request(url, lines.encode(), headers), timeout)
+
+
+def _headers(key: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {key}"} if key else {}
+
+
+def _answer(request: urllib.request.Request, timeout: float) -> tuple[int, Any]:
     try:
-        with urllib.request.urlopen(url, timeout=timeout) as answer:
+        with urllib.request.urlopen(request, timeout=timeout) as answer:
             return answer.status, json.load(answer)
     except urllib.error.HTTPError as error:
         with error:
             return error.code, json.load(error)
-    except OSError:
+    except (OSError, http.client.HTTPException):
         return 0, None
-
-
-def every(url: str) -> Iterator[dict[str, Any]]:
-    """Every zone that a gateway lists."""
-    status, body = get(f"{url}/zones")
-    if status == 200:
-        yield from body["zones"]

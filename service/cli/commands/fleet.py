@@ -8,10 +8,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from service.cli.arguments import AddCommand, load_config, take_config, whole
+from service.cli.arguments import AddCommand, load_config, positive, take_config, whole
 
 if TYPE_CHECKING:
     from service.config.site import Config
+    from service.fleet.steward import FleetStatus
 
 
 def add_to(add: AddCommand) -> None:
@@ -30,7 +31,8 @@ def add_to(add: AddCommand) -> None:
         "on this machine alone, the others find that)",
     )
     parser.add_argument("--shards", type=whole(1, 4096), metavar="N", help="rebalance: the number of shards")
-    parser.add_argument("--json", action="store_true", help="status: as JSON")
+    parser.add_argument("--json", action="store_true", help="status: as JSON, on one line")
+    parser.add_argument("--every", type=positive, metavar="SECONDS", help="status: again and again, until interrupted")
 
 
 def _chosen(arguments: argparse.Namespace) -> int:
@@ -54,11 +56,16 @@ def _run(arguments: argparse.Namespace, config: Config) -> int:
 
 
 def _status(arguments: argparse.Namespace, config: Config) -> int:
-    from service.fleet.run import ask_steward
+    from service.fleet.run import ask_steward, watch_steward
     from service.fleet.show import as_json, as_table
 
-    status = ask_steward(config.site.id, arguments.address, "status")
-    print(json.dumps(as_json(status)) if arguments.json else as_table(status))
+    def show(status: FleetStatus) -> None:
+        print(json.dumps(as_json(status)) if arguments.json else as_table(status), flush=True)
+
+    if arguments.every is None:
+        show(ask_steward(config.site.id, arguments.address, "status"))
+    else:
+        watch_steward(config.site.id, arguments.address, arguments.every, show)
     return 0
 
 
