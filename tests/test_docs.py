@@ -33,6 +33,9 @@ from estimator.particle import options
 from estimator.types import Outcome
 from service.cli.main import main
 from service.config import (
+    fleet as fleet_models,
+)
+from service.config import (
     http as http_models,
 )
 from service.config import (
@@ -96,6 +99,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[http]`": http_models.HttpConfig,
     "`[http.limits]`": http_models.LimitsConfig,
     "`[zenoh]`": publish_zenoh.ZenohConfig,
+    "`[fleet]`": fleet_models.FleetConfig,
     "Recorded files": csv.CsvConfig,
     "BACnet/IP": bacnet_models.BacnetConfig,
     "Modbus": modbus_models.ModbusConfig,
@@ -274,6 +278,7 @@ def test_no_model_of_the_configuration_is_left_out() -> None:
     for module in (
         bacnet_models,
         config_models,
+        fleet_models,
         http_models,
         http_source_models,
         message_models,

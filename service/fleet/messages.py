@@ -26,6 +26,8 @@ class Beat(NamedTuple):
     problems: Sequence[str] = ()
     url: str = ""
     """Where a gateway serves."""
+    guilty: Mapping[str, str] = {}
+    """Zones that a shard does not run any more because they brought down its process, and how."""
 
 
 class Ack(NamedTuple):

@@ -25,9 +25,9 @@ STEWARD, READER = "steward", "reader"
 
 _BODIES = {
     "steward": "service.fleet.steward:Steward",
-    "shard": "service.fleet.shard:Shard",
+    "shard": "service.fleet.shards.shard:Shard",
     "reader": "service.fleet.reader:Reader",
-    "gateway": "service.fleet.gateway:Gateway",
+    "gateway": "service.fleet.gateways.gateway:Gateway",
 }
 
 

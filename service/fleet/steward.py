@@ -157,9 +157,21 @@ class Steward:
         await self._end_the_hung(plan)
         await self._tell(plan)
         async with self._changing:
-            if plan is self._plan and plan.moving and self._has_adopted(plan, (READER, *plan.all_shards)):
+            if plan is self._plan and not plan.moving and (poisoned := self._poisoned(plan)):
+                for zone, why in poisoned.items():
+                    _log.error("zone '%s' is quarantined: %s", zone, why)
+                await self._go_by(plan.followed_by(quarantined=plan.quarantined | poisoned.keys()))
+            elif plan is self._plan and plan.moving and self._has_adopted(plan, (READER, *plan.all_shards)):
                 _log.info("%d zones have left their shards and go to others", len(plan.moving))
                 await self._go_by(plan.settled())
+
+    def _poisoned(self, plan: Plan) -> dict[str, str]:
+        """Zones that brought down the process they are in, and how."""
+        found = dict[str, str]()
+        for shard in plan.shards:
+            if shard in self._known:
+                found |= self._known[shard].beat.guilty
+        return {zone: why for zone, why in found.items() if zone not in plan.quarantined}
 
     def _wanted(self, plan: Plan) -> list[str]:
         """The members that there should be."""

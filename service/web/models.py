@@ -110,6 +110,15 @@ class ParametersQuery(Query):
     )
 
 
+class ZonesQuery(Query):
+    """Query of GET /zones."""
+
+    limit: int | None = Field(default=None, ge=1, le=MAX_ROWS, description="zones at most; without, all of them")
+    after: str | None = Field(
+        default=None, max_length=64, description="the zone that the last page ended with, as `next` told it"
+    )
+
+
 class HistoryQuery(Query):
     """Query of GET /zones/{zone}/history."""
 
@@ -228,6 +237,7 @@ class ZonesPayload(Payload):
     schema_version: Literal[1] = Field(default=1, alias="schema")
     site: str
     zones: list[ZoneSummary]
+    next: str | None = Field(default=None, description="`after` of the next page; null where there is none")
 
 
 class ZonePayload(Envelope):

@@ -43,6 +43,7 @@ from service.web.models import (
     VariantPayload,
     ZonePayload,
     ZonesPayload,
+    ZonesQuery,
     ZoneSummary,
 )
 from service.web.plan import full_plan, steps_in
@@ -56,9 +57,15 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
 
-    @router.get("", response_model=ZonesPayload, responses=documented(500), summary="Every zone and how it is doing")
-    def list_zones(caller: Asking) -> Response:
-        return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in zones.values() if caller.sees(zone.id)]))
+    @router.get(
+        "", response_model=ZonesPayload, responses=documented(422, 500), summary="Every zone and how it is doing"
+    )
+    def list_zones(caller: Asking, query: Annotated[ZonesQuery, Query()]) -> Response:
+        seen = [name for name in zones if caller.sees(name)]
+        page = _page(seen, query)
+        last = page[-1] if page and page[-1] != seen[-1] else None
+        found = [zones[name] for name in page if name in zones]
+        return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in found], next=last))
 
     @router.get(
         "/{zone}",
@@ -155,6 +162,17 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         return await run_in_threadpool(lambda: _json(history_payload(site, view, rows)))
 
     return router
+
+
+def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:
+    """The part of `names` that a query wants; RequestRefused where it goes on after a zone that there is not."""
+    first = 0
+    if query.after is not None:
+        if query.after not in names:
+            sentence = f"query parameter 'after': there is no zone '{query.after}' any more; begin with the first page"
+            raise RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, [sentence])
+        first = names.index(query.after) + 1
+    return names[first:] if query.limit is None else names[first : first + query.limit]
 
 
 def history_payload(site: str, zone: ZoneView, rows: Sequence[HistoryRow]) -> HistoryPayload:

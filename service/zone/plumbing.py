@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
 from service.publish.metrics import Metrics
@@ -32,5 +33,7 @@ class Plumbing(NamedTuple):
     checkpoint_every: float
     """Wall-clock s between two checkpoints of a zone."""
     clock: Clock = Clock()
+    stepping: Callable[[str, int], AbstractContextManager[None]] = lambda zone, time: nullcontext()
+    """Surrounds each step of a zone with the sample at a time (UTC s), in the estimator's threads."""
     weather: WeatherBook = WeatherBook()
     """What forecasts of the weather say."""

@@ -389,7 +389,8 @@ class Zone:
 
     def _work(self, worker: ZoneWorker, sample: Sample) -> Update | None:
         """In a worker thread: one step, and its publication while the worker is the zone's own."""
-        update = worker.step(sample)
+        with self._plumbing.stepping(self.id, sample.time):
+            update = worker.step(sample)
         if worker is self._worker:
             self._timeliness.published()
             self._announce(Occasion.STATUS if update is None else Occasion.UPDATE)

@@ -27,12 +27,14 @@ from service.daemon.supply.ingest import hand
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import StateMismatch
-from service.fleet.herald import Herald
-from service.fleet.inlets import Inlets
-from service.fleet.leasing import Leased, Vouched, take_lease
+from service.fields.times import written_time
 from service.fleet.messages import Ack, Beat, News
 from service.fleet.peers import Away, end_process, own_node
-from service.fleet.plan import narrowed
+from service.fleet.plan import QUARANTINE, narrowed
+from service.fleet.shards.crashes import Crashes, told
+from service.fleet.shards.herald import Herald
+from service.fleet.shards.inlets import Inlets
+from service.fleet.shards.leasing import Leased, Vouched, take_lease
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
@@ -55,6 +57,15 @@ class Shard:
         self._version = 0
         self._work: _Work | None = None
         self._adopting = asyncio.Lock()
+        self._crashes = Crashes(site, name)
+        for suspect in self._crashes.suspects:
+            _log.error(
+                "zone '%s' was at work with its sample at %s when the process of %s ended, %d times now",
+                suspect.zone,
+                written_time(suspect.time),
+                name,
+                suspect.crashes,
+            )
 
     async def wake(self) -> None:
         """Nothing to do before the steward says what."""
@@ -64,7 +75,10 @@ class Shard:
         """A sign of life."""
         work = self._work
         zones, problems = (0, []) if work is None else (len(work.zones), work.leased.store.problems())
-        return Beat(self._name, self._boot, self._node, os.getpid(), self._version, zones, work is not None, problems)
+        beat = Beat(self._name, self._boot, self._node, os.getpid(), self._version, zones, work is not None, problems)
+        if self._name == QUARANTINE:
+            return beat
+        return beat._replace(guilty={zone: told(suspect) for zone, suspect in self._crashes.guilty.items()})
 
     async def adopt(self, version: int, config: Config) -> None:
         """Run the zones of `config`, and no others, from now on. Raises ServiceError."""
@@ -73,7 +87,7 @@ class Shard:
                 return
             if self._work is None:
                 configure_logging(config.log)
-                self._work = await _Work.begin(self._site, self._name, self._boot, config)
+                self._work = await _Work.begin(self._site, self._name, self._boot, config, self._crashes)
             else:
                 await self._work.go_over(config)
             self._version = version
@@ -142,6 +156,7 @@ class Shard:
             if self._work is not None:
                 await self._work.stop()
                 self._work = None
+            self._crashes.close()
 
     def _agree(self, plan: int) -> None:
         """Raises Away while reader and shard go by different plans: they differ in whose zones are whose."""
@@ -164,8 +179,18 @@ class Shard:
 class _Work:
     """What a shard runs under its lease."""
 
-    def __init__(self, site: str, name: str, boot: str, config: Config, leased: Leased, opened: Sequence[Sink]) -> None:
+    def __init__(
+        self,
+        site: str,
+        name: str,
+        boot: str,
+        config: Config,
+        leased: Leased,
+        opened: Sequence[Sink],
+        crashes: Crashes,
+    ) -> None:
         self.leased = leased
+        self._name, self._crashes = name, crashes
         self.zones = ZoneTable()
         self.metrics = Metrics(self.zones, version("thermogate"))
         self.herald = Herald(boot, self.zones)
@@ -186,6 +211,7 @@ class _Work:
             self.metrics,
             sinks,
             config.site.checkpoint_every,
+            stepping=crashes.stepping,
             weather=WeatherBook(),
         )
         self.runtime = Runtime(config, self.zones, plumbing, self.inlets)
@@ -195,7 +221,7 @@ class _Work:
         """Zones that are stopped, or are to be, and not given up yet."""
 
     @classmethod
-    async def begin(cls, site: str, name: str, boot: str, config: Config) -> _Work:
+    async def begin(cls, site: str, name: str, boot: str, config: Config, crashes: Crashes) -> _Work:
         """Wait for the lease and start the zones."""
         assert config.fleet is not None
         owner = f"process {os.getpid()} on {own_node()[:8]} ({boot})"
@@ -204,8 +230,8 @@ class _Work:
         for kind in SINK_KINDS.values():
             sink = await asyncio.to_thread(kind.open, config.table(kind.name), site)
             opened += [] if sink is None else [sink]
-        sound, refused = await _sound(config, leased)
-        work = cls(site, name, boot, sound, leased, opened)
+        sound, refused = await _sound(config, name, leased, crashes)
+        work = cls(site, name, boot, sound, leased, opened, crashes)
         work.herald.refused = refused
         await work.runtime.declare()
         await work.runtime.restore()
@@ -223,7 +249,7 @@ class _Work:
 
     async def go_over(self, config: Config) -> None:
         """Run the zones of `config`; those that are the same go on untouched. Raises ServiceError."""
-        sound, self.herald.refused = await _sound(config, self.leased)
+        sound, self.herald.refused = await _sound(config, self._name, self.leased, self._crashes)
         before = self.runtime.config
         self._leaving |= {zone.id for zone in before.zones}
         # The other tables take effect with the next start of the shard.
@@ -249,15 +275,24 @@ class _Work:
         await self.leased.release()
 
 
-async def _sound(config: Config, leased: Leased) -> tuple[Config, dict[str, str]]:
-    """`config` with the zones whose state fits, and why the others' does not: one zone's mistake is not the others'."""
+async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) -> tuple[Config, dict[str, str]]:
+    """`config` with the zones that the shard can run, and why it cannot run the others: one zone's mistake is not the
+    others'."""
     refused = {}
     for zone in config.zones:
+        suspect = crashes.guilty.get(zone.id)
+        if suspect is not None and name != QUARANTINE:
+            refused[zone.id] = f"{told(suspect)}; it goes on in quarantine"
+            continue
         try:
             await leased.store.claim(zone.id, fingerprint(zone))
         except StateMismatch as error:
             _log.error("%s", error)
             refused[zone.id] = str(error)
+            continue
+        if suspect is not None:
+            _log.error("zone '%s' passes over its sample: %s", zone.id, told(suspect))
+            await leased.store.skip(zone.id, suspect.time, told(suspect))
     return narrowed(config, [zone.id for zone in config.zones if zone.id not in refused]), refused
 
 

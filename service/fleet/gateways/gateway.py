@@ -18,12 +18,12 @@ from service.daemon.logs import configure_logging
 from service.daemon.process import collect_garbage, favour_the_event_loop
 from service.daemon.tasks import end
 from service.errors import ReloadRefused, ServiceError
+from service.fleet.gateways.posts import Posts
+from service.fleet.gateways.scrape import FleetCollector
+from service.fleet.gateways.views import Mirror, ShardView
 from service.fleet.messages import Beat, News
 from service.fleet.peers import Peer, own_node
 from service.fleet.plan import Plan
-from service.fleet.posts import Posts
-from service.fleet.scrape import FleetCollector
-from service.fleet.views import Mirror, ShardView
 from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.sinks import Announcement

@@ -11,7 +11,7 @@ from adapters.http.source import HttpSource
 from service.config.site import Config
 from service.daemon.supply.feeds import Handed
 from service.errors import ServiceError
-from service.fleet.views import ShardView
+from service.fleet.gateways.views import ShardView
 from service.records.receipt import NOTHING
 from service.sources.http import KIND as HTTP_KIND
 from service.web.readings import RETRY_SECONDS, Taken
