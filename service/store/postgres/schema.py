@@ -17,7 +17,9 @@ _log = logging.getLogger(__name__)
 
 _VERSION_1 = """
 CREATE TABLE leases (
-    name text PRIMARY KEY, owner text, epoch bigint NOT NULL, expires timestamptz NOT NULL
+    name text PRIMARY KEY, owner text, epoch bigint NOT NULL, expires timestamptz NOT NULL,
+    -- The epoch is part of a key: whoever writes keeps it from being changed, and not the lease from being renewed.
+    UNIQUE (name, epoch)
 );
 CREATE TABLE zones (
     number integer GENERATED ALWAYS AS IDENTITY PRIMARY KEY, zone text NOT NULL UNIQUE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Collection
 from contextlib import suppress
 
 from service.errors import ServiceError
@@ -57,6 +58,10 @@ class PostgresStore(JournalStore):
     def lost(self) -> str | None:
         """Why nothing can be written under this lease ever again; None while it is held, as far as is known."""
         return self._fence.lost
+
+    async def take(self, zones: Collection[str]) -> None:
+        """Take many zones at once, as far as nobody else holds them; `claim` of each is quicker then."""
+        await self._run(self._own.take, zones)
 
     async def give_up(self, zone: str) -> None:
         """Leave `zone` to the next owner that claims it, with everything that was recorded durable; stop it before."""
