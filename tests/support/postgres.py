@@ -84,6 +84,9 @@ class Server:
             return False
         return True
 
+    def is_running(self) -> bool:
+        return self._process is not None
+
     def stop(self, sign: signal.Signals = signal.SIGINT) -> None:
         """End it: SIGINT disconnects everybody, SIGQUIT is as if the machine had failed."""
         if self._process is not None:

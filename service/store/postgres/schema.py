@@ -65,6 +65,10 @@ def prepare(database: Database) -> None:
             f"the database {database.place} has version {applied} of a newer Thermogate (this one reads "
             f"{SCHEMA_VERSION}); upgrade Thermogate, or use another database"
         )
+
+
+def warn_of_unsafe_commits(database: Database) -> None:
+    """Say in the log what lets the server lose what it has acknowledged."""
     for (name,) in database.read(
         "SELECT name FROM pg_settings WHERE name IN ('fsync', 'full_page_writes') AND setting = 'off'"
     ):

@@ -16,7 +16,7 @@ from service.store.postgres.fence import Fence
 from service.store.postgres.journal import PostgresJournal
 from service.store.postgres.leases import Lease
 from service.store.postgres.retention import prune
-from service.store.postgres.schema import prepare
+from service.store.postgres.schema import prepare, warn_of_unsafe_commits
 from service.store.retention import Limits
 
 PRUNE_SECONDS = 300.0
@@ -46,6 +46,7 @@ class PostgresStore(JournalStore):
         self._database = Database(connection, site)
         try:
             prepare(self._database)
+            warn_of_unsafe_commits(self._database)
         except BaseException:
             self._database.close()
             raise
