@@ -13,6 +13,7 @@ import asyncio
 import json
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from functools import partial
 
 import numpy as np
@@ -36,27 +37,21 @@ _LEASE = 86_400.0
 
 def measure(connection: str, zones: int, period: int, checkpoints: int) -> dict[str, float]:
     """The figures, by their names with units. ServiceError where the database or the site cannot be used."""
-    database = Database(connection, _SITE)
-    schema = schema_of(_SITE)
-    if database.read("SELECT to_regnamespace(%s) IS NOT NULL", schema)[0][0]:
-        raise ServiceError(
-            f"the schema {schema} is there already; drop it (DROP SCHEMA ... CASCADE), or use another database"
-        )
-    leases = Leases(connection, _SITE)
-    names = [f"room-{number:06d}" for number in range(zones)]
-    figures: dict[str, float] = {"zones": zones, "period_seconds": period}
-    try:
-        # The second one takes over what the first one has left.
-        for part in (partial(_day, period=period), partial(_takeover, checkpoints=checkpoints)):
-            store = PostgresStore(connection, _SITE, leases.acquire("measured", "measured", _LEASE))
-            try:
-                figures |= asyncio.run(part(store, database, names))
-            finally:
-                store.close()
-    finally:
-        leases.close()
-        database.transaction(lambda cursor: cursor.execute(f'DROP SCHEMA "{schema}" CASCADE'))
-        database.close()
+    with closing(Database(connection, _SITE)) as database:
+        schema = schema_of(_SITE)
+        if database.read("SELECT to_regnamespace(%s) IS NOT NULL", schema)[0][0]:
+            raise ServiceError(f"the schema {schema} is there already; drop it with CASCADE, or use another database")
+        names = [f"room-{number:06d}" for number in range(zones)]
+        figures: dict[str, float] = {"zones": zones, "period_seconds": period}
+        try:
+            with closing(Leases(connection, _SITE)) as leases:
+                # The second one takes over what the first one has left.
+                for part in (partial(_day, period=period), partial(_takeover, checkpoints=checkpoints)):
+                    lease = leases.acquire("measured", "measured", _LEASE)
+                    with closing(PostgresStore(connection, _SITE, lease)) as store:
+                        figures |= asyncio.run(part(store, database, names))
+        finally:
+            database.transaction(lambda cursor: cursor.execute(f'DROP SCHEMA "{schema}" CASCADE'))
     return figures
 
 
