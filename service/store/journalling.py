@@ -174,8 +174,10 @@ class JournalStore:
     def close(self) -> None:
         """Make durable what was recorded, and close the journal; safe to call twice."""
         self._thread.shutdown(wait=True)
-        self._take_recorded()
-        self._journal.close()
+        try:
+            self._take_recorded()
+        finally:
+            self._journal.close()
 
     async def _commit_accepted(self) -> Mapping[str, Fenced]:
         """Commit what was accepted; why the samples of some zones were not, by zone."""

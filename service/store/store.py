@@ -107,10 +107,12 @@ class Store(JournalStore):
 
     def close(self) -> None:
         """Flush and close the journal and release the lock; safe to call twice."""
-        super().close()
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        try:
+            super().close()
+        finally:
+            if self._lock is not None:
+                os.close(self._lock)
+                self._lock = None
 
     async def _write(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """As `_run`; JournalError if the folder has been taken away."""

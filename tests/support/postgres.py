@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -44,6 +45,8 @@ class Server:
         self._as_owner = _as_owner(self.folder)
         self._settings = [f"fsync={'on' if fsync else 'off'}", "listen_addresses=", "shared_buffers=32MB", *settings]
         self._process: subprocess.Popen[bytes] | None = None
+        self._starting = ThreadPoolExecutor(1)
+        """The thread that starts it: it ends with that."""
         self.environment: dict[str, str] = {}
         """Added to that of the server."""
         data = self.folder / "data"
@@ -63,14 +66,13 @@ class Server:
     def start(self) -> None:
         """Returns once it answers."""
         arguments = [argument for setting in self._settings for argument in ("-c", setting)]
+        words = [*self._as_owner, self._postgres, "-D", self.folder / "data", "-k", self.folder, *arguments]
+        environment = os.environ | self.environment
         with (self.folder / "log").open("ab") as log:
-            self._process = subprocess.Popen(
-                [*self._as_owner, self._postgres, "-D", self.folder / "data", "-k", self.folder, *arguments],
-                cwd=self.folder,
-                env=os.environ | self.environment,
-                stdout=log,
-                stderr=log,
+            started = self._starting.submit(
+                subprocess.Popen, words, cwd=self.folder, env=environment, stdout=log, stderr=log
             )
+            self._process = started.result()
         wait_until(self._answers)
 
     def _answers(self) -> bool:
@@ -83,6 +85,9 @@ class Server:
         except psycopg.OperationalError:
             return False
         return True
+
+    def is_running(self) -> bool:
+        return self._process is not None
 
     def stop(self, sign: signal.Signals = signal.SIGINT) -> None:
         """End it: SIGINT disconnects everybody, SIGQUIT is as if the machine had failed."""
@@ -115,6 +120,7 @@ class Server:
 
     def remove(self) -> None:
         self.stop(signal.SIGQUIT)
+        self._starting.shutdown()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

@@ -10,12 +10,9 @@ _DAMAGED = "look in the log of the server whether its disk has failed, and resto
 _PLACE = "free space on the disk of the server, or give it more; the rows of reset zones and old months may go"
 
 _REMEDIES = {
-    "08": "start it, or see why the network between here and there fails",
+    "08": "start it, see why the network between here and there fails, or correct host, dbname, user and password",
     "25006": "it is a standby or was made read-only; name the primary, or add target_session_attrs=read-write",
     "25P03": "this process stood still inside a transaction, which is tried again",
-    "28": "correct user and password in the connection, or let the user in (pg_hba.conf)",
-    "3D000": "create the database (createdb), or correct dbname in the connection",
-    "3F": "let the user create the schema: GRANT CREATE ON DATABASE",
     "40": "several owners wrote at once, and it is tried again",
     "42501": "let the user create and write tables: GRANT CREATE ON DATABASE, or make it their owner",
     "42P01": "its tables are incomplete; restore a backup, or drop the schema to begin anew",

@@ -1,6 +1,6 @@
 """The fence: no transaction writes for an owner whose lease, or whose zone, has gone to another one.
 
-The row of the own lease is locked for sharing until the transaction ends, so that nobody can take it in the middle. The
+The key of the own lease is locked until the transaction ends, so that nobody can take it in the middle. The
 rows of zones need no lock: a zone leaves its lease only by the hand of its owner, or after the lease has been taken.
 """
 
@@ -32,7 +32,7 @@ class Fence:
             "AND epoch = held.epoch ORDER BY number), "
             "ARRAY(SELECT zone FROM zones WHERE zone = ANY(%(zones)b::text[]) AND lease = held.name "
             "AND epoch = held.epoch ORDER BY number) "
-            "FROM leases AS held WHERE name = %(name)s AND owner = %(owner)s AND epoch = %(epoch)s FOR SHARE",
+            "FROM leases AS held WHERE name = %(name)s AND owner = %(owner)s AND epoch = %(epoch)s FOR KEY SHARE",
             {"zones": sorted(zones), **self.lease._asdict()},
         ).fetchone()
         if row is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import struct
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar
 
 import numpy as np
@@ -99,24 +100,31 @@ class PostgresJournal:
         Fenced while another owner holds it.
         """
 
-        def work(cursor: Cursor) -> tuple[bool, bool]:
+        def take(cursor: Cursor) -> None:
             number = self.fence.take(cursor, zone)
-            stored, used, keeping = cursor.execute(
-                "SELECT fingerprint, EXISTS (SELECT 1 FROM samples WHERE zone = number), "
-                "EXISTS (SELECT 1 FROM readings WHERE zone = number) FROM zones WHERE number = %s",
-                (number,),
-            ).fetchone()
-            if stored is not None and used:
-                return stored == fingerprint, keeping
-            cursor.execute("UPDATE zones SET fingerprint = %s WHERE number = %s", (fingerprint, number))
-            return True, keeping
+            query = "SELECT 1 FROM samples WHERE zone = %s LIMIT 1"
+            if cursor.execute(query, (number,)).fetchone() is None:
+                cursor.execute("UPDATE zones SET fingerprint = %s WHERE number = %s", (fingerprint, number))
 
         # Another owner may have written to it since.
         self._ends.pop(zone, None)
-        belongs, keeping = self.database.transaction(work)
-        if keeping:
+        if self._fingerprint(zone) != fingerprint:
+            self.database.transaction(take)
+        if self.database.read(f"SELECT 1 FROM readings WHERE {_NUMBER} LIMIT 1", zone):
             self._keeping.add(zone)
-        return belongs
+        return self._fingerprint(zone) == fingerprint
+
+    def take(self, zones: Collection[str]) -> None:
+        """Take `zones` for the lease in one transaction, as far as nobody else holds them: `claim` is quicker then."""
+
+        def work(cursor: Cursor) -> None:
+            for zone in sorted(zones):
+                with suppress(Fenced):
+                    self.fence.take(cursor, zone)
+            # The lease itself may have been lost.
+            self.fence.held(cursor)
+
+        self.database.transaction(work)
 
     def give_up(self, zone: str) -> None:
         """Make durable what was recorded, and leave `zone` to whoever claims it next."""
@@ -353,6 +361,12 @@ class PostgresJournal:
         result = self.database.transaction(whole)
         self._pending.clear()
         return result
+
+    def _fingerprint(self, zone: str) -> str | None:
+        """What the samples of `zone` belong to; None unless the lease holds it."""
+        query = "SELECT fingerprint FROM zones WHERE zone = %s AND lease = %s AND epoch = %s"
+        rows = self.database.read(query, zone, self.fence.lease.name, self.fence.lease.epoch)
+        return rows[0][0] if rows else None
 
     def _link_before(self, zone: str, time: int) -> int:
         """The link of the newest sample not later than `time`, pruned or not; 0 without any."""

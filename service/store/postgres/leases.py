@@ -1,7 +1,7 @@
 """Leases: who may write now, by the database's clock.
 
-A lease belongs to one owner until it expires, is released or is taken by a later one; each time it is taken, its epoch
-grows by one. A zone belongs to a lease in one of its epochs, and every transaction that writes checks both
+A lease belongs to one owner until it expires, is released or is taken by a later one; each time it changes hands, its
+epoch grows by one. A zone belongs to a lease in one of its epochs, and every transaction that writes checks both
 (`service.store.postgres.fence`).
 """
 
@@ -98,9 +98,7 @@ class Leases:
 
     def release(self, lease: Lease) -> None:
         """Give it up, with all its zones; nothing happens if it has been taken already."""
-        query = (
-            "UPDATE leases SET owner = NULL, expires = clock_timestamp() WHERE name = %s AND owner = %s AND epoch = %s"
-        )
+        query = "UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE name = %s AND owner = %s AND epoch = %s"
         with self._one:
             self._database.transaction(lambda cursor: cursor.execute(query, lease[:3]))
 

@@ -17,7 +17,9 @@ _log = logging.getLogger(__name__)
 
 _VERSION_1 = """
 CREATE TABLE leases (
-    name text PRIMARY KEY, owner text, epoch bigint NOT NULL, expires timestamptz NOT NULL
+    name text PRIMARY KEY, owner text, epoch bigint NOT NULL, expires timestamptz NOT NULL,
+    -- The epoch is part of a key: whoever writes keeps it from being changed, and not the lease from being renewed.
+    UNIQUE (name, epoch)
 );
 CREATE TABLE zones (
     number integer GENERATED ALWAYS AS IDENTITY PRIMARY KEY, zone text NOT NULL UNIQUE,
@@ -63,6 +65,10 @@ def prepare(database: Database) -> None:
             f"the database {database.place} has version {applied} of a newer Thermogate (this one reads "
             f"{SCHEMA_VERSION}); upgrade Thermogate, or use another database"
         )
+
+
+def warn_of_unsafe_commits(database: Database) -> None:
+    """Say in the log what lets the server lose what it has acknowledged."""
     for (name,) in database.read(
         "SELECT name FROM pg_settings WHERE name IN ('fsync', 'full_page_writes') AND setting = 'off'"
     ):
