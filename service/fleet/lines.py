@@ -8,16 +8,18 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from math import inf
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from adapters.reading import Batch, Reading
 from service.daemon.supply.feeding import feed
 from service.daemon.tasks import end
 from service.errors import ServiceError
-from service.fleet.messages import Ack
-from service.fleet.peers import Away, Peer
+from service.fleet.messages import Ack, Away
 from service.fleet.plan import Plan
 from service.sources.routing import Delivery
+
+if TYPE_CHECKING:
+    from service.fleet.peers import Peer
 
 ROOM = 64
 """Batches of a recording that may wait for a shard; then the recording waits."""

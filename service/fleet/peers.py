@@ -20,6 +20,7 @@ from ray.util import list_named_actors
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from service.errors import NoModel, ReloadRefused, ServiceError, TooManyQuestions
+from service.fleet.messages import Away
 
 STEWARD, READER = "steward", "reader"
 
@@ -29,10 +30,6 @@ _BODIES = {
     "reader": "service.fleet.reader:Reader",
     "gateway": "service.fleet.gateways.gateway:Gateway",
 }
-
-
-class Away(ServiceError):
-    """A member cannot be asked now: it is being started, or its machine is lost."""
 
 
 _PLAIN: Mapping[str, type[ServiceError]] = {error.__name__: error for error in (Away, NoModel, TooManyQuestions)}

@@ -93,7 +93,8 @@ def watch_steward(site: str, address: str | None, every: float, show: Callable[[
 
 
 async def _asked(site: str, method: str, *arguments: Any) -> Any:
-    from service.fleet.peers import STEWARD, Away, Peer
+    from service.fleet.messages import Away
+    from service.fleet.peers import STEWARD, Peer
 
     try:
         return await Peer(site, STEWARD).ask(method, *arguments, timeout=ASK_SECONDS)
@@ -155,7 +156,7 @@ class _Running:
 
     async def _patiently(self, method: str, *arguments: Any) -> Any:
         """What the steward answers, once its process is there."""
-        from service.fleet.peers import Away
+        from service.fleet.messages import Away
 
         deadline = asyncio.get_running_loop().time() + ASK_SECONDS
         while True:

@@ -21,8 +21,8 @@ from service.web.keys import create_key
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
 ROOMS = rooms(6)
-ROWS = 1500
-PACE = 4800.0
+ROWS = 500
+PACE = 2400.0
 LEASE = 2.0
 LEARNED = ("history?limit=20000", "forecast?horizon=3h", "parameters")
 

@@ -28,8 +28,8 @@ from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import StateMismatch
 from service.fields.times import written_time
-from service.fleet.messages import Ack, Beat, News
-from service.fleet.peers import Away, end_process, own_node
+from service.fleet.messages import Ack, Away, Beat, News
+from service.fleet.peers import end_process, own_node
 from service.fleet.plan import QUARANTINE, narrowed
 from service.fleet.shards.crashes import Crashes, told
 from service.fleet.shards.herald import Herald

@@ -1,0 +1,73 @@
+"""Whoever brings down its process again and again is found, and nobody else."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from service.fleet.shards.crashes import MOST, Crashes
+
+DYING = """
+    import os, sys, threading
+    from pathlib import Path
+    from service.fleet.shards.crashes import Crashes
+
+    crashes = Crashes("campus", "shard-0", Path(sys.argv[1]))
+    at_work = threading.Barrier(2)
+
+    def innocent():
+        with crashes.stepping("attic", 600):
+            pass
+        at_work.wait()
+
+    thread = threading.Thread(target=innocent)
+    thread.start()
+    at_work.wait()
+    with crashes.stepping("cellar", int(sys.argv[2])):
+        os.kill(os.getpid(), 9)
+"""
+
+
+def die(folder: Path, time: int) -> None:
+    """A process that is ended while the cellar is at work with the sample at `time`."""
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(DYING), str(folder), str(time)], check=False)
+    assert done.returncode == -9
+
+
+def test_the_zone_that_was_at_work_is_guilty_after_some_processes(tmp_path: Path) -> None:
+    for _ in range(MOST):
+        die(tmp_path, 1200)
+    crashes = Crashes("campus", "shard-0", tmp_path)
+    assert crashes.suspects == (("cellar", 1200, MOST),)
+    assert set(crashes.guilty) == {"cellar"}
+
+
+def test_one_process_less_is_an_accident(tmp_path: Path) -> None:
+    for _ in range(MOST - 1):
+        die(tmp_path, 1200)
+    crashes = Crashes("campus", "shard-0", tmp_path)
+    assert crashes.suspects == (("cellar", 1200, MOST - 1),)
+    assert not crashes.guilty
+
+
+def test_other_samples_of_a_zone_do_not_count(tmp_path: Path) -> None:
+    for time in range(600, 600 * (MOST + 3), 600):
+        die(tmp_path, time)
+    assert not Crashes("campus", "shard-0", tmp_path).guilty
+
+
+def test_a_process_that_ends_in_order_leaves_no_suspects(tmp_path: Path) -> None:
+    die(tmp_path, 1200)
+    Crashes("campus", "shard-0", tmp_path).close()
+    assert Crashes("campus", "shard-0", tmp_path).suspects == ()
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"cellar x".ljust(128), b'[["a"]]'])
+def test_a_file_that_is_damaged_blames_nobody(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "campus.shard-0.steps").write_bytes(content)
+    (tmp_path / "campus.shard-0.crashes").write_bytes(content)
+    assert Crashes("campus", "shard-0", tmp_path).suspects == ()
