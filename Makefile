@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -60,6 +60,9 @@ KILLS ?= 500
 
 kill-loop: $(VENV)/.ready  ## the daemon killed KILLS=500 times at random moments under load, and held to what it had told; half an hour
 	$(BIN)/python tests/integration/kill_loop.py --kills $(KILLS) --out var/kill-loop.json
+
+fleet-kill-loop: $(VENV)/.fleet  ## a fleet of 2,000 rooms whose machines are killed 50 times under load, and held to what it had told; FLEET_KILLS='--kills 5 --zones 60' changes it
+	$(BIN)/python tests/integration/fleet_kill_loop.py --out var/fleet-kill-loop.json $(FLEET_KILLS)
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
 	$(BIN)/python -m replay.measuring.fleet $(FLEET)

@@ -6,6 +6,7 @@ The daemon and `thermogate replay` both build their zones here, so that a record
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from math import ceil
 
 from adapters.timestamps import EARLIEST
@@ -57,14 +58,31 @@ def make_alignment(
     )
 
 
-def surroundings(config: Config, zone: ZoneConfig) -> Surroundings:
-    """What the configuration says of the inputs of `zone` beyond where they are measured."""
+Outputs = Mapping[tuple[str, str], Sequence[tuple[str, str]]]
+"""Zones and their outputs by where these are measured: source and address."""
+
+
+def measured_outputs(config: Config) -> Outputs:
+    """The outputs of all zones, for `surroundings` of many."""
+    found: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for zone in config.zones:
+        for output in zone.network.measured:
+            channel = zone.channels[output]
+            if channel.address:
+                found.setdefault((channel.source, channel.address), []).append((zone.id, output))
+    return found
+
+
+def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = None) -> Surroundings:
+    """What the configuration says of the inputs of `zone` beyond where they are measured; `outputs` are the
+    `measured_outputs` of `config`."""
+    outputs = measured_outputs(config) if outputs is None else outputs
     network = zone.network
     inputs = {name: zone.channels[name] for name in network.inputs}
     return Surroundings(
         limits={name: _limits(zone.channels[name], network.channel_unit(name)) for name in network.channels},
         neighbours={
-            name: found for name in network.boundaries if (found := _neighbour(config, zone, inputs[name])) is not None
+            name: found for name in network.boundaries if (found := _neighbour(outputs, zone, inputs[name])) is not None
         },
         weather={
             name: _link(config, channel, network.channel_unit(name))
@@ -81,16 +99,10 @@ def _limits(channel: ChannelConfig, unit: str) -> tuple[float, float]:
     return (lower, upper) if power is None else (max(lower, -power), min(upper, power))
 
 
-def _neighbour(config: Config, zone: ZoneConfig, channel: ChannelConfig) -> tuple[str, str] | None:
+def _neighbour(outputs: Outputs, zone: ZoneConfig, channel: ChannelConfig) -> tuple[str, str] | None:
     """The zone and its output that are measured where `channel` is: the room next door."""
-    if not channel.address:
-        return None
-    for other in config.zones:
-        for output in other.network.measured if other.id != zone.id else ():
-            measured = other.channels[output]
-            if (measured.source, measured.address) == (channel.source, channel.address):
-                return other.id, output
-    return None
+    measured = outputs.get((channel.source, channel.address), ())
+    return next((found for found in measured if found[0] != zone.id), None)
 
 
 def _link(config: Config, channel: ChannelConfig, unit: str) -> WeatherLink:

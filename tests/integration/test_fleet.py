@@ -138,6 +138,8 @@ def test_the_rooms_of_a_machine_that_is_lost_go_on_elsewhere(site: Site) -> None
 
 
 def test_zones_move_to_another_number_of_shards_under_load(site: Site) -> None:
+    # The machine that was added takes its part.
+    until(lambda: len(site.fleet.members("gateway-")) == 2, "the machine that was added")
     done = site.fleet.ask("rebalance", "--shards", "3")
     assert done.returncode == 0, done.stderr
     assert "3 shards" in done.stdout
@@ -152,12 +154,12 @@ def test_zones_move_to_another_number_of_shards_under_load(site: Site) -> None:
 
 
 def test_a_frozen_machine_that_wakes_up_changes_nothing(site: Site) -> None:
-    until(lambda: len(site.fleet.members("gateway-")) == 2, "the machine that was added")
     frozen = site.cluster.others[0]
     on_it = {shard["name"] for shard in site.shards().values() if site.machine_of(shard["pid"]) is frozen}
     since = site.samples()
     old = {boot for name, boot in _boots(site).items() if name in on_it}
     frozen.freeze()
+    until(lambda: len(site.fleet.status()["nodes"]) == 1, "the machine to be given up")
     until(lambda: len(now := _boots(site)) == 3 and old.isdisjoint(now.values()), "the shards on other machines")
     until(lambda: site.goes_on(since), "new samples of every room")
     before = _boots(site)

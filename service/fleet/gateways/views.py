@@ -9,7 +9,7 @@ from typing import Any
 from estimator.arrays import Array
 from estimator.statespace.simulate import Simulation
 from estimator.types import ParameterSummary
-from service.config.fitting import surroundings
+from service.config.fitting import measured_outputs, surroundings
 from service.config.site import Config, ZoneConfig
 from service.fleet.messages import News, ZoneNews
 from service.fleet.peers import Peer
@@ -17,7 +17,7 @@ from service.records.asker import current_asker
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.model import CompactFan, ZoneModel
-from service.records.outlook import Outlook
+from service.records.outlook import Outlook, Surroundings
 from service.records.series import Series
 from service.records.skill import Skill
 from service.records.status import ZoneStatus
@@ -58,12 +58,12 @@ class ShardView:
 class RemoteZone:
     """A zone in another process (`service.records.view.ZoneView`)."""
 
-    def __init__(self, table: ZoneConfig, config: Config, shard: ShardView) -> None:
+    def __init__(self, table: ZoneConfig, around: Surroundings, shard: ShardView) -> None:
         self.id = table.id
         self.network = table.network
         self.period = float(table.period)
         self.estimator = table.estimator
-        self.surroundings = surroundings(config, table)
+        self.surroundings = around
         self.shard = shard
         self._news: ZoneNews | None = None
 
@@ -157,9 +157,9 @@ class Mirror(Mapping[str, RemoteZone]):
 
     def adopt(self, config: Config, owner: Mapping[str, str], shard: Callable[[str], ShardView]) -> None:
         """These are the zones from now on; what is known of one that stays as it is, is kept."""
-        zones = {}
+        zones, outputs = {}, measured_outputs(config)
         for table in config.zones:
-            zone = RemoteZone(table, config, shard(owner[table.id]))
+            zone = RemoteZone(table, surroundings(config, table, outputs), shard(owner[table.id]))
             before = self._zones.get(table.id)
             if before is not None and before._news is not None and before.network == zone.network:
                 zone.heard(before._news)

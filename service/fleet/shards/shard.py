@@ -279,6 +279,7 @@ async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) ->
     """`config` with the zones that the shard can run, and why it cannot run the others: one zone's mistake is not the
     others'."""
     refused = {}
+    await leased.store.take([zone.id for zone in config.zones])
     for zone in config.zones:
         suspect = crashes.guilty.get(zone.id)
         if suspect is not None and name != QUARANTINE:
