@@ -1,0 +1,76 @@
+"""[fleet] of the configuration: what is wrong with it is one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from support.campus import write_recording, write_site
+
+from service.config.load import load
+from service.config.written import effective_toml
+from service.errors import ConfigError
+from service.fleet.checks import fleet_of
+
+DATABASE = "postgresql://thermogate@db.example/thermogate"
+
+
+def site(folder: Path) -> Path:
+    write_recording(folder / "recording.csv", 1, 3)
+    return write_site(folder, DATABASE, site="campus", count=1, shards=3, pace=60.0, lease=5.0, cpus=1.0)
+
+
+def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    config = load(site(tmp_path), ["fleet.password_file=secret"])
+    assert fleet_of(config).database == DATABASE
+    assert fleet_of(config).password_file == tmp_path / "secret"
+    assert (fleet_of(config).shards, fleet_of(config).lease) == (3, 5.0)
+    again = tmp_path / "again.toml"
+    again.write_text(effective_toml(config), encoding="utf-8")
+    assert load(again).fleet == config.fleet
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "sentence"),
+    [
+        ("database", "db.example", "is not the address of a PostgreSQL database"),
+        ("database", "postgresql://db.example", "is not the address of a PostgreSQL database"),
+        ("database", "postgresql://thermogate:geheim@db.example/x", "put that into a file of its own"),
+        ("shards", 0, "must be a whole number from 1 to 4096, not 0"),
+        ("shard_cpus", 0, "must be greater than 0, not 0"),
+        ("lease", "1s", "must be from 2s to 1min, not 1s"),
+        ("leases", 3, "is not a known key"),
+    ],
+)
+def test_a_mistake_is_told_with_its_place_and_no_secret(tmp_path: Path, key: str, value: object, sentence: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(site(tmp_path), [f"fleet.{key}={value}"])
+    (problem,) = caught.value.problems
+    assert problem.startswith(f"fleet.{key}: ")
+    assert sentence in problem
+    assert "geheim" not in problem
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ("zenoh.enabled=true", "zenoh.listen: every shard would listen there"),
+        ("mqtt.host=broker.example", "mqtt.host: a fleet publishes on Zenoh alone"),
+        ("http.socket=http.sock", "http.socket: a fleet serves every machine's clients at an address"),
+    ],
+)
+def test_what_a_fleet_cannot_do_is_refused(tmp_path: Path, setting: str, sentence: str) -> None:
+    path = site(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8").replace("port = 0\n", ""), encoding="utf-8")
+    config = load(path, [setting])
+    with pytest.raises(ConfigError) as caught:
+        fleet_of(config)
+    assert [sentence in problem for problem in caught.value.problems] == [True]
+
+
+def test_a_site_without_the_table_is_no_fleet(tmp_path: Path) -> None:
+    path = site(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("[fleet]")] + text[text.index("[sources.log]") :], encoding="utf-8")
+    with pytest.raises(ConfigError, match="fleet: is missing"):
+        fleet_of(load(path))
