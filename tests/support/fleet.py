@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 from support.harness import ROOT, THERMOGATE, free_port
 
 RAY = Path(sys.executable).with_name("ray")
-PATIENCE = 45.0
+PATIENCE = 180.0
 """s after which something that should come about is given up."""
 
 Found = TypeVar("Found")

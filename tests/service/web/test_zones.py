@@ -42,6 +42,26 @@ def test_zones_are_listed_in_order(app: FastAPI) -> None:
     assert document["zones"][1]["reason"] == "no reading of T_out yet"
 
 
+@pytest.mark.parametrize("limit", [1, 2, 3, 4])
+def test_pages_of_zones_are_all_zones_once(app: FastAPI, limit: int) -> None:
+    found, after = [], ""
+    while True:
+        document = get(app, f"/zones?limit={limit}{after}").json()
+        page = [zone["id"] for zone in document["zones"]]
+        assert len(page) <= limit
+        found += page
+        if document["next"] is None:
+            break
+        assert document["next"] == page[-1]
+        after = f"&after={page[-1]}"
+    assert found == ["living", "attic", "cellar"]
+    assert get(app, "/zones").json()["next"] is None
+
+
+def test_a_page_after_a_zone_that_is_gone_is_refused(app: FastAPI) -> None:
+    assert "there is no zone 'garage' any more" in problem(get(app, "/zones?limit=2&after=garage"), 422)["detail"]
+
+
 def test_a_zone_names_its_channels_parameters_and_status(app: FastAPI) -> None:
     document = get(app, "/zones/living").json()
     assert document["channels"][0] == {"channel": "T_air", "unit": "degC", "role": "output"}
