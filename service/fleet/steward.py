@@ -152,7 +152,11 @@ class Steward:
         await asyncio.gather(*(self._hear(name) for name in names))
         for name in await asyncio.to_thread(peers.members, self._site) - {*names, STEWARD}:
             _log.info("%s is not wanted any more", name)
-            await self._stopped(name)
+            if name.startswith(_GATEWAY):
+                # Its machine is lost.
+                await asyncio.to_thread(peers.remove, self._site, name)
+            else:
+                await self._stopped(name)
             self._known.pop(name, None)
         await self._end_the_hung(plan)
         await self._tell(plan)

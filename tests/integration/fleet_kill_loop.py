@@ -44,7 +44,7 @@ NEWEST = 12
 LOOKED_AT = 40
 """Rooms that the ledger asks for: enough to be on every shard."""
 POST_SECONDS = 0.5
-PATIENCE = 300.0
+PATIENCE = 120.0
 LEARNED = ("forecast?horizon=3h", "parameters")
 
 Row = dict[str, Any]
@@ -146,14 +146,15 @@ class Loop:
         until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", PATIENCE)
         looked_at = self._rooms[:: max(1, len(self._rooms) // LOOKED_AT)]
         stopping, out = multiprocessing.Event(), self._folder / "ledger.jsonl"
-        ledger = multiprocessing.Process(target=keep_ledger, args=(self._urls, self._key, looked_at, out, stopping))
+        arguments = (self._urls, self._key, looked_at, out, stopping)
+        ledger = multiprocessing.Process(target=keep_ledger, args=arguments, daemon=True)
         ledger.start()
         posting = threading.Thread(target=self._post)
         posting.start()
         try:
             for number in range(self._kills):
-                self._strike(cluster, fleet)
-                print(f"{number + 1}: {self._recovery[-1]:.1f} s, {time.monotonic() - began:.0f} s", flush=True)
+                what = self._strike(cluster, fleet)
+                print(f"{number + 1}: {what}, {self._recovery[-1]:.1f} s, {time.monotonic() - began:.0f} s", flush=True)
         finally:
             self._stopping.set()
             posting.join()
@@ -165,8 +166,8 @@ class Loop:
         ledger.join()
         return self._compared(out, began)
 
-    def _strike(self, cluster: Cluster, fleet: Fleet) -> None:
-        """Disturb the fleet, and wait until every room has come further than it had."""
+    def _strike(self, cluster: Cluster, fleet: Fleet) -> str:
+        """Disturb the fleet, and wait until every room has come further than it had; what was done."""
         choose = self._random
         time.sleep(choose.uniform(0.0, 4.0))
         machine = choose.choice(cluster.others)
@@ -192,7 +193,12 @@ class Loop:
         if what == "machine frozen":
             machine.thaw()
             self._replace(cluster, machine)
-        until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet to be whole", PATIENCE)
+        try:
+            until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet to be whole", PATIENCE)
+        except AssertionError:
+            print(f"after '{what}': {json.dumps(fleet.status())}\n{fleet.log()[-3000:]}", flush=True)
+            raise
+        return what
 
     def _replace(self, cluster: Cluster, machine: Machine) -> None:
         """A machine that Ray had given up ends by itself; another one takes its place."""
