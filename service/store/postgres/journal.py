@@ -54,12 +54,12 @@ _HISTORY: list[_Column] = [
     *(_OTHERS.get(name, _NUMBER_OR_NULL) for name in HistoryRow._fields),
     ("bigint", int),
 ]
-_INSERT_HISTORY = (
-    f"INSERT INTO history (zone, {_COLUMNS}, checksum) "
-    f"SELECT * FROM unnest({', '.join(f'%b::{kind}[]' for kind, _ in _HISTORY)}) "
-    "ON CONFLICT (zone, time) DO UPDATE SET "
-    + ", ".join(f"{name} = excluded.{name}" for name in (*HistoryRow._fields[1:], "checksum"))
-)
+_ARRAYS = ", ".join(f"%b::{kind}[]" for kind, _ in _HISTORY)
+_REPLACED = ", ".join(f"{name} = excluded.{name}" for name in (*HistoryRow._fields[1:], "checksum"))
+_INSERT_HISTORY = f"""
+INSERT INTO history (zone, {_COLUMNS}, checksum) SELECT * FROM unnest({_ARRAYS})
+ON CONFLICT (zone, time) DO UPDATE SET {_REPLACED}
+"""
 _INSERT_READINGS = """
 INSERT INTO readings (zone, time, channel, value, quality, checksum)
 SELECT * FROM unnest(%b::integer[], %b::float8[], %b::text[], %b::float8[], %b::text[], %b::bigint[])
