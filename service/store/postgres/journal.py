@@ -127,12 +127,13 @@ class PostgresJournal:
         self.database.transaction(work)
 
     def give_up(self, zone: str) -> None:
-        """Make durable what was recorded, and leave `zone` to whoever claims it next."""
+        """Make durable what was recorded, and leave `zone` to whoever claims it next; nothing if it has gone."""
 
         def work(cursor: Cursor, held: dict[str, int]) -> None:
-            cursor.execute("UPDATE zones SET lease = NULL WHERE number = %s", (held[zone],))
+            query = "UPDATE zones SET lease = NULL WHERE zone = %s AND lease = %s AND epoch = %s"
+            cursor.execute(query, (zone, self.fence.lease.name, self.fence.lease.epoch))
 
-        self._write([zone], work)
+        self._write((), work)
         self._ends.pop(zone, None)
         self._keeping.discard(zone)
 
@@ -171,8 +172,9 @@ class PostgresJournal:
 
         def work(cursor: Cursor, held: dict[str, int]) -> None:
             if rows := [reading_row(zone, reading)[1:] for reading in readings]:
-                columns = [list(column) for column in zip(*rows, strict=True)]
-                cursor.execute(_INSERT_READINGS, [[held[zone]] * len(rows), *columns])
+                times, channels, values, *others = (list(column) for column in zip(*rows, strict=True))
+                numbers = [list(map(float, times)), channels, list(map(float, values))]
+                cursor.execute(_INSERT_READINGS, [[held[zone]] * len(rows), *numbers, *others])
 
         self._write([zone], work)
 
@@ -382,9 +384,10 @@ class PostgresJournal:
             self._months |= new
 
     def _show(self, zone: str) -> None:
-        """Reading need not wait for a commit because of other zones."""
+        """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""
         if any(owner == zone for owner, _ in self._pending):
-            self.flush()
+            with suppress(JournalError):
+                self.flush()
 
     def _anew(self) -> None:
         self._ends.clear()

@@ -238,7 +238,7 @@ def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeyp
     assert np.isnan(found.inputs[:, 1]).all(), "what was not measured has no mean"
 
 
-READINGS = [Reading("z/T_i", START + 0.5, 21.5), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
+READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
 
 
 def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
