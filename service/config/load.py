@@ -24,6 +24,7 @@ from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
 from service.config.networks import proposes_bounds, read_network
 from service.config.overrides import apply_overrides
+from service.config.resumed import resumed
 from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.fields.problems import Place, Problems, unknown_key
@@ -130,7 +131,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         http=http,
         sinks=sinks,
         sources=readable,
-        zones=zones,
+        zones=resumed(zones, site.state_dir),
         weather={name: table for name, table in weather.items() if table is not None},
         warnings=tuple(problems.warnings),
     )
@@ -266,4 +267,5 @@ def completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
         channels[name] = channel.model_copy(update=defaults)
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
     resolved = {"network": network, "options": options, "proposes_bounds": proposes_bounds(zone.network)}
-    return ZoneConfig.model_construct(**written | resolved | {"channels": channels})
+    values = written | resolved | {"channels": channels}
+    return ZoneConfig.model_construct(_fields_set=zone.model_fields_set | set(resolved), **values)
