@@ -14,7 +14,9 @@ def resumed(zones: tuple[ZoneConfig, ...], state_dir: Path) -> tuple[ZoneConfig,
     """`zones`, those without an estimator of their own with the one that their state in `state_dir` belongs to."""
     open_ones = [zone for zone in zones if "estimator" not in zone.model_fields_set]
     stored = stored_fingerprints(state_dir) if open_ones else {}
-    former = {zone.id: as_before for zone in open_ones if fingerprint(as_before := _former(zone)) == stored.get(zone.id)}
+    former = {
+        zone.id: as_before for zone in open_ones if fingerprint(as_before := _former(zone)) == stored.get(zone.id)
+    }
     return tuple(former.get(zone.id, zone) for zone in zones)
 
 
