@@ -38,6 +38,7 @@ from service.publish.kinds import SINK_KINDS
 from service.sources.channel import Binding, ChannelConfig, SourceKind
 from service.sources.kinds import SOURCE_KINDS
 from service.sources.weather import WEATHER_KINDS
+from service.zone.alignment import SETPOINT, unit_of
 
 
 class SiteConfig(BaseModel):
@@ -84,6 +85,10 @@ class ZoneTable(BaseModel):
         description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'
     )
 
+    setpoint: SerializeAsAny[ChannelConfig] | None = Field(
+        default=None, description='a table as that of a channel, such as { source = "bms", ..., unit = "degC" }'
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _seeded(cls, table: Any, info: ValidationInfo) -> Any:
@@ -107,6 +112,11 @@ class ZoneConfig(ZoneTable):
     """What `estimator_options` amount to: the resolved options of the estimator."""
     proposes_bounds: bool = False
     """Whether the zone proposes narrower bounds after its first week."""
+
+    @property
+    def delivered(self) -> dict[str, ChannelConfig]:
+        """Everything that sources deliver to the zone: its channels, and its set-point where there is one."""
+        return self.channels if self.setpoint is None else {**self.channels, SETPOINT: self.setpoint}
 
     @property
     def max_ages(self) -> dict[str, float]:
@@ -147,16 +157,14 @@ class Config(BaseModel):
 
     def zones_of(self, source: str) -> tuple[ZoneConfig, ...]:
         """The zones that `source` feeds."""
-        return tuple(zone for zone in self.zones if any(table.source == source for table in zone.channels.values()))
+        return tuple(zone for zone in self.zones if any(table.source == source for table in zone.delivered.values()))
 
     def bindings(self, source: str) -> list[Binding]:
         """Every channel that `source` delivers to."""
         return [
-            Binding(
-                f"{zone.id}/{channel}", table, zone.network.channel_unit(channel), usual(zone.network, channel, table)
-            )
+            Binding(f"{zone.id}/{channel}", table, unit_of(zone.network, channel), usual(zone.network, channel, table))
             for zone in self.zones
-            for channel, table in zone.channels.items()
+            for channel, table in zone.delivered.items()
             if table.source == source
         ]
 
@@ -191,11 +199,11 @@ class Config(BaseModel):
 
     def goes_live(self, zone: ZoneConfig) -> bool:
         """Whether the sources of `zone` are live; they are all live or all recorded."""
-        return any(self.is_live(channel.source) for channel in zone.channels.values())
+        return any(self.is_live(channel.source) for channel in zone.delivered.values())
 
     def pace_of(self, zone: ZoneConfig) -> float:
         """How many times faster than real time the telemetry of `zone` comes: 1 if it is live."""
-        recorded = {channel.source for channel in zone.channels.values() if not self.is_live(channel.source)}
+        recorded = {channel.source for channel in zone.delivered.values() if not self.is_live(channel.source)}
         return min((self.sources[source].pace for source in recorded), default=1.0)
 
     def _kind(self, source: str) -> SourceKind:
