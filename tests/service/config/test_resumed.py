@@ -57,6 +57,29 @@ def test_a_zone_with_state_of_an_rbpf_goes_on_with_it(tmp_path: Path) -> None:
     assert estimators(load(kept)) == ["rbpf", "bank"]
 
 
+@pytest.mark.parametrize("network", ["tite", "auto"])
+def test_the_configuration_that_the_daemon_keeps_has_the_same_state(tmp_path: Path, network: str) -> None:
+    now = load(written(tmp_path, network=network))
+    kept = tmp_path / "kept.toml"
+    kept.write_text(effective_toml(now), encoding="utf-8")
+    assert [fingerprint(zone) for zone in load(kept).zones] == [fingerprint(zone) for zone in now.zones]
+
+
+def test_a_bank_goes_on_with_other_priors_but_not_with_other_members(tmp_path: Path) -> None:
+    members = {"near": {"estimator": "mkf", "particles": 16}, "far": {"estimator": "arx"}}
+
+    def mark(**changed: Any) -> str:
+        tables = {
+            name: {**table, **changed.get(name, {})} for name, table in members.items() if changed.get(name) != {}
+        }
+        return fingerprint(load(written(tmp_path, estimator="bank", estimator_options={"members": tables})).zones[0])
+
+    assert mark(near={"prior": 2.0}, far={"memory_days": 3.0}) == mark()
+    assert mark(far={}) != mark()
+    assert mark(far={"past_outputs": 3}) != mark()
+    assert mark(near={"particles": 32}) != mark()
+
+
 def test_who_names_an_estimator_gets_it_whatever_is_stored(tmp_path: Path) -> None:
     learned(load(written(tmp_path, estimator="rbpf")), 0)
     assert estimators(load(written(tmp_path, estimator="bank"))) == ["bank", "bank"]
