@@ -37,12 +37,12 @@ _PENDING_LIMIT = 1000
 _EARLIEST = -(2**63)
 
 _COLUMNS = ", ".join(HistoryRow._fields)
-_SAMPLE = "%s::text, time, outputs, inputs, output_quality, input_quality"
+_SAMPLE = "%s::text, time, outputs, inputs, output_quality, input_quality, setpoint"
 _NUMBER = "zone = (SELECT number FROM zones WHERE zone = %s)"
 
 _INSERT_SAMPLES = """
-INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, link)
-SELECT * FROM unnest(%b::integer[], %b::bigint[], %b::bytea[], %b::bytea[], %b::text[], %b::text[], %b::bigint[])
+INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, setpoint, link) SELECT * FROM
+unnest(%b::integer[], %b::bigint[], %b::bytea[], %b::bytea[], %b::text[], %b::text[], %b::float8[], %b::bigint[])
 """
 _Column = tuple[str, Callable[[Any], object]]
 """The type of a column, and what makes a value of it."""
@@ -154,8 +154,9 @@ class PostgresJournal:
                     rows.append(sample_row(zone, sample, link))
                     ends[zone] = (sample.time, rows[-1][-1])
             if rows:
-                zones, *columns = (list(column) for column in zip(*rows, strict=True))
-                cursor.execute(_INSERT_SAMPLES, [[held[zone] for zone in zones], *columns])
+                zones, *columns, setpoints, links = (list(column) for column in zip(*rows, strict=True))
+                setpoints = [None if value is None else float(value) for value in setpoints]
+                cursor.execute(_INSERT_SAMPLES, [[held[zone] for zone in zones], *columns, setpoints, links])
             keeping = sorted(self._keeping & ends.keys())
             if keeping:
                 old = [float(ends[zone][0] - REMEMBERED) for zone in keeping]
@@ -233,7 +234,7 @@ class PostgresJournal:
             for *values, link, skipped in rows:
                 try:
                     sample = linked_sample(tuple(values), link, previous)
-                except (ValueError, TypeError) as error:
+                except (ValueError, TypeError, struct.error) as error:
                     raise damaged_sample(self._place, zone, values[1], error) from error
                 if skipped is None:
                     yield sample
@@ -266,7 +267,7 @@ class PostgresJournal:
         return [row for row in sound if row is not None]
 
     def history_columns(self, zone: str, start: int, end: int, every: int) -> Columns:
-        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, 17).
+        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m).
 
         Damaged rows are left out, as in `history`.
         """

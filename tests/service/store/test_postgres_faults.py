@@ -404,6 +404,7 @@ CHANGES = {
     "inputs": "inputs = substring(inputs FROM 1 FOR 16)",
     "quality": "input_quality = 'good,good,good'",
     "time": "time = time + 1",
+    "setpoint": "setpoint = 19.0",
     "link": "link = link + 1",
 }
 
