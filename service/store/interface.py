@@ -157,7 +157,7 @@ class SampleJournal(Protocol):
         """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first."""
 
     def history_columns(self, zone: str, start: int, end: int, every: int) -> Columns:
-        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, 17)."""
+        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m)."""
 
     def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
         """The same for the `width` inputs of accepted samples."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
+from typing import Any
 
 from service.errors import StateMismatch
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
@@ -47,8 +49,7 @@ class PostgresCheckpoints:
                     {"zone": number, "keep": self._keep},
                 )
 
-        with self._one:
-            self._database.transaction(work)
+        self._write(work)
 
     def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone`, None if there is none.
@@ -58,27 +59,25 @@ class PostgresCheckpoints:
         """
         query = f"SELECT step, content FROM checkpoints WHERE {_OWN} AND step < %s ORDER BY step DESC LIMIT 1"
         before = 2**63 - 1
-        with self._one:
-            while rows := self._database.read(query, zone, before):
-                before, content = rows[0]
-                place = f"at {before} of zone '{zone}' in the database {self._database.place}"
-                try:
-                    checkpoint = decode(content, place)
-                    if checkpoint.zone != zone or checkpoint.step != before:
-                        raise ValueError(f"it is of zone '{checkpoint.zone}' at {checkpoint.step}")
-                except DAMAGE as error:
-                    _log.warning("the checkpoint %s is damaged (%s); using the one before", place, error)
-                    self._mark(zone, before)
-                    continue
-                if checkpoint.fingerprint != fingerprint:
-                    raise StateMismatch(zone, f"the database {self._database.place}")
-                return checkpoint
+        while rows := self._read(query, zone, before):
+            before, content = rows[0]
+            place = f"at {before} of zone '{zone}' in the database {self._database.place}"
+            try:
+                checkpoint = decode(content, place)
+                if checkpoint.zone != zone or checkpoint.step != before:
+                    raise ValueError(f"it is of zone '{checkpoint.zone}' at {checkpoint.step}")
+            except DAMAGE as error:
+                _log.warning("the checkpoint %s is damaged (%s); using the one before", place, error)
+                self._mark(zone, before)
+                continue
+            if checkpoint.fingerprint != fingerprint:
+                raise StateMismatch(zone, f"the database {self._database.place}")
+            return checkpoint
         return None
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
-        with self._one:
-            step: int | None = self._database.read(f"SELECT min(step) FROM checkpoints WHERE {_OWN}", zone)[0][0]
+        step: int | None = self._read(f"SELECT min(step) FROM checkpoints WHERE {_OWN}", zone)[0][0]
         return step
 
     def reset(self, zone: str) -> None:
@@ -94,8 +93,7 @@ class PostgresCheckpoints:
                 aside = set_aside_as(cursor, zone)
                 cursor.execute("UPDATE checkpoints SET zone = %s WHERE zone = %s AND step > %s", (aside, *later))
 
-        with self._one:
-            self._database.transaction(work)
+        self._write(work)
 
     def close(self) -> None:
         """Close the connection; safe to call twice."""
@@ -109,4 +107,12 @@ class PostgresCheckpoints:
             number = self._fence.required(cursor, [zone])[zone]
             cursor.execute("UPDATE checkpoints SET damaged = true WHERE zone = %s AND step = %s", (number, step))
 
-        self._database.transaction(work)
+        self._write(work)
+
+    def _read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        with self._one:
+            return self._database.read(query, *values)
+
+    def _write(self, work: Callable[[Cursor], None]) -> None:
+        with self._one:
+            self._database.transaction(work)

@@ -25,6 +25,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.25, 8.0
 _ATTEMPTS = 4
 _CONNECTION = {
     "application_name": "thermogate",
+    "client_encoding": "utf8",
     "connect_timeout": 5,
     # A network that swallows packets is noticed within seconds, not hours.
     "keepalives_idle": 5,

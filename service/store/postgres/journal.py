@@ -37,12 +37,12 @@ _PENDING_LIMIT = 1000
 _EARLIEST = -(2**63)
 
 _COLUMNS = ", ".join(HistoryRow._fields)
-_SAMPLE = "%s::text, time, outputs, inputs, output_quality, input_quality"
+_SAMPLE = "%s::text, time, outputs, inputs, output_quality, input_quality, setpoint"
 _NUMBER = "zone = (SELECT number FROM zones WHERE zone = %s)"
 
 _INSERT_SAMPLES = """
-INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, link)
-SELECT * FROM unnest(%b::integer[], %b::bigint[], %b::bytea[], %b::bytea[], %b::text[], %b::text[], %b::bigint[])
+INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, setpoint, link) SELECT * FROM
+unnest(%b::integer[], %b::bigint[], %b::bytea[], %b::bytea[], %b::text[], %b::text[], %b::float8[], %b::bigint[])
 """
 _Column = tuple[str, Callable[[Any], object]]
 """The type of a column, and what makes a value of it."""
@@ -54,12 +54,12 @@ _HISTORY: list[_Column] = [
     *(_OTHERS.get(name, _NUMBER_OR_NULL) for name in HistoryRow._fields),
     ("bigint", int),
 ]
-_INSERT_HISTORY = (
-    f"INSERT INTO history (zone, {_COLUMNS}, checksum) "
-    f"SELECT * FROM unnest({', '.join(f'%b::{kind}[]' for kind, _ in _HISTORY)}) "
-    "ON CONFLICT (zone, time) DO UPDATE SET "
-    + ", ".join(f"{name} = excluded.{name}" for name in (*HistoryRow._fields[1:], "checksum"))
-)
+_ARRAYS = ", ".join(f"%b::{kind}[]" for kind, _ in _HISTORY)
+_REPLACED = ", ".join(f"{name} = excluded.{name}" for name in (*HistoryRow._fields[1:], "checksum"))
+_INSERT_HISTORY = f"""
+INSERT INTO history (zone, {_COLUMNS}, checksum) SELECT * FROM unnest({_ARRAYS})
+ON CONFLICT (zone, time) DO UPDATE SET {_REPLACED}
+"""
 _INSERT_READINGS = """
 INSERT INTO readings (zone, time, channel, value, quality, checksum)
 SELECT * FROM unnest(%b::integer[], %b::float8[], %b::text[], %b::float8[], %b::text[], %b::bigint[])
@@ -127,12 +127,13 @@ class PostgresJournal:
         self.database.transaction(work)
 
     def give_up(self, zone: str) -> None:
-        """Make durable what was recorded, and leave `zone` to whoever claims it next."""
+        """Make durable what was recorded, and leave `zone` to whoever claims it next; nothing if it has gone."""
 
         def work(cursor: Cursor, held: dict[str, int]) -> None:
-            cursor.execute("UPDATE zones SET lease = NULL WHERE number = %s", (held[zone],))
+            query = "UPDATE zones SET lease = NULL WHERE zone = %s AND lease = %s AND epoch = %s"
+            cursor.execute(query, (zone, self.fence.lease.name, self.fence.lease.epoch))
 
-        self._write([zone], work)
+        self._write((), work)
         self._ends.pop(zone, None)
         self._keeping.discard(zone)
 
@@ -153,8 +154,9 @@ class PostgresJournal:
                     rows.append(sample_row(zone, sample, link))
                     ends[zone] = (sample.time, rows[-1][-1])
             if rows:
-                zones, *columns = (list(column) for column in zip(*rows, strict=True))
-                cursor.execute(_INSERT_SAMPLES, [[held[zone] for zone in zones], *columns])
+                zones, *columns, setpoints, links = (list(column) for column in zip(*rows, strict=True))
+                setpoints = [None if value is None else float(value) for value in setpoints]
+                cursor.execute(_INSERT_SAMPLES, [[held[zone] for zone in zones], *columns, setpoints, links])
             keeping = sorted(self._keeping & ends.keys())
             if keeping:
                 old = [float(ends[zone][0] - REMEMBERED) for zone in keeping]
@@ -171,8 +173,9 @@ class PostgresJournal:
 
         def work(cursor: Cursor, held: dict[str, int]) -> None:
             if rows := [reading_row(zone, reading)[1:] for reading in readings]:
-                columns = [list(column) for column in zip(*rows, strict=True)]
-                cursor.execute(_INSERT_READINGS, [[held[zone]] * len(rows), *columns])
+                times, channels, values, *others = (list(column) for column in zip(*rows, strict=True))
+                numbers = [list(map(float, times)), channels, list(map(float, values))]
+                cursor.execute(_INSERT_READINGS, [[held[zone]] * len(rows), *numbers, *others])
 
         self._write([zone], work)
 
@@ -231,7 +234,7 @@ class PostgresJournal:
             for *values, link, skipped in rows:
                 try:
                     sample = linked_sample(tuple(values), link, previous)
-                except (ValueError, TypeError) as error:
+                except (ValueError, TypeError, struct.error) as error:
                     raise damaged_sample(self._place, zone, values[1], error) from error
                 if skipped is None:
                     yield sample
@@ -264,7 +267,7 @@ class PostgresJournal:
         return [row for row in sound if row is not None]
 
     def history_columns(self, zone: str, start: int, end: int, every: int) -> Columns:
-        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, 17).
+        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m).
 
         Damaged rows are left out, as in `history`.
         """
@@ -382,9 +385,10 @@ class PostgresJournal:
             self._months |= new
 
     def _show(self, zone: str) -> None:
-        """Reading need not wait for a commit because of other zones."""
+        """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""
         if any(owner == zone for owner, _ in self._pending):
-            self.flush()
+            with suppress(JournalError):
+                self.flush()
 
     def _anew(self) -> None:
         self._ends.clear()

@@ -32,10 +32,20 @@ WHERE zones.zone NOT LIKE '%%@%%'
 """
 """Of every zone with samples, up to when (UTC s) its history and its samples may go."""
 
-_STAYS = {
-    "samples": "SELECT 1 FROM {month} AS old WHERE old.zone = number AND old.time >= needed",
-    "history": "SELECT 1 FROM {month} AS old WHERE old.zone = number AND old.time >= before",
+_FIRST = {
+    table: f"SELECT time FROM {table} WHERE zone = %(zone)s AND time < %(before)s ORDER BY time LIMIT 1"
+    for table in ("samples", "history")
 }
+_LAST = {
+    table: f"SELECT max(time) FROM (SELECT time FROM {table} WHERE zone = %(zone)s AND time < %(before)s "
+    f"ORDER BY time LIMIT {_ROWS_AT_ONCE}) AS slice"
+    for table in ("samples", "history")
+}
+_PRUNED = """
+UPDATE zones SET pruned = samples.time, pruned_link = samples.link FROM samples
+WHERE number = %(zone)s AND samples.zone = %(zone)s AND samples.time = %(last)s
+"""
+_ASIDE = "SELECT number FROM zones WHERE zone LIKE '%@%'"
 
 
 def prune(journal: PostgresJournal, limits: Limits) -> Iterator[None]:
@@ -78,27 +88,27 @@ def _delete(journal: PostgresJournal, zone: str, samples_before: int, history_be
 
 def _delete_of(cursor: Cursor, table: str, number: int, before: int) -> int:
     """Delete the oldest rows of a zone before that time, a slice of them; how many."""
-    old = f"FROM {table} WHERE zone = %(zone)s AND time < %(before)s ORDER BY time"
     values = {"zone": number, "before": before}
-    first = cursor.execute(f"SELECT time {old} LIMIT 1", values).fetchone()
+    first = cursor.execute(_FIRST[table], values).fetchone()
     if first is None or first[0] > before - DAY:
         return 0
-    gone = cursor.execute(
-        f"DELETE FROM {table} WHERE zone = %(zone)s AND time <= (SELECT max(time) FROM (SELECT time {old} "
-        f"LIMIT {_ROWS_AT_ONCE}) AS slice) RETURNING time, {'link' if table == 'samples' else 'NULL'}",
-        values,
-    ).fetchall()
+    values["last"] = cursor.execute(_LAST[table], values).fetchone()[0]
     if table == "samples":
         # The next sample is checked against the link of the one before it.
-        cursor.execute("UPDATE zones SET pruned = %s, pruned_link = %s WHERE number = %s", (*max(gone), number))
-    return len(gone)
+        cursor.execute(_PRUNED, values)
+    cursor.execute(f"DELETE FROM {table} WHERE zone = %(zone)s AND time <= %(last)s", values)
+    return int(cursor.rowcount)
 
 
 def _drop(journal: PostgresJournal, month: Month, keep: float) -> None:
     """Drop `month` if no zone has anything in it that stays, where it keeps its last `keep` s."""
-    stays = f"SELECT EXISTS (SELECT 1 FROM ({_BOUNDS}) AS bounds WHERE EXISTS ({_STAYS[month.table]}))"
+    until = "needed" if month.table == "samples" else "before"
+    stays = (
+        f"SELECT EXISTS (SELECT 1 FROM ({_BOUNDS}) AS bounds WHERE EXISTS "
+        f"(SELECT 1 FROM {month.name} AS old WHERE old.zone = number AND old.time >= {until}))"
+    )
     values = {"keep": float(keep)}
-    if journal.database.read(stays.format(month=month.name), **values)[0][0]:
+    if journal.database.read(stays, **values)[0][0]:
         return
 
     def work(cursor: Cursor) -> None:
@@ -109,7 +119,7 @@ def _drop(journal: PostgresJournal, month: Month, keep: float) -> None:
         if cursor.execute("SELECT to_regclass(%s) IS NULL", (month.name,)).fetchone()[0]:
             return
         # What came into it since cannot go.
-        if cursor.execute(stays.format(month=month.name), values).fetchone()[0]:
+        if cursor.execute(stays, values).fetchone()[0]:
             return
         if month.table == "samples":
             cursor.execute(
@@ -126,7 +136,6 @@ def _drop(journal: PostgresJournal, month: Month, keep: float) -> None:
 
 def _delete_aside(cursor: Cursor) -> None:
     """Delete what was set aside."""
-    numbers = "SELECT number FROM zones WHERE zone LIKE '%@%'"
     for table in ("samples", "history", "readings", "checkpoints"):
-        cursor.execute(f"DELETE FROM {table} WHERE zone IN ({numbers})")
+        cursor.execute(f"DELETE FROM {table} WHERE zone IN ({_ASIDE})")
     cursor.execute("DELETE FROM zones WHERE zone LIKE '%@%'")

@@ -27,12 +27,13 @@ CREATE TABLE zones (
 );
 CREATE TABLE samples (
     time bigint NOT NULL, link bigint NOT NULL, zone integer NOT NULL, outputs bytea NOT NULL, inputs bytea NOT NULL,
-    output_quality text NOT NULL, input_quality text NOT NULL, skipped text, PRIMARY KEY (zone, time)
+    output_quality text NOT NULL, input_quality text NOT NULL, setpoint float8, skipped text, PRIMARY KEY (zone, time)
 ) PARTITION BY RANGE (time);
 CREATE TABLE history (
     time bigint NOT NULL, y float8, mean float8, lower float8, upper float8, sd float8, residual float8,
     alpha_lower float8, alpha_median float8, alpha_upper float8, cdf float8, gate float8, n_eff float8,
-    log_likelihood float8, checksum bigint NOT NULL, zone integer NOT NULL, segment integer, resampled boolean,
+    log_likelihood float8, gain_lower float8, gain_median float8, gain_upper float8, setpoint float8,
+    checksum bigint NOT NULL, zone integer NOT NULL, segment integer, resampled boolean,
     PRIMARY KEY (zone, time)
 ) PARTITION BY RANGE (time);
 CREATE TABLE readings (

@@ -92,13 +92,14 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Kept]:
 
 
 def bits(item: Sample) -> tuple[Any, ...]:
-    return item.time, item.outputs.tobytes(), item.inputs.tobytes(), item.output_quality, item.input_quality
+    values = item.outputs.tobytes(), item.inputs.tobytes(), repr(float(item.setpoint))
+    return item.time, values, item.output_quality, item.input_quality
 
 
 def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept: Kept) -> None:
     # A NaN with a payload, the negative zero, the smallest number.
     odd = np.frombuffer(bytes.fromhex("010000000000f8ff") + np.array([-0.0, 5e-324]).tobytes())
-    item = Sample(START, odd[:1], odd, (Quality.BAD,), (Quality.BAD, Quality.GOOD, Quality.UNCERTAIN))
+    item = Sample(START, odd[:1], odd, (Quality.BAD,), (Quality.BAD, Quality.GOOD, Quality.UNCERTAIN), np.float64(20.5))
     none = Sample(START + 1, odd[:0], odd[:0], (), ())
 
     async def write(store: ZoneStore) -> None:
@@ -187,7 +188,7 @@ def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_opening
 
 
 def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
-    first = make_update(0)._replace(score=None, y=(float("nan"),), log_likelihood=-0.0)
+    first = make_update(0)._replace(score=None, y=(float("nan"),), log_likelihood=-0.0, setpoint=21.5)
 
     async def write(store: ZoneStore) -> tuple[int, int]:
         store.record("z", make_update(0))
@@ -208,7 +209,7 @@ def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
 
     early, newest, middle = kept.run(read)
     assert [row.time for row in early] == [START, START + PERIOD]
-    assert early[0].log_likelihood == 0.0
+    assert (early[0].log_likelihood, early[0].setpoint) == (0.0, 21.5)
     assert np.isnan(early[0].y)
     assert np.isnan(early[0].mean)
     assert repr(early[1]) == repr(type(early[1]).of(make_update(1)))
@@ -238,7 +239,7 @@ def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeyp
     assert np.isnan(found.inputs[:, 1]).all(), "what was not measured has no mean"
 
 
-READINGS = [Reading("z/T_i", START + 0.5, 21.5), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
+READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
 
 
 def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:

@@ -213,7 +213,18 @@ def test_who_has_lost_the_lease_writes_nothing(fleet: Fleet, act: str) -> None:
     assert stale.lost in stale.problems()
 
 
-@pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "take", "prune", "forget"}))
+@pytest.mark.parametrize("act", WRITING)
+def test_what_an_owner_was_before_it_started_again_writes_nothing(fleet: Fleet, act: str) -> None:
+    stale = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+    asyncio.run(_filled(stale))
+    fleet.leases.acquire("shard", "node-1", LONG)
+    before = _everything(fleet)
+    with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
+        asyncio.run(WRITING[act](stale))
+    assert _everything(fleet) == before
+
+
+@pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "take", "prune", "forget", "give up"}))
 def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) -> None:
     stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
@@ -240,6 +251,7 @@ def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(fle
         await _filled(other)
         before = _everything(fleet)
         await stale.take(["z"])
+        await stale.give_up("z")
         for attempt in (stale.claim("z", "f"), stale.forget("z")):
             with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
                 await attempt

@@ -201,7 +201,7 @@ def cutting(postgres_server: Server) -> Iterator[Cutting]:
     shutil.rmtree(folder)
 
 
-@pytest.mark.parametrize("act", [_append, _keep, _skip, _save, _set_back, _forget])
+@pytest.mark.parametrize("act", [_append, _keep, _skip, _save, _set_back, _forget, _give_up])
 @pytest.mark.parametrize("word", [b"COMMIT", b"zone"])
 def test_what_a_cut_connection_left_open_is_done_once(
     act: Use, word: bytes, shard: Shard, cutting: Cutting, caplog: pytest.LogCaptureFixture
@@ -230,6 +230,7 @@ def test_what_a_cut_connection_left_open_is_done_once(
             _save: [[first], [], 1, 7],
             _set_back: [[], [], 0, None],
             _forget: [[], [], 0, None],
+            _give_up: [[first], [], 1, None],
         }[act]
     )
     assert "works again" in caplog.text
@@ -323,13 +324,16 @@ def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
     shard = Shard(fragile.connection)
 
     async def use(store: PostgresStore) -> None:
+        store.record("z", make_update(0))
         await store.append("z", make_sample(0))
         fragile.run("ALTER SYSTEM SET default_transaction_read_only = on", "SELECT pg_reload_conf()")
         await until(lambda: fragile.run("SHOW default_transaction_read_only") == [("on",)])
         try:
             with pytest.raises(JournalError, match=r"read-only transaction.*it is a standby or was made read-only"):
                 await store.append("z", make_sample(1))
+            store.record("z", make_update(1))
             assert len(await store.samples_after("z", None)) == 1
+            assert len(await store.history("z", None, None, 9)) == 1, "what cannot be written yet is not read either"
         finally:
             fragile.run(
                 "SET default_transaction_read_only = off",
@@ -339,6 +343,7 @@ def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
             await until(lambda: fragile.run("SHOW default_transaction_read_only") == [("off",)])
         await in_the_end(lambda: store.append("z", make_sample(1)))
         assert len(await store.samples_after("z", None)) == 2
+        assert len(await store.history("z", None, None, 9)) == 2
 
     shard.run(use)
     shard.leases.close()
@@ -399,6 +404,7 @@ CHANGES = {
     "inputs": "inputs = substring(inputs FROM 1 FOR 16)",
     "quality": "input_quality = 'good,good,good'",
     "time": "time = time + 1",
+    "setpoint": "setpoint = 19.0",
     "link": "link = link + 1",
 }
 
