@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from support.campus import POSTED, rooms, write_recording, write_site
-from support.fleet import Cluster, Fleet, Machine, get, post_lines, until
+from support.fleet import Cluster, Fleet, get, post_lines, until
 from support.harness import Daemon
 from support.postgres import server
 
@@ -44,7 +44,7 @@ NEWEST = 12
 LOOKED_AT = 40
 """Rooms that the ledger asks for: enough to be on every shard."""
 POST_SECONDS = 0.5
-PATIENCE = 120.0
+PATIENCE = 200.0
 LEARNED = ("forecast?horizon=3h", "parameters")
 
 Row = dict[str, Any]
@@ -175,7 +175,6 @@ class Loop:
         before, at = self._samples(), time.monotonic()
         if what == "machine killed":
             cluster.kill(machine)
-            cluster.add()
         elif what == "machine frozen":
             machine.freeze()
         else:
@@ -192,19 +191,17 @@ class Loop:
         self._recovery.append(time.monotonic() - at)
         if what == "machine frozen":
             machine.thaw()
-            self._replace(cluster, machine)
+            # It finds out that it was given up, and ends.
+            time.sleep(2.0)
+            cluster.kill(machine)
+        while len(cluster.others) < MACHINES - 1:
+            cluster.add()
         try:
             until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet to be whole", PATIENCE)
         except AssertionError:
             print(f"after '{what}': {json.dumps(fleet.status())}\n{fleet.log()[-3000:]}", flush=True)
             raise
         return what
-
-    def _replace(self, cluster: Cluster, machine: Machine) -> None:
-        """A machine that Ray had given up ends by itself; another one takes its place."""
-        time.sleep(2.0)
-        cluster.kill(machine)
-        cluster.add()
 
     def _look(self, fleet: Fleet) -> bool:
         """Write down where the gateways are; whether there are any."""

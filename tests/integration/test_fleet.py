@@ -131,14 +131,14 @@ def test_the_rooms_of_a_machine_that_is_lost_go_on_elsewhere(site: Site) -> None
     gone = [shard for shard in site.shards().values() if site.machine_of(shard["pid"]) is lost]
     assert gone, "the test wants a machine with a shard"
     site.cluster.kill(lost)
-    site.cluster.add()
     before = {shard["boot"] for shard in gone}
     until(lambda: len(now := _boots(site)) == 2 and before.isdisjoint(now.values()), "new processes of the shards")
     until(lambda: site.goes_on(since), "new samples of every room")
 
 
 def test_zones_move_to_another_number_of_shards_under_load(site: Site) -> None:
-    # The machine that was added takes its part.
+    site.cluster.add()
+    # The machine that is added takes its part.
     until(lambda: len(site.fleet.members("gateway-")) == 2, "the machine that was added")
     done = site.fleet.ask("rebalance", "--shards", "3")
     assert done.returncode == 0, done.stderr

@@ -25,6 +25,8 @@ RAY = Path(sys.executable).with_name("ray")
 PATIENCE = 180.0
 """s after which something that should come about is given up."""
 
+ATTEMPTS = 5
+
 Found = TypeVar("Found")
 
 _ENVIRONMENT = {
@@ -80,6 +82,11 @@ class Machine:
             )
         self.frozen: list[int] = []
 
+    @property
+    def ended(self) -> bool:
+        """Whether it has given up."""
+        return self.process.poll() is not None
+
     def pids(self) -> list[int]:
         """Every process of the machine."""
         return tree(self.process.pid)
@@ -118,6 +125,7 @@ class Cluster:
         self.folder = Path(tempfile.mkdtemp(prefix="tgray-", dir="/tmp"))
         self.address = f"127.0.0.2:{free_port()}"
         self._started = 0
+        self._addresses: list[Machine] = []
         self.head = self._machine(
             "--head",
             "--node-ip-address=127.0.0.2",
@@ -137,8 +145,9 @@ class Cluster:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def add(self) -> Machine:
-        """One machine more, which joins as soon as the head is there."""
-        machine = self._machine(f"--address={self.address}", f"--node-ip-address=127.0.0.{2 + self._started}")
+        """One machine more."""
+        machine = self._machine(f"--address={self.address}", f"--node-ip-address=127.0.0.{3 + len(self._addresses)}")
+        self._addresses.append(machine)
         self.others.append(machine)
         return machine
 
@@ -148,11 +157,16 @@ class Cluster:
         machine.kill()
 
     def _machine(self, *options: str) -> Machine:
-        self._started += 1
-        if self._started > 1:
-            # Who joins before the head is there gives up.
-            until(lambda: "Ray runtime started" in (self.folder / "machine-1.log").read_text(), "the head")
-        return Machine(self.folder / f"machine-{self._started}.log", *options)
+        """A machine that has started. Ray does not bear two that start at once on one machine, nor always one that
+        starts beside a busy one; as a service it would be started again."""
+        for _ in range(ATTEMPTS):
+            self._started += 1
+            log = self.folder / f"machine-{self._started}.log"
+            machine = Machine(log, *options)
+            until(lambda log=log, one=machine: one.ended or "Ray runtime started" in log.read_text(), "a machine")
+            if not machine.ended:
+                return machine
+        raise AssertionError(f"Ray does not start: {log.read_text()}")
 
 
 class Fleet:
