@@ -108,6 +108,10 @@ class Server:
             rows: list[tuple[Any, ...]] = cursor.fetchall() if cursor.description else []
             return rows
 
+    def disconnect(self) -> None:
+        """End the sessions of the stores; they make new ones."""
+        self.run("SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'thermogate'")
+
     def command(self, name: str, *arguments: str) -> str:
         """Run one of PostgreSQL's programs as the owner of the server; what it prints."""
         words = [*self._as_owner, program(name), "-h", str(self.folder), "-U", "postgres", *arguments]
