@@ -106,8 +106,6 @@ class PostgresJournal:
             if cursor.execute(query, (number,)).fetchone() is None:
                 cursor.execute("UPDATE zones SET fingerprint = %s WHERE number = %s", (fingerprint, number))
 
-        # Another owner may have written to it since.
-        self._ends.pop(zone, None)
         if self._fingerprint(zone) != fingerprint:
             self.database.transaction(take)
         if self.database.read(f"SELECT 1 FROM readings WHERE {_NUMBER} LIMIT 1", zone):
