@@ -102,6 +102,34 @@ def test_trust_is_told_with_its_reason(visit: Any) -> None:
         page.goto("about:blank")
 
 
+def test_the_daemon_speaks_german_on_the_german_page(visit: Any) -> None:
+    zone = running("living", 300)
+    reason = "T_out is 1500 s old, older than hold_inputs = 900 s"
+    zone.diagnosis = Diagnosis((Finding("parameter-at-bound", "C_i", "a sentence of a newer daemon"),))
+    zone.faults = {"ahead_of_time": 2}
+    with building({"living": zone}) as house:
+        # The browser logs the 503 that a stalled room answers.
+        watched = visit(house.url, locale="de-DE", quiet=False)
+        page = watched.page
+        page.wait_for_selector('[data-zone="living"]')
+        house.step("living", state="stalled", reason=f"{reason}; the wire is cut")
+        page.wait_for_selector("text=T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut")
+        page.locator('[data-zone="living"] a').click()
+        eventually(page, f"{PLOTTED} >= 1")
+        own = page.locator(".doubt li span")
+        assert own.inner_text() == "T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut"
+        assert own.get_attribute("lang") == "de"
+        page.wait_for_selector(".findings li")
+        assert page.locator(".findings li [lang=en]").inner_text() == "a sentence of a newer daemon"
+        page.locator(".expert summary").click()
+        page.wait_for_selector("text=Abgelehnte Messwerte: 2 aus der Zukunft")
+        assert [url for url in watched.requests if "said-de" in url], "the file of this language"
+        page.locator("#language").select_option("en")
+        page.wait_for_selector(f"text={reason}; the wire is cut")
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
 def series_of(page: Any, which: str = "history") -> list[dict[str, Any]]:
     """What plotly was given to draw."""
     return list(

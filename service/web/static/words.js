@@ -1,5 +1,7 @@
 // What a zone's state, findings and parameters mean, in words.
 
+import { element } from "./dom.js";
+import { said } from "./said.js";
 import { amount, celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
@@ -9,6 +11,17 @@ export function stateText(state) {
 export function trustText(trust) {
   if (!trust) return "–";
   return has(`trust.${trust}`) ? t(`trust.${trust}`) : trust;
+}
+
+// What the daemon says, marked as English where it stays so.
+export function saidNode(own) {
+  const { text, lang } = said(own);
+  return element("span", { lang, textContent: text });
+}
+
+// Why readings were refused, by the kind of fault.
+export function faultText(kind) {
+  return has(`fault.${kind}`) ? t(`fault.${kind}`) : kind.replaceAll("_", " ");
 }
 
 export function findingText({ finding, subject }, tell = t) {
@@ -26,7 +39,7 @@ function parameterName(name) {
 
 // The first thing to know of a zone in the table: why it does not run, else what its model does not know.
 export function rowText(row) {
-  if (row.state !== "running" || row.reason) return row.reason || stateText(row.state);
+  if (row.state !== "running" || row.reason) return row.reason ? said(row.reason).text : stateText(row.state);
   const [first, ...others] = row.findings;
   if (first) return others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first);
   return row.disturbed ? t("finding.disturbed") : t("finding.none");
