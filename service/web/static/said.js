@@ -32,11 +32,17 @@ export async function loadSaid(language) {
   catalogue = found.toSorted((one, other) => other.literal - one.literal);
 }
 
+// A number with the reader's decimal sign, and a length of time with a space.
+function localised(value) {
+  if (/^-?\d+\.\d+$/.test(value)) return value.replace(".", (0.5).toLocaleString(document.documentElement.lang).charAt(1));
+  return value.replace(/^(\d+)(min|[dhs])$/, "$1 $2");
+}
+
 function translation(text) {
   for (const { names, pattern, translated } of catalogue) {
     const match = pattern.exec(text);
     if (!match) continue;
-    const values = Object.fromEntries(names.map((name, index) => [name, name === name.toUpperCase() ? said(match[index + 1]).text : match[index + 1]]));
+    const values = Object.fromEntries(names.map((name, index) => [name, name === name.toUpperCase() ? said(match[index + 1]).text : localised(match[index + 1])]));
     return translated.replace(GAP, (all, name) => (name === undefined ? all[0] : values[name]));
   }
   // Several reasons stand one after the other.

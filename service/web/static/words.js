@@ -42,6 +42,8 @@ export function rowText(row) {
   if (row.state !== "running" || row.reason) return row.reason ? said(row.reason).text : stateText(row.state);
   const [first, ...others] = row.findings;
   if (first) return others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first);
+  // Without a finding, a room that is not trusted says why.
+  if (row.trust_reason && (row.trust === "untrusted" || row.trust === "doubtful")) return said(row.trust_reason).text;
   return row.disturbed ? t("finding.disturbed") : t("finding.none");
 }
 
