@@ -24,6 +24,7 @@ from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
 from service.config.networks import proposes_bounds, read_network
 from service.config.overrides import apply_overrides
+from service.config.resumed import resumed
 from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.fields.problems import Place, Problems, unknown_key
@@ -131,7 +132,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         http=http,
         sinks=sinks,
         sources=readable,
-        zones=zones,
+        zones=resumed(zones, site.state_dir),
         weather={name: table for name, table in weather.items() if table is not None},
         warnings=tuple(problems.warnings),
     )
@@ -264,7 +265,8 @@ def completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
     setpoint = None if zone.setpoint is None else _filled(zone.setpoint, unit_of(network, SETPOINT))
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
     resolved = {"network": network, "options": options, "proposes_bounds": proposes_bounds(zone.network)}
-    return ZoneConfig.model_construct(**written | resolved | {"channels": channels, "setpoint": setpoint})
+    values = written | resolved | {"channels": channels, "setpoint": setpoint}
+    return ZoneConfig.model_construct(_fields_set=zone.model_fields_set | set(resolved), **values)
 
 
 def _filled(channel: ChannelConfig, unit: str) -> ChannelConfig:

@@ -54,6 +54,13 @@ class SiteConfig(BaseModel):
     time_zone: TimeZone | None = None
 
 
+DEFAULT_ESTIMATOR = "bank"
+"""The estimator of a zone that names none."""
+
+FORMER_ESTIMATOR = "rbpf"
+"""What that was before: of a zone with state of it, and of one that gives options without an estimator."""
+
+
 def default_seed(site: str, zone: str) -> int:
     """The seed of a zone that gives none: the same on every machine and after every restart."""
     return zlib.crc32(f"{site}/{zone}".encode())
@@ -67,7 +74,7 @@ class ZoneTable(BaseModel):
     id: Identifier = Field(description='the name of the zone, such as "living"')
     period: Period = Field(description='the sampling period, such as "5min"')
     network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
-    estimator: Text = "rbpf"
+    estimator: Text = DEFAULT_ESTIMATOR
     seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))]
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
     max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = 12
@@ -88,6 +95,13 @@ class ZoneTable(BaseModel):
         if not isinstance(table, dict) or "seed" in table:
             return table
         return table | {"seed": default_seed(str(context(info)["site"]), str(table.get("id")))}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_the_estimator_of_its_options(cls, table: Any) -> Any:
+        if not isinstance(table, dict) or "estimator" in table or not table.get("estimator_options"):
+            return table
+        return table | {"estimator": FORMER_ESTIMATOR}
 
 
 class ZoneConfig(ZoneTable):

@@ -39,7 +39,7 @@ def test_defaults(tmp_path: Path) -> None:
     log = config.sources["log"]
     assert (log.delimiter, log.decimal, log.encoding, log.pace) == (",", ".", "utf-8", math.inf)
     living = config.zones[0]
-    assert (living.period, living.estimator, living.levels) == (300, "rbpf", (0.95,))
+    assert (living.period, living.estimator, living.levels) == (300, "bank", (0.95,))
     assert (living.max_gap, living.hold_inputs, living.lateness) == (12, 900, 0)
     assert living.estimator_options == {}
 
