@@ -106,8 +106,6 @@ class PostgresJournal:
             if cursor.execute(query, (number,)).fetchone() is None:
                 cursor.execute("UPDATE zones SET fingerprint = %s WHERE number = %s", (fingerprint, number))
 
-        # Another owner may have written to it since.
-        self._ends.pop(zone, None)
         if self._fingerprint(zone) != fingerprint:
             self.database.transaction(take)
         if self.database.read(f"SELECT 1 FROM readings WHERE {_NUMBER} LIMIT 1", zone):
@@ -333,9 +331,12 @@ class PostgresJournal:
         self.database.transaction(self.fence.held)
 
     def size(self) -> int:
-        """Bytes that all tables of the site take on the disk, checkpoints included."""
-        query = "SELECT coalesce(sum(pg_total_relation_size(oid)), 0)::bigint FROM pg_class WHERE relkind = 'r' AND "
-        return int(self.database.read(f"{query}relnamespace = current_schema()::regnamespace")[0][0])
+        """Bytes that samples, history and readings of all zones of the site take on the disk, with their indexes."""
+        query = (
+            "SELECT coalesce(sum(pg_total_relation_size(oid)), 0)::bigint FROM pg_class WHERE relkind = 'r' "
+            "AND relnamespace = current_schema()::regnamespace AND relname <> 'checkpoints'"
+        )
+        return int(self.database.read(query)[0][0])
 
     def close(self) -> None:
         """Flush and close; safe to call twice. What was recorded for another owner is left out: he has it too."""

@@ -89,8 +89,8 @@ class PostgresStore(JournalStore):
                 self._size = await self._run(self._own.size)
                 if self._size > limits.max_journal:
                     _log.warning(
-                        "the tables of the site take %d bytes, more than max_journal = %d, and a start may need all of "
-                        "them; raise max_journal, or see which zone writes no checkpoints",
+                        "the journal of the site takes %d bytes, more than max_journal = %d, and a start may need all "
+                        "of it; raise max_journal, or see which zone writes no checkpoints",
                         self._size,
                         limits.max_journal,
                     )
@@ -104,7 +104,9 @@ class PostgresStore(JournalStore):
         def read() -> Rows:
             return single(float(self._size))
 
-        return [Measure("thermogate_journal_bytes", "gauge", "Size of all tables of the site", (), read)]
+        return [
+            Measure("thermogate_journal_bytes", "gauge", "Size of samples, history and readings of the site", (), read)
+        ]
 
     def close(self) -> None:
         """Make durable what was recorded, and close the connections; safe to call twice."""
