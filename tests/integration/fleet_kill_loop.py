@@ -38,7 +38,7 @@ from support.postgres import server
 
 from service.web.keys import create_key
 
-SITE = "killed-fleet"
+SITE = f"killed-fleet-{os.getpid()}"
 MACHINES = 3
 NEWEST = 12
 LOOKED_AT = 40

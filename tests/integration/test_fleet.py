@@ -72,7 +72,9 @@ def site(tmp_path_factory: pytest.TempPathFactory, postgres_server: Server) -> I
     folder = tmp_path_factory.mktemp("campus")
     write_recording(folder / "recording.csv", len(ROOMS), ROWS)
     database = f"postgresql://postgres@/postgres?host={postgres_server.folder}"
-    config = write_site(folder, database, site="campus", count=len(ROOMS), shards=2, pace=PACE, lease=LEASE, cpus=1.0)
+    config = write_site(
+        folder, database, site=f"campus-{os.getpid()}", count=len(ROOMS), shards=2, pace=PACE, lease=LEASE, cpus=1.0
+    )
     key = create_key(folder / "state" / "keys.json", "tester", "admin")
     with Cluster() as cluster:
         cluster.add()
