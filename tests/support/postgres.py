@@ -168,14 +168,16 @@ class Cutting:
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.bind(str(folder / _SOCKET))
         self._listener.listen()
+        self._clients: list[socket.socket] = []
         self._threads: list[threading.Thread] = []
         self._accepting = threading.Thread(target=self._accept)
         self._accepting.start()
 
     def close(self) -> None:
-        """Every client has to be closed before."""
-        with suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)
+        """Cut every connection that is left."""
+        for end in (self._listener, *self._clients):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         for thread in (self._accepting, *self._threads):
             thread.join()
@@ -186,12 +188,14 @@ class Cutting:
                 client, _ = self._listener.accept()
             except OSError:
                 return
+            self._clients.append(client)
             thread = threading.Thread(target=self._relay, args=(client,))
             thread.start()
             self._threads.append(thread)
 
     def _relay(self, client: socket.socket) -> None:
-        with client, socket.socket(socket.AF_UNIX) as server_side:
+        # Either side may go away at any moment.
+        with suppress(OSError), client, socket.socket(socket.AF_UNIX) as server_side:
             server_side.connect(self._to)
             while True:
                 ready, _, _ = select.select([client, server_side], [], [])

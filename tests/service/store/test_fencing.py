@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from support.zone_samples import comparable, sample
 import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
 from adapters.reading import Reading
-from service.errors import Fenced, LeaseHeld
+from service.errors import Fenced, JournalError, LeaseHeld
 from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
 from service.store.postgres.partitions import month_of
@@ -515,6 +516,49 @@ def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(f
         assert month_of("samples", times[0]).name in _months(fleet)
 
     asyncio.run(scenario())
+
+
+def test_a_row_that_comes_while_its_month_is_dropped_stays(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "FROZEN_SECONDS", 120.0)
+    store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
+    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+    old, month = make_sample(0).time, 31 * 86_400
+
+    async def fill() -> None:
+        await store.claim("z", "f")
+        await other.claim("late", "f")
+        for when in (old, old + 3 * month):
+            await store.append("z", make_sample(0)._replace(time=when))
+        await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(old + 3 * month))
+
+    asyncio.run(fill())
+    writing, told = threading.Event(), threading.Event()
+
+    def work(cursor: Any) -> None:
+        number = other._fence.required(cursor, ["late"])["late"]
+        cursor.execute(
+            "INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, link) "
+            "VALUES (%s, %s, '', '', '', '', 0)",
+            (number, old),
+        )
+        writing.set()
+        assert told.wait(180)
+
+    def drop() -> None:
+        # It may also have found no time at which nobody was writing.
+        with suppress(JournalError):
+            list(prune(store._own, Limits(1.5 * month, 1e12)))
+
+    writer, dropper = threading.Thread(target=lambda: other._database.transaction(work)), threading.Thread(target=drop)
+    writer.start()
+    assert writing.wait(180)
+    dropper.start()
+    wait_until(lambda: fleet.sql("SELECT 1 FROM pg_stat_activity WHERE wait_event_type = 'Lock'"))
+    told.set()
+    writer.join()
+    dropper.join()
+    assert month_of("samples", old).name in _months(fleet)
+    assert asyncio.run(other.last_sample_time("late")) == old
 
 
 def _months(fleet: Fleet) -> list[str]:
