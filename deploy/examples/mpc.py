@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 import urllib.error
@@ -27,6 +28,9 @@ from scipy.optimize import linprog
 Array = npt.NDArray[np.float64]
 Ask = Callable[[str, str, Any], Any]
 """Method, path and body (None for none) to the JSON that answers; OSError or ValueError if there is no answer."""
+
+Known = Callable[[int], Mapping[str, Mapping[str, Sequence[float]]]]
+"""What you know better than Thermogate of as many steps as asked for: by zone and input, one value for each step."""
 
 HOUR = 3600.0
 SHORTEST = HOUR
@@ -68,6 +72,11 @@ class Free(NamedTuple):
     valid_time: str
 
 
+def nothing_known(steps: int) -> Mapping[str, Mapping[str, Sequence[float]]]:
+    """Weather and neighbours are left to Thermogate."""
+    return {}
+
+
 def rest(url: str, key: str | None = None, timeout: float = 20.0) -> Ask:
     """Thermogate at `url`, with an API key if it wants one."""
 
@@ -101,13 +110,21 @@ def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     return trusted, worst, ""
 
 
-def free_response(ask: Ask, settings: Settings, horizon: float) -> Free:
-    """The forecast with the heating off, at every step; weather and neighbours are Thermogate's."""
+def free_response(ask: Ask, settings: Settings, horizon: float, known: Known = nothing_known) -> Free:
+    """The forecast with the heating off, at every step; what is not `known` of weather and neighbours is Thermogate's.
+
+    The heating of other zones is held where it is not known, so name it where they are heated in turns.
+    """
+    inputs: dict[str, dict[str, Any]] = {
+        zone: {channel: {"step": f"{settings.step:.0f}s", "values": list(values)} for channel, values in told.items()}
+        for zone, told in known(round(horizon / settings.step)).items()
+    }
+    inputs.setdefault(settings.zone, {})[settings.heater] = 0.0
     request = {
         "horizon": f"{horizon:.0f}s",
         "zones": [settings.zone],
         "levels": [0.8],
-        "plans": [{"inputs": {settings.zone: {settings.heater: 0.0}}}],
+        "plans": [{"inputs": inputs}],
     }
     (zone,) = ask("POST", "/forecasts", request)["plans"][0]["zones"]
     if zone["problem"] or zone["quality"] == "bad":
@@ -150,9 +167,9 @@ def plan(settings: Settings, free: Array, response: Array, prices: Sequence[floa
     return np.asarray(solved.x[:steps], dtype=float)
 
 
-def thermostat(settings: Settings, temperature: float, heating: bool) -> float:
-    """The power [W] of a thermostat at `temperature` [degC] that was `heating`."""
-    on_below = settings.low + (settings.differential if heating else 0.0)
+def thermostat(settings: Settings, temperature: float, heating: bool, low: float | None = None) -> float:
+    """The power [W] of a thermostat at `temperature` [degC] that was `heating`, for a lower end of comfort `low`."""
+    on_below = (settings.low if low is None else low) + (settings.differential if heating else 0.0)
     return settings.power if temperature < on_below else 0.0
 
 
@@ -163,18 +180,20 @@ def decide(
     heating: bool,
     prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
     low: Callable[[int], Sequence[float]] | None = None,
+    known: Known = nothing_known,
 ) -> Decision:
     """The power now: by the plan if the forecasts can be trusted far enough, otherwise by a thermostat.
 
     `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` give the price and the
-    lower end of comfort of as many steps as asked for, from now on.
+    lower end of comfort of as many steps as asked for, from now on. The thermostat keeps the highest `low` of the next
+    hour, so that a room is warm when a night setback ends.
     """
     try:
         horizon, trust, why = reach(ask, settings.zone, settings.horizon)
         horizon -= horizon % settings.step
         if horizon < SHORTEST:
             raise ValueError(f"the forecasts are not trusted for an hour ({why})")
-        free = free_response(ask, settings, horizon)
+        free = free_response(ask, settings, horizon, known)
         steps = len(free.mean) - 1
         lowest = np.array(low(steps) if low is not None else [settings.low] * steps)
         # Where intervals have been too narrow, comfort is kept for the lower end of the forecast.
@@ -187,7 +206,8 @@ def decide(
         return Decision(float(powers[0]), "plan", reason, powers, temperatures)
     except (OSError, ValueError, KeyError) as error:
         nothing: Array = np.empty(0)
-        return Decision(thermostat(settings, temperature, heating), "thermostat", str(error), nothing, nothing)
+        soon = settings.low if low is None else max(low(math.ceil(SHORTEST / settings.step)))
+        return Decision(thermostat(settings, temperature, heating, soon), "thermostat", str(error), nothing, nothing)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
