@@ -35,6 +35,12 @@ Known = Callable[[int], Mapping[str, Mapping[str, Sequence[float]]]]
 HOUR = 3600.0
 SHORTEST = HOUR
 """Below this horizon in s there is nothing to plan."""
+ROUNDS = 3
+"""How often the first plan is made anew around the forecast under the one before; later ones begin from the last."""
+PULSE, FIRST_GUESS = 0.2, 0.2
+"""Shares of the heater's power: what is tried more or less in the first step, and what the first plan begins from."""
+LOOK = 300.0
+"""s after which a thermostat looks again: a room is soon too warm."""
 DISCOMFORT = 100.0
 """What a kelvin outside the comfort band costs for an hour, in the currency of the price."""
 
@@ -64,8 +70,8 @@ class Decision(NamedTuple):
     temperatures: Array
 
 
-class Free(NamedTuple):
-    """What the zone does without heating: mean and lower end of an interval [degC] at each step, and the valid time."""
+class Forecast(NamedTuple):
+    """Of a zone under a plan: mean and lower end of an interval [degC] at each step (n + 1,), and the valid time."""
 
     mean: Array
     lower: Array
@@ -110,41 +116,59 @@ def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     return trusted, worst, ""
 
 
-def free_response(ask: Ask, settings: Settings, horizon: float, known: Known = nothing_known) -> Free:
-    """The forecast with the heating off, at every step; what is not `known` of weather and neighbours is Thermogate's.
+def forecasts(ask: Ask, settings: Settings, plans: Sequence[Array], known: Known = nothing_known) -> list[Forecast]:
+    """What the zone does under each of `plans` (n,) [W]; what is not `known` of weather and neighbours is Thermogate's.
 
     The heating of other zones is held where it is not known, so name it where they are heated in turns.
     """
-    inputs: dict[str, dict[str, Any]] = {
-        zone: {channel: {"step": f"{settings.step:.0f}s", "values": list(values)} for channel, values in told.items()}
-        for zone, told in known(round(horizon / settings.step)).items()
+    steps = len(plans[0])
+    told: dict[str, dict[str, Any]] = {
+        zone: {channel: stepped(settings, values) for channel, values in inputs.items()}
+        for zone, inputs in known(steps).items()
     }
-    inputs.setdefault(settings.zone, {})[settings.heater] = 0.0
+    own = told.get(settings.zone, {})
     request = {
-        "horizon": f"{horizon:.0f}s",
+        "horizon": f"{steps * settings.step:.0f}s",
         "zones": [settings.zone],
         "levels": [0.8],
-        "plans": [{"inputs": inputs}],
+        "plans": [
+            {"inputs": told | {settings.zone: own | {settings.heater: stepped(settings, powers)}}} for powers in plans
+        ],
     }
-    (zone,) = ask("POST", "/forecasts", request)["plans"][0]["zones"]
-    if zone["problem"] or zone["quality"] == "bad":
-        raise ValueError(zone["problem"] or "the forecast has the quality bad")
-    output, every = zone["outputs"][0], round(settings.step / zone["period_s"])
-    mean, lower = (np.array(values, dtype=float)[::every] for values in (output["mean"], output["lower"][0]))
-    return Free(mean, lower, zone["valid_time"])
+    found = []
+    for answer in ask("POST", "/forecasts", request)["plans"]:
+        (zone,) = answer["zones"]
+        if zone["problem"] or zone["quality"] == "bad":
+            raise ValueError(zone["problem"] or "the forecast has the quality bad")
+        output, every = zone["outputs"][0], round(settings.step / zone["period_s"])
+        mean, lower = (np.array(values, dtype=float)[::every] for values in (output["mean"], output["lower"][0]))
+        found.append(Forecast(mean, lower, zone["valid_time"]))
+    return found
 
 
-def heating_response(ask: Ask, settings: Settings, steps: int) -> Array:
-    """(steps,): K of the room at the end of each step after one W over the first, the mean over all draws."""
-    model = ask("GET", f"/zones/{settings.zone}/model?step={settings.step:.0f}s&draws=100", None)
-    heater = [channel["name"] for channel in model["inputs"]].index(settings.heater)
-    a, b = (np.array(model["draws"][name]) for name in ("A", "B"))
-    weights, c = np.array(model["draws"]["weights"]), np.array(model["mean"]["C"])[0]
-    state, response = b[:, :, heater], []
-    for _ in range(steps):
-        response.append(float(weights @ (state @ c)))
-        state = np.einsum("kij,kj->ki", a, state)
-    return np.array(response)
+def around(ask: Ask, settings: Settings, powers: Array, known: Known = nothing_known) -> tuple[Forecast, Array]:
+    """The forecast under the plan `powers` (n,) [W], and (n,) what a W over the first step does to the end of each [K].
+
+    Both are what Thermogate forecasts, so the plan fits any estimator; near a plan that will be, a bank of several
+    models is asked nothing that it has never seen.
+    """
+    pulse = PULSE * settings.power * (-1.0 if powers[0] > 0.5 * settings.power else 1.0)
+    now, pulsed = forecasts(ask, settings, [powers, np.concatenate([powers[:1] + pulse, powers[1:]])], known)
+    return now, (pulsed.mean - now.mean)[1:] / pulse
+
+
+def spread(settings: Settings, forecast: Forecast) -> Array:
+    """(n,): how far the lower end lies below the forecast [K], at most as far as an hour ahead.
+
+    What goes wrong later will be seen, and corrected by a later plan.
+    """
+    below = (forecast.mean - forecast.lower)[1:]
+    return np.minimum(below, below[min(len(below), round(SHORTEST / settings.step)) - 1])
+
+
+def stepped(settings: Settings, values: Sequence[float] | Array) -> dict[str, Any]:
+    """One value for each step, as a plan has it."""
+    return {"step": f"{settings.step:.0f}s", "values": [float(value) for value in values]}
 
 
 def plan(settings: Settings, free: Array, response: Array, prices: Sequence[float], low: Array, high: Array) -> Array:
@@ -181,28 +205,32 @@ def decide(
     prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
     low: Callable[[int], Sequence[float]] | None = None,
     known: Known = nothing_known,
+    before: Array | None = None,
 ) -> Decision:
     """The power now: by the plan if the forecasts can be trusted far enough, otherwise by a thermostat.
 
     `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` give the price and the
-    lower end of comfort of as many steps as asked for, from now on. The thermostat keeps the highest `low` of the next
-    hour, so that a room is warm when a night setback ends.
+    lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the last plan [W], if
+    there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm when a night setback
+    ends.
     """
     try:
         horizon, trust, why = reach(ask, settings.zone, settings.horizon)
         horizon -= horizon % settings.step
         if horizon < SHORTEST:
             raise ValueError(f"the forecasts are not trusted for an hour ({why})")
-        free = free_response(ask, settings, horizon, known)
-        steps = len(free.mean) - 1
+        steps = round(horizon / settings.step)
         lowest = np.array(low(steps) if low is not None else [settings.low] * steps)
-        # Where intervals have been too narrow, comfort is kept for the lower end of the forecast.
-        margin = (free.mean - free.lower)[1:] if trust == "doubtful" else np.zeros(steps)
-        wanted = np.minimum(lowest + margin, settings.high)
-        response = heating_response(ask, settings, steps)
-        powers = plan(settings, free.mean, response, prices(steps), wanted, np.full(steps, settings.high))
-        temperatures = free.mean[1:] + np.convolve(powers, response)[:steps]
-        reason = f"planned {horizon / HOUR:.0f} h ahead from {free.valid_time}, {trust}{'; then ' + why if why else ''}"
+        known_plan = before is not None and len(before) > 0
+        powers = np.resize(before, steps) if known_plan else np.full(steps, FIRST_GUESS * settings.power)
+        for _ in range(1 if known_plan else ROUNDS):
+            now, response = around(ask, settings, powers, known)
+            free = now.mean - np.concatenate([[0.0], np.convolve(powers, response)[:steps]])
+            margin = spread(settings, now) if trust == "doubtful" else np.zeros(steps)
+            wanted = np.minimum(lowest + margin, settings.high)
+            powers = plan(settings, free, response, prices(steps), wanted, np.full(steps, settings.high))
+        temperatures = free[1:] + np.convolve(powers, response)[:steps]
+        reason = f"planned {horizon / HOUR:.0f} h ahead from {now.valid_time}, {trust}{'; then ' + why if why else ''}"
         return Decision(float(powers[0]), "plan", reason, powers, temperatures)
     except (OSError, ValueError, KeyError) as error:
         nothing: Array = np.empty(0)
@@ -211,7 +239,7 @@ def decide(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a decision every step, for ever or `--times` often."""
+    """Print a decision every step, more often while a thermostat heats, for ever or `--times` often."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--url", default="http://127.0.0.1:8080")
     parser.add_argument("--key", help="API key, if the daemon wants one")
@@ -221,21 +249,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default)
     given = vars(parser.parse_args(arguments))
     settings, ask = Settings(**{name: given[name] for name in defaults}), rest(given["url"], given["key"])
-    heating, count = False, 0
+    heating, count, before = False, 0, None
     while True:
+        pause = LOOK
         try:
             history = ask("GET", f"/zones/{urllib.parse.quote(settings.zone)}/history?limit=1", None)
             temperature = float(history["rows"][-1]["y"])
         except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
             print(f"no measured temperature ({error}); the plant's own thermostat has to heat", file=sys.stderr)
         else:
-            decision = decide(ask, settings, temperature, heating)
-            heating = decision.power > 0.0
+            decision = decide(ask, settings, temperature, heating, before=before)
+            heating, before = decision.power > 0.0, decision.plan[1:]
+            pause = settings.step if decision.by == "plan" else LOOK
             print(f"{decision.power:.0f} W by {decision.by} at {temperature:.1f} degC: {decision.reason}", flush=True)
         count += 1
         if count == given["times"]:
             return 0
-        time.sleep(settings.step)
+        time.sleep(min(pause, settings.step))
 
 
 if __name__ == "__main__":

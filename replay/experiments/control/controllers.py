@@ -140,6 +140,7 @@ class Planner:
                 lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
                 lambda steps, i=index: self._lowest(moment.local, i, steps),
                 lambda steps, i=index: self._known(moment.step, i, steps),
+                self._before(moment.step, room),
             )
             self._by_plan[index] = decision.by == "plan"
             if self._by_plan[index]:
@@ -147,6 +148,13 @@ class Planner:
                 self._plans[room] = (moment.step, decision.plan)
             else:
                 self._plans.pop(room, None)
+
+    def _before(self, step: int, room: str) -> Array | None:
+        if room not in self._plans:
+            return None
+        planned, powers = self._plans[room]
+        rest = powers[(step - planned) // EVERY :]
+        return np.concatenate([rest, powers[: len(powers) - len(rest)]])
 
     def _ask(self, method: str, path: str, body: Any) -> Any:
         assert self._site is not None

@@ -31,8 +31,8 @@ class Moment(NamedTuple):
 
 class Lived(NamedTuple):
     """K steps of the life of N rooms. `air` (K, N) is exact and at the beginning of each step, `shown` (K, N) is what
-    the thermometers said; `heating` (K, N) [W], `outdoor` (K,) and `irradiance` (K,) hold over the step. `planned`
-    (K, N) says whether a plan heated, and not a thermostat."""
+    the thermometers said; `heating` (K, N) [W], `outdoor` (K,) and `irradiance` (K,), on the southern wall, hold over
+    the step. `planned` (K, N) says whether a plan heated, and not a thermostat."""
 
     times: Seconds
     local: Array
@@ -70,8 +70,8 @@ def close(scene: Scene, controller: Controller, tick: Tick) -> Lived:
             wanted, planned = controller.powers(moment)
             after = plant.step(lived(scene, life, index, local, wanted))
             heating = after.truth.heating
-            controller.saw(moment, heating, now.outdoor, now.irradiance)
-            rows.append((moment.time, local, now.air, shown, heating, now.outdoor, now.irradiance, planned))
+            controller.saw(moment, heating, now.outdoor, now.facade)
+            rows.append((moment.time, local, now.air, shown, heating, now.outdoor, now.facade, planned))
             tick(1)
     return Lived(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -79,10 +79,10 @@ def close(scene: Scene, controller: Controller, tick: Tick) -> Lived:
 def weather_of(scene: Scene) -> tuple[Array, Array]:
     """Outdoor temperature [degC] and irradiance [W/m2] of every step of the scene and of the day after it."""
     with Plant(scene.of, scene.weather, begin=BEGIN) as plant:
-        seen = [(plant.now.outdoor, plant.now.irradiance)]
+        seen = [(plant.now.outdoor, plant.now.facade)]
         for _ in range(scene.steps + STEPS_A_DAY - 1):
             now = plant.step(plant.idle())
-            seen.append((now.outdoor, now.irradiance))
+            seen.append((now.outdoor, now.facade))
     outdoor, irradiance = np.array(seen).T
     return outdoor, irradiance
 

@@ -74,22 +74,24 @@ def _done(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> Section:
             "and estimators. EnergyPlus steps every 5 min; thermometers have a noise of 0.03 K.",
             *(f"{name}: {CASES[name].what}" for name in CASES if name in cases),
             f"A kWh costs by tariff: {tariff} (night from 22:00 to 6:00, peak from 17:00 to 20:00). Comfort is from "
-            f"the set-point of the room, which is lowered at night, to {WARMEST:.0f} degC; discomfort is what the exact "
-            "temperature of each room lies outside, in K h, whether anybody is there or not.",
-            f"The thermostat looks every 5 min, has a hysteresis of 0.3 K above the band, and is set up "
-            f"{EARLY / HOUR:.0f} h before the night setback ends. Every other controller is `deploy/examples/mpc.py` over the routes of a "
-            f"Thermogate in this process, whose zones take journaled samples: it plans 24 h ahead every "
-            f"{DECISION / 60:.0f} min by a linear programme, each room for itself, with the weather as it will be and "
-            "the last plans of the other rooms. So models of the building are compared, and not forecasts of the "
-            "weather.",
+            f"the set-point of the room, which is lowered at night, to {WARMEST:.0f} degC; discomfort is what the "
+            "exact temperature of each room lies outside, in K h, whether anybody is there or not.",
+            "The thermostat looks every 5 min, has a hysteresis of 0.3 K above the band, and is set up "
+            f"{EARLY / HOUR:.0f} h before the night setback ends. Every other controller is `deploy/examples/mpc.py` "
+            "over the routes of a Thermogate in this process, whose zones take journaled samples: it plans 24 h ahead "
+            f"every {DECISION / 60:.0f} min by a linear programme, each room for itself, with the weather as it will "
+            "be and the last plans of the other rooms. So models of the building are compared, and not forecasts of "
+            "the weather.",
             "Least squares: the network `auto` fitted in open loop to the history (in a new season: to the first half "
-            "of the days, in which a thermostat heats), its states followed by an EKF. EKF: all parameters learned online. "
-            "Both take every forecast for good, and so does Thermogate without trust. Thermogate: the estimator "
-            f"`{ESTIMATOR}` with its defaults, planning as far as its trust reaches, otherwise the thermostat.",
+            "of the days, in which a thermostat heats), its states followed by an EKF. EKF: all parameters learned "
+            "online. Both take every forecast for good, and so does Thermogate without trust. Thermogate: the "
+            f"estimator `{ESTIMATOR}` with its defaults, planning as far as its trust reaches, otherwise the "
+            "thermostat.",
             f"Perfect knowledge: EnergyPlus is deterministic, so the period is lived {PASSES} times over. Each pass "
-            "plans with what the pass before did to the plant, corrected by heat pulses measured on the plant itself. It "
-            "knows weather, people, windows and thermal response, and plans all rooms together; programme, costs, "
-            "horizon, step and limits are those of the others. So it bounds what any model could give the same controller.",
+            "plans with what the pass before did to the plant, corrected by heat pulses measured on the plant itself. "
+            "It knows weather, people, windows and thermal response, and plans all rooms together; programme, costs, "
+            "horizon, step and limits are those of the others. So it bounds what any model could give the same "
+            "controller.",
             "Cost at equal discomfort: thermostat and perfect knowledge are run with several comfort margins, the "
             "thermostat also with other times of setting up. Costs between neighbouring points of these two fronts are "
             "interpolated at the discomfort of the controller in question, which has only its usual setting.",
