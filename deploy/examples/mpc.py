@@ -58,6 +58,8 @@ class Settings:
     horizon: float = 86400.0
     differential: float = 0.3
     """Between the thermostat's switching on and off, K."""
+    margin: float = 0.2
+    """What a plan keeps above the lower end of comfort, K: the next half hour is not known better."""
 
 
 class Decision(NamedTuple):
@@ -103,14 +105,15 @@ def rest(url: str, key: str | None = None, timeout: float = 20.0) -> Ask:
 def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     """How far ahead (s, at most `wanted`) the forecasts are to be relied on, how, and why no further.
 
-    The rule: plan as far as the trust reaches without a gap. "trusted" is planned with; "doubtful" with a margin; from
-    the first horizon that is "learning" or "untrusted" on, not at all.
+    The rule: plan as far as the trust reaches without a gap, up to the first horizon that is "learning" or "untrusted".
+    What is doubtful within an hour is "doubtful", and takes a wider margin. Doubt further ahead does not: what goes
+    wrong there will be seen, and corrected by a later plan.
     """
     trusted, worst = 0.0, "trusted"
     for horizon in ask("GET", f"/zones/{zone}/trust", None)["horizons"]:
         if horizon["trust"] not in ("trusted", "doubtful"):
             return trusted, worst, f"{horizon['trust']}: {horizon['reason']}"
-        if trusted < wanted and horizon["trust"] == "doubtful":
+        if trusted < SHORTEST and horizon["trust"] == "doubtful":
             worst = "doubtful"
         trusted = min(float(horizon["lead_s"]), wanted)
     return trusted, worst, ""
@@ -155,15 +158,6 @@ def around(ask: Ask, settings: Settings, powers: Array, known: Known = nothing_k
     pulse = PULSE * settings.power * (-1.0 if powers[0] > 0.5 * settings.power else 1.0)
     now, pulsed = forecasts(ask, settings, [powers, np.concatenate([powers[:1] + pulse, powers[1:]])], known)
     return now, (pulsed.mean - now.mean)[1:] / pulse
-
-
-def spread(settings: Settings, forecast: Forecast) -> Array:
-    """(n,): how far the lower end lies below the forecast [K], at most as far as an hour ahead.
-
-    What goes wrong later will be seen, and corrected by a later plan.
-    """
-    below = (forecast.mean - forecast.lower)[1:]
-    return np.minimum(below, below[min(len(below), round(SHORTEST / settings.step)) - 1])
 
 
 def stepped(settings: Settings, values: Sequence[float] | Array) -> dict[str, Any]:
@@ -226,7 +220,9 @@ def decide(
         for _ in range(1 if known_plan else ROUNDS):
             now, response = around(ask, settings, powers, known)
             free = now.mean - np.concatenate([[0.0], np.convolve(powers, response)[:steps]])
-            margin = spread(settings, now) if trust == "doubtful" else np.zeros(steps)
+            # What is wrong after the first step will be seen, and corrected by the next plan.
+            doubt = now.mean[1] - now.lower[1] if trust == "doubtful" else 0.0
+            margin = max(settings.margin, doubt)
             wanted = np.minimum(lowest + margin, settings.high)
             powers = plan(settings, free, response, prices(steps), wanted, np.full(steps, settings.high))
         temperatures = free[1:] + np.convolve(powers, response)[:steps]
