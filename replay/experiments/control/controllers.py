@@ -106,7 +106,7 @@ class Planner:
         """By plan where there is one; a thermostat looks at every moment."""
         by_thermostat = self._thermostat.powers(moment)[0]
         if moment.step < self._begins:
-            return by_thermostat, self._by_plan
+            return by_thermostat, self._by_plan.copy()
         if (moment.step - self._begins) % EVERY == 0:
             self._decide(moment)
         self._heating = np.where(self._by_plan, self._heating, by_thermostat)
