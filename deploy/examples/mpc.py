@@ -58,8 +58,8 @@ class Settings:
     horizon: float = 86400.0
     differential: float = 0.3
     """Between the thermostat's switching on and off, K."""
-    margin: float = 0.2
-    """What a plan keeps above the lower end of comfort, K: the next half hour is not known better."""
+    margin: float = 0.3
+    """What a plan keeps above the lower end of comfort, K, twice that where forecasts are doubtful."""
 
 
 class Decision(NamedTuple):
@@ -106,7 +106,7 @@ def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     """How far ahead (s, at most `wanted`) the forecasts are to be relied on, how, and why no further.
 
     The rule: plan as far as the trust reaches without a gap, up to the first horizon that is "learning" or "untrusted".
-    What is doubtful within an hour is "doubtful", and takes a wider margin. Doubt further ahead does not: what goes
+    What is doubtful within an hour is "doubtful", and takes twice the margin. Doubt further ahead does not: what goes
     wrong there will be seen, and corrected by a later plan.
     """
     trusted, worst = 0.0, "trusted"
@@ -194,7 +194,7 @@ def thermostat(settings: Settings, temperature: float, heating: bool, low: float
 def decide(
     ask: Ask,
     settings: Settings,
-    temperature: float,
+    temperature: float | None,
     heating: bool,
     prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
     low: Callable[[int], Sequence[float]] | None = None,
@@ -203,10 +203,11 @@ def decide(
 ) -> Decision:
     """The power now: by the plan if the forecasts can be trusted far enough, otherwise by a thermostat.
 
-    `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` give the price and the
-    lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the last plan [W], if
-    there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm when a night setback
-    ends.
+    `temperature` [degC] is measured (None: nothing is), `heating` says whether it is heated now; `prices` and `low` are
+    the price and the lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the
+    last plan [W], if there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm
+    when a night setback ends. Where nothing is measured, the last plan goes on as long as it reaches; ValueError when
+    it has come to its end: then the plant's own thermostat has to heat.
     """
     try:
         horizon, trust, why = reach(ask, settings.zone, settings.horizon)
@@ -220,16 +221,19 @@ def decide(
         for _ in range(1 if known_plan else ROUNDS):
             now, response = around(ask, settings, powers, known)
             free = now.mean - np.concatenate([[0.0], np.convolve(powers, response)[:steps]])
-            # What is wrong after the first step will be seen, and corrected by the next plan.
-            doubt = now.mean[1] - now.lower[1] if trust == "doubtful" else 0.0
-            margin = max(settings.margin, doubt)
+            margin = settings.margin * (2.0 if trust == "doubtful" else 1.0)
             wanted = np.minimum(lowest + margin, settings.high)
             powers = plan(settings, free, response, prices(steps), wanted, np.full(steps, settings.high))
         temperatures = free[1:] + np.convolve(powers, response)[:steps]
-        reason = f"planned {horizon / HOUR:.0f} h ahead from {now.valid_time}, {trust}{'; then ' + why if why else ''}"
+        then = f"; then {why}" if why else ""
+        reason = f"planned {horizon / HOUR:.0f} h ahead from {now.valid_time}, {trust}{then}"
         return Decision(float(powers[0]), "plan", reason, powers, temperatures)
     except (OSError, ValueError, KeyError) as error:
         nothing: Array = np.empty(0)
+        if temperature is None:
+            if before is None or not len(before):
+                raise ValueError(f"nothing is measured and no plan is left ({error})") from error
+            return Decision(float(before[0]), "last plan", f"nothing is measured ({error})", before, nothing)
         soon = settings.low if low is None else max(low(math.ceil(SHORTEST / settings.step)))
         return Decision(thermostat(settings, temperature, heating, soon), "thermostat", str(error), nothing, nothing)
 
@@ -250,14 +254,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         pause = LOOK
         try:
             history = ask("GET", f"/zones/{urllib.parse.quote(settings.zone)}/history?limit=1", None)
-            temperature = float(history["rows"][-1]["y"])
-        except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
-            print(f"no measured temperature ({error}); the plant's own thermostat has to heat", file=sys.stderr)
-        else:
+            measured = history["rows"][-1]["y"]
+            temperature = None if measured is None else float(measured)
             decision = decide(ask, settings, temperature, heating, before=before)
+        except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
+            print(f"no decision ({error}); the plant's own thermostat has to heat", file=sys.stderr)
+        else:
             heating, before = decision.power > 0.0, decision.plan[1:]
-            pause = settings.step if decision.by == "plan" else LOOK
-            print(f"{decision.power:.0f} W by {decision.by} at {temperature:.1f} degC: {decision.reason}", flush=True)
+            pause = LOOK if decision.by == "thermostat" else settings.step
+            seen = "an unknown temperature" if temperature is None else f"{temperature:.1f} degC"
+            print(f"{decision.power:.0f} W by {decision.by} at {seen}: {decision.reason}", flush=True)
         count += 1
         if count == given["times"]:
             return 0

@@ -132,29 +132,42 @@ class Planner:
         self._site.feed(self._samples)
         self._samples = {room: [] for room in self._rooms}
         for index, room in enumerate(self._rooms):
-            decision = mpc().decide(
-                self._ask,
+            decision = self._decision(
                 self._settings[index],
-                moment.shown[index],
+                self._measured(room),
                 self._heating[index] > 0.0,
                 lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
                 lambda steps, i=index: self._lowest(moment.local, i, steps),
                 lambda steps, i=index: self._known(moment.step, i, steps),
                 self._before(moment.step, room),
             )
-            self._by_plan[index] = decision.by == "plan"
+            self._by_plan[index] = decision is not None and decision.by != "thermostat"
             if self._by_plan[index]:
                 self._heating[index] = decision.power
+            if decision is not None and decision.by == "plan":
                 self._plans[room] = (moment.step, decision.plan)
-            else:
+            elif not self._by_plan[index]:
                 self._plans.pop(room, None)
+
+    def _decision(self, *of: Any) -> Any:
+        """That of the example; None where it leaves the room to the plant's own thermostat."""
+        try:
+            return mpc().decide(self._ask, *of)
+        except ValueError:
+            return None
+
+    def _measured(self, room: str) -> float | None:
+        """What the zone has taken for its last measurement."""
+        assert self._site is not None
+        rows = self._site.ask("GET", f"/zones/{room}/history?limit=1", None)["rows"]
+        return rows[-1]["y"] if rows else None
 
     def _before(self, step: int, room: str) -> Array | None:
         if room not in self._plans:
             return None
         planned, powers = self._plans[room]
-        rest = powers[(step - planned) // EVERY :]
-        return np.concatenate([rest, powers[: len(powers) - len(rest)]])
+        rest: Array = powers[(step - planned) // EVERY :]
+        return rest
 
     def _ask(self, method: str, path: str, body: Any) -> Any:
         assert self._site is not None

@@ -32,6 +32,8 @@ THERMOGATE, UNTRUSTING, PERFECT = "MPC, Thermogate", "MPC, Thermogate without tr
 ESTIMATOR = "bank"
 """Thermogate's, as its documentation recommends it for hours ahead."""
 _STARTS = 4
+_ACTING = ("asgi", "cases", "controllers", "customer", "loop", "perfect", "scores", "site")
+"""The modules of this room that a run depends on."""
 
 
 class ControlRun(NamedTuple):
@@ -133,8 +135,9 @@ CONTROLLERS = (THERMOSTAT, LEAST_SQUARES, EKF, UNTRUSTING, THERMOGATE, PERFECT)
 def _sources() -> str:
     """Digest of what a run depends on beyond its payload and the estimators: plant, daemon, controllers, example."""
     replay_folder, service_folder = (Path(package.__file__ or "").parent for package in (replay, service))
-    folders = (Path(__file__).parent, replay_folder / "energyplus", service_folder / "zone", service_folder / "web")
+    own = [Path(__file__).parent / f"{name}.py" for name in _ACTING]
+    folders = (replay_folder / "energyplus", service_folder / "zone", service_folder / "web" / "control")
     digest = hashlib.sha256()
-    for file in [*(file for folder in folders for file in sorted(folder.rglob("*.py"))), customer.path()]:
+    for file in [*own, *(file for folder in folders for file in sorted(folder.rglob("*.py"))), customer.path()]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
