@@ -73,10 +73,9 @@ class Decision(NamedTuple):
 
 
 class Forecast(NamedTuple):
-    """Of a zone under a plan: mean and lower end of an interval [degC] at each step (n + 1,), and the valid time."""
+    """Of a zone under a plan: the mean (n + 1,) [degC] at the beginning and after each step, and the valid time."""
 
     mean: Array
-    lower: Array
     valid_time: str
 
 
@@ -133,7 +132,6 @@ def forecasts(ask: Ask, settings: Settings, plans: Sequence[Array], known: Known
     request = {
         "horizon": f"{steps * settings.step:.0f}s",
         "zones": [settings.zone],
-        "levels": [0.8],
         "plans": [
             {"inputs": told | {settings.zone: own | {settings.heater: stepped(settings, powers)}}} for powers in plans
         ],
@@ -144,8 +142,8 @@ def forecasts(ask: Ask, settings: Settings, plans: Sequence[Array], known: Known
         if zone["problem"] or zone["quality"] == "bad":
             raise ValueError(zone["problem"] or "the forecast has the quality bad")
         output, every = zone["outputs"][0], round(settings.step / zone["period_s"])
-        mean, lower = (np.array(values, dtype=float)[::every] for values in (output["mean"], output["lower"][0]))
-        found.append(Forecast(mean, lower, zone["valid_time"]))
+        mean = np.array(output["mean"], dtype=float)[::every]
+        found.append(Forecast(mean, zone["valid_time"]))
     return found
 
 

@@ -102,14 +102,14 @@ def test_it_plans_as_far_as_the_trust_reaches(mpc: ModuleType, app: FastAPI) -> 
 
 
 def test_doubt_of_the_next_hour_costs_a_margin(mpc: ModuleType, app: FastAPI) -> None:
-    bare = settings(mpc, margin=0.0)
-    sure = mpc.decide(asking(app, ALL), bare, 20.0, False)
-    doubting = mpc.decide(asking(app, ALL | {3600: "doubtful"}), bare, 20.0, False)
+    told = settings(mpc)
+    sure = mpc.decide(asking(app, ALL), told, 20.0, False)
+    doubting = mpc.decide(asking(app, ALL | {3600: "doubtful"}), told, 20.0, False)
     assert doubting.by == "plan"
     assert "doubtful" in doubting.reason
     assert doubting.plan.sum() > sure.plan.sum()
     # What is doubtful hours ahead can still be corrected.
-    later = mpc.decide(asking(app, ALL | {21600: "doubtful"}), bare, 20.0, False)
+    later = mpc.decide(asking(app, ALL | {21600: "doubtful"}), told, 20.0, False)
     assert np.allclose(later.plan, sure.plan)
 
 
@@ -166,6 +166,17 @@ def test_without_an_answer_it_is_a_thermostat(mpc: ModuleType, temperature: floa
 
     decision = mpc.decide(nobody, settings(mpc), temperature, heating)
     assert decision[:3] == (power, "thermostat", "connection refused")
+
+
+def test_without_a_measurement_the_last_plan_goes_on_to_its_end(mpc: ModuleType) -> None:
+    def nobody(*_: Any) -> Any:
+        raise OSError("the zone is stalled")
+
+    decision = mpc.decide(nobody, settings(mpc), None, True, before=np.array([700.0, 0.0]))
+    assert decision[:3] == (700.0, "last plan", "nothing is measured (the zone is stalled)")
+    for before in (None, np.empty(0)):
+        with pytest.raises(ValueError, match="no plan is left"):
+            mpc.decide(nobody, settings(mpc), None, True, before=before)
 
 
 def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, app: FastAPI) -> None:
