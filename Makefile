@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page clean help
+.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -88,6 +88,9 @@ STREAM ?= 3600
 
 page: $(VENV)/.ready  ## weight, paint, scrolling, and memory over STREAM=3600 s of a thousand streaming zones; needs chromium
 	$(BIN)/python tests/browser/evidence.py --stream $(STREAM)
+
+page-stream: $(VENV)/.ready  ## an hour (STREAM=3600 s) of a real daemon at 600 times real time in the browser: fails if memory grows
+	$(BIN)/python tests/browser/streaming.py --seconds $(STREAM)
 
 clean:  ## remove the virtual environment and all caches
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage* build *.egg-info

@@ -55,7 +55,7 @@ ESTIMATORS: dict[str, EstimatorKind] = {
         MKF,
         ("particles", "volatility_blocks", "alpha_min", "alpha_max", "histogram_bins", "volatility", "gain"),
     ),
-    "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank, ("members",)),
+    "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank),
     "arx": EstimatorKind(arx_options.resolve, ARX, ("past_outputs", "past_inputs")),
     "daily": EstimatorKind(arx_options.resolve_daily, Daily, ("past_outputs", "past_inputs")),
 }
@@ -89,7 +89,13 @@ def written(estimator: str, options: Any) -> dict[str, object]:
 
 
 def structure(estimator: str, options: Any) -> dict[str, object]:
-    """The structural ones among resolved options, by name."""
+    """The structural ones among resolved options, by name; of a bank those of its members, in their order."""
+    if estimator == "bank":
+        members = [
+            (name, each.variant, each.estimator, structure(each.estimator, each.options))
+            for name, each in options.members.items()
+        ]
+        return {"members": members}
     named, structural = as_mapping(options), _kind(estimator).structural
     return {name: named[name] for name in structural if name in named}
 

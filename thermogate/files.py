@@ -14,6 +14,7 @@ from pydantic import TypeAdapter
 
 from adapters.reading import Fault
 from estimator.network.network import Network
+from service.config.site import FORMER_ESTIMATOR
 from service.errors import CheckpointError, DataError
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
 from service.store.durable_files import write_file
@@ -36,7 +37,7 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
     meta = {
         "kind": _KIND,
         "network": asdict(settings.network),
-        "settings": _plain(settings.given),
+        "settings": {**_plain(settings.given), "estimator": settings.zone.estimator},
         "tz": settings.tz,
         "other_columns": settings.other_columns,
         "faults": {str(fault): count for fault, count in faults.items()},
@@ -75,7 +76,8 @@ def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
 
 def _settings(meta: Mapping[str, Any]) -> Settings:
     network = _NETWORK.validate_json(json.dumps(meta["network"]))
-    given = dict(meta["settings"])
+    # Before the default changed, a model that was told no estimator was saved without one.
+    given = {"estimator": FORMER_ESTIMATOR, **meta["settings"]}
     settings = settings_of(network, given.pop("columns"), meta["tz"], given)
     return settings._replace(other_columns=tuple(meta["other_columns"]))
 

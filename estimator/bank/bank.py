@@ -19,7 +19,10 @@ from estimator.bank.mixing import mixed, mixed_futures
 from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.kernels.quantiles import mixture_quantiles
+from estimator.network.assembly import assemble, topology
+from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
+from estimator.particle.gate import weighted_quantiles
 from estimator.types import Estimator, Mixture, ModelDraws, Outcome, ParameterSummary, Posterior, Verified
 from estimator.verification.hindsight import Due, Hindsight, Pending
 from estimator.verification.scores import distribution, reduced
@@ -29,6 +32,9 @@ _COMPONENTS = 48
 
 _NEGLIGIBLE = 0.01
 """Weight below which, if it has no more at any lead of a forecast, a member is left out of it."""
+
+_DRAWS = 400
+"""Draws from a member for the quantiles of the parameters."""
 
 _LOST = 6
 """Samples in a row that a member could not explain, after which it starts its temperatures anew."""
@@ -70,6 +76,10 @@ class Bank:
         self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
         self._hours_ahead = min(2, len(self.leads) - 1)
         """Place among `leads` of the horizon at which members are compared as models of the building."""
+        own = [parameter.name for parameter in self.network.parameters]
+        named = [[parameter.name for parameter in member.network.parameters] for member in self.members]
+        self._entries = [[names.index(name) for name in own] for names in named]
+        """Where the parameters of every member's network have those of the bank's."""
         self._prior = np.array([prior_at(member.prior, hours) for member in options.members.values()])
 
     @property
@@ -130,7 +140,7 @@ class Bank:
             state=after,
             outcome=next((p.outcome for p in posteriors if p.outcome is not Outcome.VANISHED), Outcome.VANISHED),
             log_likelihood=_mixed_likelihood(before, posteriors),
-            parameters=self._own_parameters(best, posteriors[best].parameters),
+            parameters=posteriors[best].parameters[self._entries[best]],
             disturbance=next((p.disturbance for p in posteriors if p.disturbance is not None), None),
             verified=verified,
         )
@@ -152,15 +162,36 @@ class Bank:
         yield from mixed_futures(futures, shares, np.exp(between(state.widths.log_scale, self.leads, leads)))
 
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
-        """Those of the physical member that is trusted most a few hours ahead."""
+        """Quantiles over draws from all physical members, each with the weight that it has a few hours ahead.
+
+        Of a member with another network than the bank's, only the parameters that both have count. Not a number where
+        no member has physics.
+        """
+        if not any(member.physical for member in self.members):
+            return self.members[0].parameters(state.members[0], levels)
+        drawn = zip(*self._drawn(state), strict=True)
+        weights, theta, constants, losses = (np.concatenate(each, axis=-1) for each in drawn)
+        return ParameterSummary(
+            levels=levels,
+            parameters=np.array([weighted_quantiles(row, weights, levels) for row in theta]),
+            time_constants=np.array([weighted_quantiles(row, weights, levels) for row in constants]),
+            heat_loss=weighted_quantiles(losses, weights, levels),
+        )
+
+    def _drawn(self, state: BankState) -> Iterator[tuple[Array, Array, Array, Array]]:
+        """Of every physical member that counts: weights (K,), own parameters (n_theta, K), time constants (n_x, K) and
+        heat losses (K,) of draws."""
+        now = self._weights(state)[:, self._hours_ahead]
         best = self._physical(self._weights(state))
-        summary = self.members[best].parameters(state.members[best], levels)
-        nodes = len(self.network.nodes)
-        own = [
-            summary.parameters[[p.name for p in self.members[best].network.parameters].index(p.name)]
-            for p in self.network.parameters
-        ]
-        return summary._replace(parameters=np.array(own), time_constants=summary.time_constants[:nodes])
+        for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
+            if member.physical and (now[place] >= _NEGLIGIBLE or place == best):
+                drawn = member.draws(own, _DRAWS)
+                assert drawn is not None
+                matrices = assemble(member.network, drawn.theta)
+                entries = self._entries[place]
+                node = int(topology(member.network).measured[0])
+                constants = time_constants(matrices).T[: len(self.network.nodes)]
+                yield now[place] * drawn.weights, drawn.theta[entries], constants, heat_loss(matrices, node)
 
     def member_weights(self, state: BankState) -> Mapping[str, Array]:
         """What each member weighs at each of `leads`, (H,) by name."""
@@ -267,11 +298,6 @@ class Bank:
         """The member with parameters of a building that is trusted most a few hours ahead."""
         physical = [place for place, member in enumerate(self.members) if member.physical]
         return max(physical or range(len(self.members)), key=lambda place: now[place, self._hours_ahead])
-
-    def _own_parameters(self, member: int, theta: Array) -> Array:
-        """The entries of `theta`, of a member's network, that the bank's own network has."""
-        names = [parameter.name for parameter in self.members[member].network.parameters]
-        return np.array([theta[names.index(parameter.name)] for parameter in self.network.parameters])
 
 
 def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:

@@ -10,10 +10,12 @@ N_eff.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.special import ndtri
 
 from estimator.arrays import Array
@@ -96,9 +98,7 @@ class AugmentedFilter:
         """One period on under `inputs` (n_u,) held over the step."""
         mean, root = self._move(Gaussian(state.mean, state.root), inputs)
         # The random walk would widen a parameter that the data say nothing about beyond its prior.
-        size = len(self.network.nodes)
-        sds = np.sqrt((root[size:] ** 2).sum(axis=1))
-        root[size:] *= np.minimum(1.0, self._prior_sd / np.maximum(sds, np.finfo(float).tiny))[:, None]
+        _narrow(root[len(self.network.nodes) :], self._prior_sd)
         return AugmentedState(mean, root)
 
     def predictive(self, state: AugmentedState) -> Mixture:
@@ -223,3 +223,12 @@ class AugmentedFilter:
             log_likelihood=log_likelihood,
             parameters=theta,
         )
+
+
+@njit(cache=True, nogil=True)
+def _narrow(rows, sds):  # type: ignore[no-untyped-def]
+    """Scale `rows` (d, n) of a root so that no component has a spread above `sds` (d,)."""
+    for i in range(len(rows)):
+        spread = math.sqrt((rows[i] ** 2).sum())
+        if spread > sds[i]:
+            rows[i] *= sds[i] / spread

@@ -24,20 +24,28 @@ def family(network: Network) -> dict[str, Network]:
     """Variants of `network` by name: `own`, itself, and those of `ground`, `two-layers` and `direct-heat` that it
     allows."""
     variants = {"own": network}
-    if GROUND not in network.nodes and len(network.nodes) > 1:
-        variants["ground"] = with_ground(network)
-    for name, variant in (("two-layers", with_two_layers(network)), ("direct-heat", with_direct_heat(network))):
+    built = {
+        "ground": with_ground(network),
+        "two-layers": with_two_layers(network),
+        "direct-heat": with_direct_heat(network),
+    }
+    for name, variant in built.items():
         if variant is not None:
             variants[name] = variant
     return variants
 
 
-def with_ground(network: Network) -> Network:
-    """`network` with a conductance from its envelope, the heaviest node, to a ground that stays as it is."""
-    heaviest = max(network.nodes, key=lambda node: _middle(network.parameter(network.capacitances[node])))
+def with_ground(network: Network) -> Network | None:
+    """`network` with a conductance from its envelope, the heaviest node, to a ground that stays as it is.
+
+    None where it has one, where there is no envelope beside the room, and where nothing leads outside.
+    """
     outside = [
         network.parameter(edge.name) for edge in network.conductances if set(edge.between) & set(network.boundaries)
     ]
+    if GROUND in network.nodes or len(network.nodes) < 2 or not outside:
+        return None
+    heaviest = max(network.nodes, key=lambda node: _middle(network.parameter(network.capacitances[node])))
     lower = min(parameter.lower for parameter in outside)
     upper = max(parameter.upper for parameter in outside)
     return replace(
@@ -59,7 +67,7 @@ def with_two_layers(network: Network) -> Network | None:
 
     The envelope is the heaviest unmeasured node with a conductance to the first boundary. None without such a node.
     """
-    outdoors = network.boundaries[0]
+    outdoors = next(iter(network.boundaries), "")
     skins = {
         node: edge
         for edge in network.conductances

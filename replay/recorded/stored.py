@@ -1,8 +1,8 @@
 """A daemon's history as the period of a report: its samples once more through the zones' workers.
 
-What the daemon keeps is its own word: the published forecasts, and in the newest checkpoint skill and findings. What it
-does not keep, how parameters, gain and fans of whole days went, follows from its accepted samples, for the same samples
-and settings give the same bits.
+What the daemon keeps is its own word: the published forecasts, the unmeasured gain, and in the newest checkpoint skill
+and findings. What it does not keep, how parameters and fans of whole days went, follows from its accepted samples, for
+the same samples and settings give the same bits.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
     if not trace.rows:
         return trace
     published = {row.time: row for row in state.journal.history(zone.id, trace.rows[0].time, None, _MOST_ROWS)}
-    rows = [published.get(row.time, row) for row in trace.rows]
+    rows = [_kept(published.get(row.time, row), row) for row in trace.rows]
     trace = trace._replace(rows=rows, notes=(_note(zone, trace.rows, published),))
     checkpoint = state.checkpoint(zone.id, fingerprint(zone))
     if checkpoint is None:
@@ -99,6 +99,15 @@ def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int
     daemon = make_worker(zone)
     snapshot.restore(daemon, checkpoint)
     return trace._replace(skill=daemon.skill(), diagnosis=daemon.diagnosis())
+
+
+def _kept(published: HistoryRow, learned: HistoryRow) -> HistoryRow:
+    """The row as it was published; one from before gains were kept takes its gain from the row learned anew."""
+    if published.gain_median == published.gain_median:
+        return published
+    return published._replace(
+        gain_lower=learned.gain_lower, gain_median=learned.gain_median, gain_upper=learned.gain_upper
+    )
 
 
 def _note(zone: ZoneConfig, rows: Sequence[HistoryRow], published: dict[int, HistoryRow]) -> str:
@@ -110,7 +119,7 @@ def _note(zone: ZoneConfig, rows: Sequence[HistoryRow], published: dict[int, His
         return f"`{zone.id}`: every forecast that the daemon has published follows from its samples, bit for bit."
     first = written_time(rows[0].time)
     return (
-        f"`{zone.id}`: bands and residuals are those that the daemon published, skill and findings are those of its "
-        f"newest checkpoint. Parameters, gain and forecasts of whole days were learned anew from the samples since "
+        f"`{zone.id}`: bands, residuals and gain are those that the daemon published, skill and findings those of its "
+        f"newest checkpoint. Parameters and forecasts of whole days were learned anew from the samples since "
         f"{first}, and are not those that the daemon had then ({same} of {len(both)} forecasts are the same)."
     )

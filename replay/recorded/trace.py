@@ -58,8 +58,6 @@ class Trace(NamedTuple):
     """(M, n_theta, 3): quantiles at LEVELS, each in its unit; M is 0 for an estimator without physics."""
     heat_loss: Array
     """(M, 3): quantiles at LEVELS [W/K]."""
-    gain: Array
-    """(K, 3): unmeasured heat [W] at LEVELS; (0, 3) where the estimator has no model of it."""
     fans: list[Fan]
     skill: Skill | None
     diagnosis: Diagnosis
@@ -67,6 +65,12 @@ class Trace(NamedTuple):
     """Refused readings by kind."""
     notes: tuple[str, ...] = ()
     """Sentences on where these figures come from."""
+
+    @property
+    def gain(self) -> Array:
+        """(K, 3): unmeasured heat [W] at LEVELS; (0, 3) where the estimator has no model of it."""
+        gain = np.array([[row.gain_lower, row.gain_median, row.gain_upper] for row in self.rows]).reshape(-1, 3)
+        return gain if np.isfinite(gain).any() else gain[:0]
 
 
 class _Issue(NamedTuple):
@@ -84,7 +88,7 @@ class Tracer:
     def __init__(self, zone: ZoneConfig, worker: ZoneWorker) -> None:
         self._zone, self._worker = zone, worker
         self._rows: list[HistoryRow] = []
-        self._inputs, self._gain = array("d"), array("d")
+        self._inputs = array("d")
         self._looks: list[int] = []
         self._summaries: list[ParameterSummary] = []
         self._issue: _Issue | None = None
@@ -102,7 +106,6 @@ class Tracer:
         held = self._worker.held.values
         self._rows.append(HistoryRow.of(update))
         self._inputs.extend(held.tolist())
-        self._gain.extend((np.nan,) * 3 if update.disturbance is None else update.disturbance.gain)
         self._look(update)
         self._verify(update, held)
 
@@ -110,7 +113,6 @@ class Tracer:
         """Everything that was noted, with what the worker knows now. `faults` are those of its alignment."""
         zone, worker, count = self._zone, self._worker, len(self._rows)
         parameters = [summary.parameters for summary in self._summaries]
-        gain = np.array(self._gain).reshape(-1, 3)
         return Trace(
             zone=zone.id,
             network=worker.network,
@@ -123,7 +125,6 @@ class Tracer:
             looks=np.array(self._looks, dtype=np.int64),
             parameters=np.array(parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
             heat_loss=np.array([summary.heat_loss for summary in self._summaries]).reshape(-1, len(LEVELS)),
-            gain=gain if np.isfinite(gain).any() else gain[:0],
             fans=self._fans,
             skill=worker.skill(),
             diagnosis=worker.diagnosis(),

@@ -16,6 +16,7 @@ from replay.reports.residuals import Diagnostics
 from replay.scores import pit_histogram
 
 _INK, _BLUE, _BAND, _WARM, _LINE = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a", "#5b6776"
+_GREEN = "#2e7d4f"
 _COLOURS = (_WARM, "#3d8b4f", "#8a3b8f", "#a8841a", "#b3324b", "#1f9aa0", "#767676")
 _SYMBOLS = {"degC": "°C", "W/m2": "W/m²"}
 _DRAWN = 2500
@@ -42,6 +43,11 @@ def record(trace: Trace) -> Plot:
     stamps, (y, lower, upper) = edges
     _band(figure, stamps, lower, upper, f"{100 * trace.level:g} % interval", row=1)
     figure.add_trace(_line(stamps, y, trace.network.measured[0], _INK), row=1, col=1)
+    setpoint = np.array([row.setpoint for row in trace.rows])[::every]
+    if np.isfinite(setpoint).any():
+        stamps, (meant,) = _with_gaps(times[::every], trace.period * every, setpoint)
+        line = _line(stamps, meant, "set-point", _GREEN)
+        figure.add_trace(line.update(line_shape="hv", line_dash="dash"), row=1, col=1)
     for place, channel in enumerate(inputs):
         stamps, (values,) = _with_gaps(times[::every], trace.period * every, trace.inputs[::every, place])
         row = 2 + units.index(trace.network.channel_unit(channel))

@@ -10,6 +10,7 @@ from estimator.network.network import Network
 from service.cli.tables import aligned
 from service.config.site import Config, ZoneConfig
 from service.fields.durations import format_duration
+from service.zone.alignment import SETPOINT, unit_of
 
 
 def summary(config: Config) -> list[str]:
@@ -39,9 +40,8 @@ def _zone_summary(zone: ZoneConfig) -> list[str]:
     ]
     if fixed:
         lines.append(f"  fixed parameters ({len(fixed)}): {', '.join(fixed)}")
-    for name in network.channels:
-        channel = zone.channels[name]
-        unit, given = network.channel_unit(name), f"{channel.address} [{channel.unit}] from {channel.source}"
+    for name, channel in sorted(zone.delivered.items(), key=lambda one: (*network.channels, SETPOINT).index(one[0])):
+        unit, given = unit_of(network, name), f"{channel.address} [{channel.unit}] from {channel.source}"
         lines.append(f"  {name} [{unit}]: {channel.aggregate} of {given}")
     return lines
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from adapters.errors import SourceError
 from adapters.units import ENERGIES, conversion, possible_range
-from estimator.errors import NetworkError, OptionsError
+from estimator.errors import OptionsError
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS, resolve
@@ -19,6 +19,7 @@ from service.fields.words import shown, suggestion
 from service.sources.channel import Binding, ChannelConfig, SourceConfig
 from service.sources.kinds import SOURCE_KINDS
 from service.zone.aggregation import AGGREGATES, default_aggregate
+from service.zone.alignment import SETPOINT, unit_of
 
 _MORE_CHANNELS = "; it also takes I_sol for the sun, and neighbours whose names begin with T_adj"
 
@@ -35,6 +36,21 @@ class ZoneDraft:
     network: Network | None
     names: tuple[str, ...] | None
     channels: Mapping[str, ChannelConfig]
+    setpoint: ChannelConfig | None = None
+
+    @property
+    def delivered(self) -> Iterator[tuple[Place, str, ChannelConfig]]:
+        """Every channel that could be read with its place, the set-point among them."""
+        for name, channel in self.channels.items():
+            yield (*self.place, "channels", name), name, channel
+        if self.setpoint is not None:
+            yield (*self.place, SETPOINT), SETPOINT, self.setpoint
+
+    def unit(self, name: str) -> str | None:
+        """The network's unit for one of its channels or the set-point; None for a name that it does not know."""
+        if self.network is None or name not in (*self.network.channels, SETPOINT):
+            return None
+        return unit_of(self.network, name)
 
 
 def check_ids(raw_zones: Sequence[Any], problems: Problems) -> None:
@@ -59,19 +75,21 @@ def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Prob
         if draft.table is not None:
             options = _resolved_options(draft.place, draft.table, draft.network, problems)
     _check_mixture(draft, kinds, problems)
-    for name, channel in draft.channels.items():
-        place = (*draft.place, "channels", name)
+    if draft.setpoint is not None and draft.network is not None and SETPOINT in draft.network.channels:
+        problems.add((*draft.place, SETPOINT), "is also the name of a channel of the network; rename that channel")
+        return options
+    for place, name, channel in draft.delivered:
         if kinds and channel.source not in kinds:
             known = suggestion(channel.source, kinds, "the sources are")
             problems.add((*place, "source"), f"there is no source {shown(channel.source)}; {known}")
         if channel.aggregate not in AGGREGATES:
             known = suggestion(channel.aggregate, AGGREGATES, "the aggregates are")
             problems.add((*place, "aggregate"), f"{shown(channel.aggregate)} is not known; {known}")
-        wrong_unit = _unit_problem(draft.network, name, channel)
+        unit = draft.unit(name)
+        wrong_unit = _unit_problem(unit, channel)
         if wrong_unit:
             problems.add((*place, "unit"), wrong_unit)
-        elif draft.network is not None and name in draft.network.channels:
-            unit = draft.network.channel_unit(name)
+        elif unit is not None:
             _check_use_of_energy(place, channel, unit, problems)
             lower, upper = possible_range(unit)
             if channel.valid is not None and not (lower <= channel.valid[0] and channel.valid[1] <= upper):
@@ -83,6 +101,8 @@ def check_zone(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Prob
             problems.add(
                 (*place, "max_age"), "is for inputs, which may be held; a measured temperature never is, remove it"
             )
+        if name == SETPOINT and channel.forecast is not None:
+            problems.add((*place, "forecast"), "is for inputs; nothing is forecast of a set-point, remove it")
     return options
 
 
@@ -148,8 +168,9 @@ def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: P
     """Warn of sources that no channel names, be that channel otherwise right or wrong."""
     used = set()
     for zone in raw_zones:
-        channels = zone.get("channels") if isinstance(zone, dict) else None
-        for channel in channels.values() if isinstance(channels, dict) else ():
+        table = zone if isinstance(zone, dict) else {}
+        channels = table.get("channels")
+        for channel in (*(channels.values() if isinstance(channels, dict) else ()), table.get(SETPOINT)):
             used.add(str(channel.get("source")) if isinstance(channel, dict) else None)
     for name in source_names:
         if name not in used:
@@ -158,14 +179,11 @@ def check_use(source_names: Sequence[str], raw_zones: Sequence[Any], problems: P
 
 
 def _bindings(source: str, draft: ZoneDraft) -> list[Binding]:
-    network = draft.network
-    if network is None:
-        return []
     zone = draft.table.id if draft.table is not None else f"zones[{draft.place[-1]}]"
     return [
-        Binding(f"{zone}/{name}", channel, network.channel_unit(name))
-        for name, channel in draft.channels.items()
-        if channel.source == source and name in network.channels and not _unit_problem(network, name, channel)
+        Binding(f"{zone}/{name}", channel, unit)
+        for _, name, channel in draft.delivered
+        if channel.source == source and (unit := draft.unit(name)) is not None and not _unit_problem(unit, channel)
     ]
 
 
@@ -190,7 +208,7 @@ def _check_channel_names(
 
 def _check_mixture(draft: ZoneDraft, kinds: Mapping[str, str | None], problems: Problems) -> None:
     """No zone mixes live and recorded sources."""
-    sources = dict.fromkeys(channel.source for channel in draft.channels.values())
+    sources = dict.fromkeys(channel.source for _, _, channel in draft.delivered)
     known = {name: kind for name in sources if (kind := kinds.get(name)) is not None}
     live = [name for name, kind in known.items() if SOURCE_KINDS[kind].live]
     recorded = [name for name in known if name not in live]
@@ -219,15 +237,13 @@ def _check_use_of_energy(place: Place, channel: ChannelConfig, unit: str, proble
         problems.add((*place, "nominal"), 'is the power at 100 %, for a channel of power in the unit "%"; remove it')
 
 
-def _unit_problem(network: Network | None, name: str, channel: ChannelConfig) -> str | None:
-    if network is None:
-        return None
+def _unit_problem(unit: str | None, channel: ChannelConfig) -> str | None:
+    """Why the values of `channel` cannot become the network's `unit`, where that is known."""
     try:
-        conversion(channel.unit, network.channel_unit(name), channel.nominal)
+        if unit is not None:
+            conversion(channel.unit, unit, channel.nominal)
     except SourceError as error:
         return str(error)
-    except NetworkError:
-        return None
     return None
 
 

@@ -44,8 +44,8 @@ def make_alignment(
     return Alignment(
         zone.network,
         zone.period,
-        {channel: table.aggregate for channel, table in zone.channels.items()},
-        sources={table.source for table in zone.channels.values()},
+        {channel: table.aggregate for channel, table in zone.delivered.items()},
+        sources={table.source for table in zone.delivered.values()},
         zone=zone.id,
         lateness=zone.lateness,
         idle_limit=bridged,
@@ -54,7 +54,12 @@ def make_alignment(
         live=live,
         # Nothing that is dated by a clock that was never set is believed.
         earliest=PLAUSIBLE if live else EARLIEST,
+        setpoint_age=None if zone.setpoint is None else _default(zone.setpoint.max_age, zone.hold_inputs),
     )
+
+
+def _default(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value
 
 
 def surroundings(config: Config, zone: ZoneConfig) -> Surroundings:

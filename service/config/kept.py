@@ -9,8 +9,9 @@ from service.config.site import Config
 from service.config.written import effective_toml
 from service.errors import ServiceError
 from service.store.durable_files import sync_folder
+from service.store.store import CONFIGURATION
 
-FILE = "configuration.toml"
+FILE = CONFIGURATION
 
 
 def keep_configuration(config: Config) -> None:

@@ -24,6 +24,7 @@ from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
 from service.config.networks import proposes_bounds, read_network
 from service.config.overrides import apply_overrides
+from service.config.resumed import resumed
 from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.fields.problems import Place, Problems, unknown_key
@@ -34,6 +35,7 @@ from service.sources.channel import ChannelConfig, SourceConfig, UnboundChannel
 from service.sources.kinds import SOURCE_KINDS
 from service.sources.weather import WEATHER_KINDS
 from service.zone.aggregation import default_aggregate
+from service.zone.alignment import SETPOINT, unit_of
 
 
 def load(path: Path, overrides: Sequence[str] = ()) -> Config:
@@ -130,7 +132,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
         http=http,
         sinks=sinks,
         sources=readable,
-        zones=zones,
+        zones=resumed(zones, site.state_dir),
         weather={name: table for name, table in weather.items() if table is not None},
         warnings=tuple(problems.warnings),
     )
@@ -250,20 +252,28 @@ def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, co
         }
         channels = {name: channel for name, channel in read.items() if channel is not None}
         rest["channels"] = channels
-    return ZoneDraft(place, problems.read(ZoneTable, rest, place, context), network, names, channels)
+    setpoint = None
+    if "setpoint" in table:
+        setpoint = _read_channel(table["setpoint"], (*place, SETPOINT), sources, problems, context)
+        rest["setpoint"] = setpoint
+    return ZoneDraft(place, problems.read(ZoneTable, rest, place, context), network, names, channels, setpoint)
 
 
 def completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
     """The checked `zone`, with the defaults that depend on its network: aggregate and valid range of every channel."""
-    channels = {}
-    for name, channel in zone.channels.items():
-        unit = network.channel_unit(name)
-        defaults: dict[str, Any] = {}
-        if channel.valid is None and channel.aggregate != "energy":
-            defaults["valid"] = default_valid_range(unit)
-        if "aggregate" not in channel.model_fields_set:
-            defaults["aggregate"] = default_aggregate(unit, channel.unit)
-        channels[name] = channel.model_copy(update=defaults)
+    channels = {name: _filled(channel, network.channel_unit(name)) for name, channel in zone.channels.items()}
+    setpoint = None if zone.setpoint is None else _filled(zone.setpoint, unit_of(network, SETPOINT))
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
     resolved = {"network": network, "options": options, "proposes_bounds": proposes_bounds(zone.network)}
-    return ZoneConfig.model_construct(**written | resolved | {"channels": channels})
+    values = written | resolved | {"channels": channels, "setpoint": setpoint}
+    return ZoneConfig.model_construct(_fields_set=zone.model_fields_set | set(resolved), **values)
+
+
+def _filled(channel: ChannelConfig, unit: str) -> ChannelConfig:
+    """`channel` with the defaults that depend on the network's `unit` for it."""
+    defaults: dict[str, Any] = {}
+    if channel.valid is None and channel.aggregate != "energy":
+        defaults["valid"] = default_valid_range(unit)
+    if "aggregate" not in channel.model_fields_set:
+        defaults["aggregate"] = default_aggregate(unit, channel.unit)
+    return channel.model_copy(update=defaults)

@@ -30,7 +30,7 @@ async def recorded(
     The source whose clock is furthest behind always comes next, so that no zone's intervals wait long for another
     source. Raises ServiceError where a source is live, or a recording cannot be read.
     """
-    needed = {table.source for zone in config.zones if zone.id in zones for table in zone.channels.values()}
+    needed = {table.source for zone in config.zones if zone.id in zones for table in zone.delivered.values()}
     for name, table in config.sources.items():
         if name in needed and config.is_live(name):
             raise ServiceError(

@@ -38,6 +38,7 @@ from service.publish.kinds import SINK_KINDS
 from service.sources.channel import Binding, ChannelConfig, SourceKind
 from service.sources.kinds import SOURCE_KINDS
 from service.sources.weather import WEATHER_KINDS
+from service.zone.alignment import SETPOINT, unit_of
 
 
 class SiteConfig(BaseModel):
@@ -53,6 +54,13 @@ class SiteConfig(BaseModel):
     time_zone: TimeZone | None = None
 
 
+DEFAULT_ESTIMATOR = "bank"
+"""The estimator of a zone that names none."""
+
+FORMER_ESTIMATOR = "rbpf"
+"""What that was before: of a zone with state of it, and of one that gives options without an estimator."""
+
+
 def default_seed(site: str, zone: str) -> int:
     """The seed of a zone that gives none: the same on every machine and after every restart."""
     return zlib.crc32(f"{site}/{zone}".encode())
@@ -66,7 +74,7 @@ class ZoneTable(BaseModel):
     id: Identifier = Field(description='the name of the zone, such as "living"')
     period: Period = Field(description='the sampling period, such as "5min"')
     network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
-    estimator: Text = "rbpf"
+    estimator: Text = DEFAULT_ESTIMATOR
     seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))]
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
     max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = 12
@@ -77,12 +85,23 @@ class ZoneTable(BaseModel):
         description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'
     )
 
+    setpoint: SerializeAsAny[ChannelConfig] | None = Field(
+        default=None, description='a table as that of a channel, such as { source = "bms", ..., unit = "degC" }'
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _seeded(cls, table: Any, info: ValidationInfo) -> Any:
         if not isinstance(table, dict) or "seed" in table:
             return table
         return table | {"seed": default_seed(str(context(info)["site"]), str(table.get("id")))}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_the_estimator_of_its_options(cls, table: Any) -> Any:
+        if not isinstance(table, dict) or "estimator" in table or not table.get("estimator_options"):
+            return table
+        return table | {"estimator": FORMER_ESTIMATOR}
 
 
 class ZoneConfig(ZoneTable):
@@ -93,6 +112,11 @@ class ZoneConfig(ZoneTable):
     """What `estimator_options` amount to: the resolved options of the estimator."""
     proposes_bounds: bool = False
     """Whether the zone proposes narrower bounds after its first week."""
+
+    @property
+    def delivered(self) -> dict[str, ChannelConfig]:
+        """Everything that sources deliver to the zone: its channels, and its set-point where there is one."""
+        return self.channels if self.setpoint is None else {**self.channels, SETPOINT: self.setpoint}
 
     @property
     def max_ages(self) -> dict[str, float]:
@@ -133,16 +157,14 @@ class Config(BaseModel):
 
     def zones_of(self, source: str) -> tuple[ZoneConfig, ...]:
         """The zones that `source` feeds."""
-        return tuple(zone for zone in self.zones if any(table.source == source for table in zone.channels.values()))
+        return tuple(zone for zone in self.zones if any(table.source == source for table in zone.delivered.values()))
 
     def bindings(self, source: str) -> list[Binding]:
         """Every channel that `source` delivers to."""
         return [
-            Binding(
-                f"{zone.id}/{channel}", table, zone.network.channel_unit(channel), usual(zone.network, channel, table)
-            )
+            Binding(f"{zone.id}/{channel}", table, unit_of(zone.network, channel), usual(zone.network, channel, table))
             for zone in self.zones
-            for channel, table in zone.channels.items()
+            for channel, table in zone.delivered.items()
             if table.source == source
         ]
 
@@ -177,11 +199,11 @@ class Config(BaseModel):
 
     def goes_live(self, zone: ZoneConfig) -> bool:
         """Whether the sources of `zone` are live; they are all live or all recorded."""
-        return any(self.is_live(channel.source) for channel in zone.channels.values())
+        return any(self.is_live(channel.source) for channel in zone.delivered.values())
 
     def pace_of(self, zone: ZoneConfig) -> float:
         """How many times faster than real time the telemetry of `zone` comes: 1 if it is live."""
-        recorded = {channel.source for channel in zone.channels.values() if not self.is_live(channel.source)}
+        recorded = {channel.source for channel in zone.delivered.values() if not self.is_live(channel.source)}
         return min((self.sources[source].pace for source in recorded), default=1.0)
 
     def _kind(self, source: str) -> SourceKind:

@@ -7,6 +7,7 @@ from math import inf
 from adapters.units import default_valid_range
 from estimator.network.network import Network
 from service.sources.channel import ChannelConfig
+from service.zone.alignment import SETPOINT, unit_of
 
 Span = tuple[float, float]
 
@@ -19,11 +20,11 @@ _ANYWHERE = (-inf, inf)
 def usual(network: Network, name: str, channel: ChannelConfig) -> Span:
     """The range, in the network's unit, in which channel `name` of a zone usually lies. Whoever gives `valid` has said
     so already: then it is any."""
-    unit = network.channel_unit(name)
+    unit = unit_of(network, name)
     if channel.valid not in (None, default_valid_range(unit)):
         return _ANYWHERE
     if unit == "degC":
-        if name in network.measured:
+        if name in network.measured or name == SETPOINT:
             return _ROOM
         return _NEIGHBOUR if name.startswith("T_adj") else _OUTDOORS
     return {"W": _HEATING, "W/m2": _SUN}.get(unit, _ANYWHERE)

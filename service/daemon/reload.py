@@ -45,7 +45,7 @@ def compare(old: Config, new: Config) -> Changes:
     for zone in new.zones:
         if zone.id not in before:
             added.append(zone)
-        elif zone != before[zone.id] or retold & {channel.source for channel in zone.channels.values()}:
+        elif zone != before[zone.id] or retold & {channel.source for channel in zone.delivered.values()}:
             changed.append(zone)
     now = {zone.id for zone in new.zones}
     removed = tuple(zone for zone in before if zone not in now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,8 @@ class Sample(NamedTuple):
     """Grid interval [time, time + period) of a zone, closed and aggregated.
 
     `time` is UTC seconds; `outputs` (n_y,) and `inputs` (n_u,) follow the network's order, NaN where the interval
-    had no usable reading; the qualities run parallel to them.
+    had no usable reading; the qualities run parallel to them. `setpoint` (degC) is what the room was meant to have, NaN
+    where nobody says; no estimator reads it.
     """
 
     time: int
@@ -24,6 +26,7 @@ class Sample(NamedTuple):
     inputs: Array
     output_quality: tuple[Quality, ...]
     input_quality: tuple[Quality, ...]
+    setpoint: float = math.nan
 
     @classmethod
     def measured(cls, time: int, outputs: Array, inputs: Array) -> Sample:

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate")
+GAIN = ("gain_lower", "gain_median", "gain_upper")
+COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate", *GAIN, "setpoint")
 """Columns of the history that a chart shows."""
 
 

@@ -125,6 +125,8 @@ class Update(NamedTuple):
     """Wall time of the step; not part of what must be reproducible."""
     disturbance: Disturbance | None = None
     """None for an estimator without a model of disturbances."""
+    setpoint: float = math.nan
+    """Of the sample, degC; NaN where nobody says."""
 
     @property
     def shown_gate(self) -> Gate:

@@ -1,8 +1,9 @@
 """Backups of a state folder, made while the daemon runs, and put back while it does not.
 
 A backup is one tar file: `manifest.json` with the size and SHA-256 of everything else, the journal as SQLite's online
-backup gives it, and the newest valid checkpoint of every zone. The checkpoints are taken before the journal, so the
-journal has every sample after them, and the zones go on bit for bit from the moment at which the journal was taken.
+backup gives it, the newest valid checkpoint of every zone, and the configuration that the daemon keeps in the folder.
+The checkpoints are taken before the journal, so the journal has every sample after them, and the zones go on bit for
+bit from the moment at which the journal was taken.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import sqlite3
 import tarfile
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -28,11 +29,14 @@ from service.errors import BackupError, CheckpointError
 from service.store.checkpoint import DAMAGE, CheckpointStore, decode
 from service.store.durable_files import make_folder, sync_folder
 from service.store.journal_file import SCHEMA_VERSION
-from service.store.store import CHECKPOINTS, JOURNAL, RESTORING, locked
+from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, locked
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Since 2 the kept configuration is in a backup, where there is one."""
 _MANIFEST = "manifest.json"
-_NAMES = re.compile(rf"{re.escape(JOURNAL)}|{CHECKPOINTS}/[a-z0-9][a-z0-9_-]{{0,63}}/\d+\.npz")
+_NAMES = re.compile(
+    rf"{re.escape(JOURNAL)}|{re.escape(CONFIGURATION)}|{CHECKPOINTS}/[a-z0-9][a-z0-9_-]{{0,63}}/\d+\.npz"
+)
 _UNPACKING = f"{RESTORING}.tmp"
 _ATTEMPTS = 3
 _BLOCK = 2**20
@@ -86,6 +90,7 @@ def write_backup(state_dir: Path, site: str, out: Path, tick: Tick = lambda more
         raise BackupError(f"there is no state in {state_dir}; correct site.state_dir, or run the daemon first")
     with _told(f"the backup {target} cannot be written"), _beside(target) as work:
         zones = _copy(state_dir, work / "state", tick)
+        _copy_configuration(state_dir, work / "state")
         files = {str(path.relative_to(work / "state")): path for path in sorted((work / "state").rglob("*.*"))}
         size = sum(path.stat().st_size for path in files.values())
         tick(size - files[JOURNAL].stat().st_size, _PASSES * size)
@@ -136,6 +141,8 @@ def restore_backup(
             shutil.rmtree(unpacked, ignore_errors=True)
             raise
         _give_to_owner(state_dir, [*unpacked.rglob("*"), state_dir / "lock"])
+        if (unpacked / CONFIGURATION).exists() and (state_dir / CONFIGURATION).exists():
+            there.append(state_dir / CONFIGURATION)
         # From here to the end of the moves no daemon starts on the half of it.
         make_folder(state_dir / RESTORING)
         aside = state_dir / f"before-restore-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}" if there else None
@@ -200,6 +207,12 @@ def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Ti
     source.backup(copy, pages=_PAGES, progress=note, sleep=0.0)
 
 
+def _copy_configuration(state_dir: Path, folder: Path) -> None:
+    """Copy the configuration that the daemon keeps, unless it is from before it kept any."""
+    with suppress(FileNotFoundError):
+        shutil.copyfile(state_dir / CONFIGURATION, folder / CONFIGURATION)
+
+
 def _version(connection: sqlite3.Connection) -> int:
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
@@ -255,7 +268,7 @@ def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
     if schema > SCHEMA_VERSION:
         raise BackupError(f"the journal in {backup} has schema {schema} of a newer Thermogate; upgrade Thermogate")
     files = manifest["files"]
-    zones = {Path(name).parent for name in files if name != JOURNAL}
+    zones = {Path(name).parent for name in files if name.startswith(f"{CHECKPOINTS}/")}
     return Backup(
         backup, site, datetime.fromisoformat(manifest["made"]), len(zones), sum(f["size"] for f in files.values())
     )
@@ -287,7 +300,9 @@ def _manifest(archive: tarfile.TarFile, backup: Path) -> dict[str, Any]:
 def _write(content: _Watched, target: Path) -> str:
     """Write `content` to `target`, durably; its SHA-256."""
     digest = hashlib.sha256()
-    with target.open("wb") as file:
+    # A configuration may hold passwords; it is nobody else's from the first byte on.
+    mode = 0o600 if target.name == CONFIGURATION else 0o666
+    with open(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb") as file:
         while block := content.read(_BLOCK):
             digest.update(block)
             file.write(block)

@@ -44,7 +44,7 @@ _BUSY_SECONDS = 5.0
 _PAGE = 1000
 _PENDING_LIMIT = 1000
 _ROWS_AT_ONCE = 250
-"""SQLite takes 32,766 values in a statement; the widest row has 18."""
+"""SQLite takes 32,766 values in a statement; the widest row has 22."""
 _EARLIEST = -(2**63)
 
 REMEMBERED = 3600
@@ -55,7 +55,7 @@ SERIES_ROWS = 4000
 
 _COLUMNS = ", ".join(HistoryRow._fields)
 _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
-_SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, link"
+_SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, setpoint, link"
 
 _READING_COLUMNS = "zone, time, channel, value, quality, checksum"
 
@@ -215,7 +215,7 @@ class Journal:
         self, zone: str, start: int, end: int, every: int
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]:
         """History rows with `start` <= time < `end` at multiples of `every` s, oldest first: times (n,), and all
-        columns (n, 17), NaN where there is no value. Last comes where the next page begins; None: there is none.
+        columns (n, m), NaN where there is no value. Last comes where the next page begins; None: there is none.
 
         Damaged rows are left out, as in `history`.
         """
@@ -354,7 +354,7 @@ class Journal:
             ):
                 return to_sample(row)
             reason = "it does not match its checksum, or the one before it is missing"
-        except (ValueError, TypeError, AttributeError) as error:
+        except (ValueError, TypeError, AttributeError, struct.error) as error:
             reason = str(error)
         raise JournalError(
             f"the journal {self._path} holds a damaged sample of zone '{row[0]}' at {row[1]} ({reason}); check the "

@@ -1,4 +1,4 @@
-"""The journal's file: its schema, how it is opened, brought up from version 1, and how its errors are told."""
+"""The journal's file: its schema, how it is opened, brought up from earlier versions, and how its errors are told."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Literal
 from service.errors import JournalError
 from service.store.durable_files import SPACE, make_folder
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 LOG_LIMIT = 4 * 2**20
 """Bytes that the write-ahead log keeps when it begins anew."""
 _LOG_HEADER = 32
@@ -57,6 +57,15 @@ INSERT INTO unchecked SELECT zone, max(time)
 """
 """Rows up to these times have no checksums; every later one must have its own."""
 
+_SINCE_VERSION_3 = """
+ALTER TABLE samples ADD COLUMN setpoint REAL;
+ALTER TABLE history ADD COLUMN gain_lower REAL;
+ALTER TABLE history ADD COLUMN gain_median REAL;
+ALTER TABLE history ADD COLUMN gain_upper REAL;
+ALTER TABLE history ADD COLUMN setpoint REAL;
+"""
+"""NULL in every row of before, whose checksums hold all the same."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -94,18 +103,20 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
         )
     if version == 0 and not empty:
         raise JournalError(f"{path} is an SQLite file, but not a Thermogate journal; use another state_dir")
-    if version < SCHEMA_VERSION:
+    if version < 2:
         # Only a file that is made or rewritten with this can give space back to the disk later.
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")
     connection.execute(f"PRAGMA journal_size_limit = {LOG_LIMIT}")
     if empty:
-        _script(connection, _SCHEMA + _SINCE_VERSION_2)
+        _script(connection, _SCHEMA + _SINCE_VERSION_2 + _SINCE_VERSION_3)
     elif version == 1:
         _log.info("the journal %s is brought up from version 1, which takes as much space again for a moment", path)
         connection.execute("VACUUM")
-        _script(connection, _FROM_VERSION_1)
+        _script(connection, _FROM_VERSION_1 + _SINCE_VERSION_3)
+    elif version == 2:
+        _script(connection, _SINCE_VERSION_3)
     if not connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'readings'").fetchone():
         _script(connection, _READINGS)
 

@@ -2,7 +2,8 @@
 
 SQLite does not notice a flipped bit in a value. So the row of a sample ends with a link, the CRC-32 over the row that
 is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A history
-row has a CRC-32 of its own.
+row has a CRC-32 of its own. Columns since version 3 of the schema enter a checksum only where they have a value, so
+that rows of before keep theirs.
 """
 
 from __future__ import annotations
@@ -20,21 +21,29 @@ from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
 from service.records.sample import Array, Sample
 
-SampleRow = tuple[str, int, bytes, bytes, str, str, int]
-"""zone, time, outputs, inputs, output_quality, input_quality, link."""
+Accepted = tuple[str, int, bytes, bytes, str, str, float | None]
+"""zone, time, outputs, inputs, output_quality, input_quality, setpoint."""
+
+SampleRow = tuple[str, int, bytes, bytes, str, str, float | None, int]
+"""The same, and link."""
 
 
 ReadingRow = tuple[str, float, str, float, str, int]
 """zone, time, channel, value, quality, checksum."""
 
-_NUMBERS = struct.Struct(f"<{len(HistoryRow._fields)}d")
+_FIRST = HistoryRow._fields.index("gain_lower")
+"""How many columns history rows had up to version 2."""
+_NUMBERS = struct.Struct(f"<{_FIRST}d")
+_MORE = struct.Struct(f"<{len(HistoryRow._fields) - _FIRST}d")
+_SETPOINT = struct.Struct("<d")
 
 
-def link_of(previous: int, row: tuple[str, int, bytes, bytes, str, str]) -> int:
+def link_of(previous: int, row: Accepted) -> int:
     """The link of a sample's row after a sample with the link `previous`."""
-    zone, time, outputs, inputs, output_quality, input_quality = row
+    zone, time, outputs, inputs, output_quality, input_quality, setpoint = row
     words = f"{zone}\0{time}\0{output_quality}\0{input_quality}\0{len(outputs)}\0".encode()
-    return zlib.crc32(inputs, zlib.crc32(outputs, zlib.crc32(words, previous)))
+    link = zlib.crc32(inputs, zlib.crc32(outputs, zlib.crc32(words, previous)))
+    return link if setpoint is None else zlib.crc32(_SETPOINT.pack(setpoint), link)
 
 
 def sample_row(zone: str, sample: Sample, previous: int) -> SampleRow:
@@ -46,14 +55,17 @@ def sample_row(zone: str, sample: Sample, previous: int) -> SampleRow:
         _to_blob(sample.inputs),
         ",".join(sample.output_quality),
         ",".join(sample.input_quality),
+        # SQLite keeps neither NaN nor the sign of zero.
+        None if math.isnan(sample.setpoint) else sample.setpoint + 0.0,
     )
     return (*row, link_of(previous, row))
 
 
-def to_sample(row: tuple[str, int, bytes, bytes, str, str]) -> Sample:
+def to_sample(row: Accepted) -> Sample:
     """The sample of a row without its link; ValueError or TypeError if it is none."""
     outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in row[2:4])
-    return Sample(row[1], outputs, inputs, _qualities(row[4]), _qualities(row[5]))
+    setpoint = math.nan if row[6] is None else float(row[6])
+    return Sample(row[1], outputs, inputs, _qualities(row[4]), _qualities(row[5]), setpoint)
 
 
 def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
@@ -63,8 +75,10 @@ def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
 
 def history_checksum(zone: str, row: HistoryRow) -> int:
     """The CRC-32 of a history row as SQLite gives it back: it keeps neither the sign of zero nor the kind of NaN."""
-    numbers = (math.nan if value != value else value + 0.0 for value in row)
-    return zlib.crc32(_NUMBERS.pack(*numbers), zlib.crc32(zone.encode()))
+    numbers = [math.nan if value != value else value + 0.0 for value in row]
+    checksum = zlib.crc32(_NUMBERS.pack(*numbers[:_FIRST]), zlib.crc32(zone.encode()))
+    more = numbers[_FIRST:]
+    return checksum if all(map(math.isnan, more)) else zlib.crc32(_MORE.pack(*more), checksum)
 
 
 def to_history(row: tuple[float | None, ...]) -> HistoryRow:
@@ -97,7 +111,7 @@ def _reading_checksum(zone: str, time: float, channel: str, value: float, qualit
 def sound_rows(
     zone: str, rows: Sequence[Sequence[Any]], unchecked_until: int
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """History rows with their checksums last, as a table (n, 17), and which of them are sound (n,).
+    """History rows with their checksums last, as a table (n, m), and which of them are sound (n,).
 
     Rows up to `unchecked_until` may be without a checksum.
     """
@@ -113,11 +127,15 @@ def sound_rows(
             if all(cell is None or isinstance(cell, int | float) for cell in row[:width]):
                 table[index] = np.array(row[:width], dtype=np.float64)
     # As `history_checksum` has it: neither the sign of zero nor the kind of NaN counts.
-    packed = np.where(np.isnan(table), np.nan, table + 0.0).astype("<f8").tobytes()
-    seed, size = zlib.crc32(zone.encode()), _NUMBERS.size
+    numbers = np.where(np.isnan(table), np.nan, table + 0.0).astype("<f8")
+    packed, added = memoryview(numbers[:, :_FIRST].tobytes()), memoryview(numbers[:, _FIRST:].tobytes())
+    has_more = ~np.isnan(table[:, _FIRST:]).all(axis=1)
+    seed, size, more = zlib.crc32(zone.encode()), _NUMBERS.size, _MORE.size
     for index, row in enumerate(rows):
         checksum = row[width]
-        computed = zlib.crc32(memoryview(packed)[index * size : (index + 1) * size], seed)
+        computed = zlib.crc32(packed[index * size : (index + 1) * size], seed)
+        if has_more[index]:
+            computed = zlib.crc32(added[index * more : (index + 1) * more], computed)
         sound[index] = isinstance(row[0], int) and (
             checksum == computed or (checksum is None and row[0] <= unchecked_until)
         )

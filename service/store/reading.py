@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from service.errors import CheckpointError, JournalError, ServiceError
@@ -13,6 +13,8 @@ from service.store.checkpoint import DAMAGE, Checkpoint, CheckpointStore, decode
 from service.store.journal import Journal
 from service.store.journal_file import SCHEMA_VERSION, translated
 from service.store.store import CHECKPOINTS, JOURNAL
+
+_FINGERPRINTS = "SELECT zone, fingerprint FROM zones WHERE zone IN (SELECT zone FROM samples)"
 
 _log = logging.getLogger(__name__)
 
@@ -29,8 +31,7 @@ class StoredState:
 
     def zones(self) -> dict[str, str]:
         """The fingerprint of every zone with samples, by its id."""
-        query = "SELECT zone, fingerprint FROM zones WHERE zone IN (SELECT zone FROM samples)"
-        return dict(self.journal.read(query))
+        return dict(self.journal.read(_FINGERPRINTS))
 
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
@@ -68,3 +69,17 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
         yield StoredState(Journal.over(connection, path), CheckpointStore(state_dir / CHECKPOINTS))
     finally:
         connection.close()
+
+
+def stored_fingerprints(state_dir: Path) -> dict[str, str]:
+    """The fingerprint of every zone with samples in `state_dir`, by its id, whichever version of Thermogate wrote them;
+    none where there is no state or it cannot be read."""
+    path = (state_dir / JOURNAL).absolute()
+    if not path.exists():
+        return {}
+    try:
+        with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
+            return dict(connection.execute(_FINGERPRINTS))
+    except sqlite3.Error as error:
+        _log.debug("the zones of %s cannot be read: %s", path, error)
+        return {}

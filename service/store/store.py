@@ -48,6 +48,8 @@ _BETWEEN_SLICES = 0.02
 
 JOURNAL = "journal.sqlite3"
 CHECKPOINTS = "checkpoints"
+CONFIGURATION = "configuration.toml"
+"""What the daemon runs with, for those who read the folder."""
 RESTORING = "restoring"
 """Folder in a state_dir into which a backup is unpacked; while it is there the rest is not to be trusted."""
 

@@ -293,6 +293,10 @@ class HistoryRowPayload(Payload):
     resampled: bool
     log_likelihood: Number
     segment: int
+    gain_lower: Number = Field(description="unmeasured heat, .025 quantile, W; null where the estimator knows of none")
+    gain_median: Number = Field(description="W")
+    gain_upper: Number = Field(description=".975 quantile, W")
+    setpoint: Number = Field(description="set-point, degC; null where none was told")
 
 
 class HistoryPayload(Envelope):

@@ -17,6 +17,9 @@ from service.errors import ConfigError
 from service.records.sample import Array, Sample
 from service.zone.aggregation import Aggregate, Span, aggregate, default_aggregate
 
+SETPOINT = "setpoint"
+"""The channel of what a room is meant to have: observed and kept, but no part of the network."""
+
 MOST_READINGS = 100_000
 """Of one channel in one interval, some MB; what is more is a flood, and no rule for aggregating needs all of it."""
 
@@ -26,6 +29,18 @@ class _Interval(NamedTuple):
 
     readings: list[dict[float, float]]
     uncertain: set[tuple[int, float]]
+
+
+class _Meant(NamedTuple):
+    """A set-point [degC], and when the interval begins that it is of, UTC s."""
+
+    value: float
+    time: int
+
+
+def unit_of(network: Network, channel: str) -> str:
+    """The unit of a zone's `channel`, the set-point among them."""
+    return "degC" if channel == SETPOINT else network.channel_unit(channel)
 
 
 class Alignment:
@@ -39,6 +54,8 @@ class Alignment:
     The first sample is the first interval with a usable reading. From there an interval without any becomes a sample of
     NaN, but at most `idle_limit` in a row: then the grid falls silent until readings come again. Samples are strictly
     increasing in time.
+
+    A set-point comes with the samples and makes none. It may be told only when it changes, so it holds for a while.
 
     A bad reading is counted in `faults` and not used. So are one that comes after its interval closed (out of order),
     a second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
@@ -58,6 +75,7 @@ class Alignment:
         resume_idle: int = 0,
         live: bool = False,
         earliest: float = EARLIEST,
+        setpoint_age: float | None = None,
     ) -> None:
         """Args:
         network: gives the channels and their order.
@@ -72,28 +90,31 @@ class Alignment:
         resume_idle: how many samples of NaN in a row ended with `resume_after`.
         live: the sources never deliver anything twice, so that nothing is passed over in silence.
         earliest: no time before it is believed, neither a reading's nor the wall clock's, UTC s.
+        setpoint_age: how long a set-point holds after the interval that it is of, in s; None: nobody tells it.
 
         Raises ConfigError for a period that is no whole number of seconds, an unknown rule or an unknown channel.
         """
         if period != int(period) or period <= 0:
             raise ConfigError([f"period {period:g} s is not usable; give a whole number of seconds above 0"])
-        unknown = [channel for channel in aggregates if channel not in network.channels]
+        channels = (*network.channels, *(() if setpoint_age is None else (SETPOINT,)))
+        unknown = [channel for channel in aggregates if channel not in channels]
         if unknown:
-            raise ConfigError([f"channel '{unknown[0]}' is unknown; the channels are {', '.join(network.channels)}"])
+            raise ConfigError([f"channel '{unknown[0]}' is unknown; the channels are {', '.join(channels)}"])
         self.faults: Counter[Fault] = Counter()
         self.last_good: dict[str, float] = {}
         """UTC time of the newest reading of each channel that entered a sample so far."""
         self.refusing: set[str] = set()
         """Channels that their device has refused since then."""
-        self._channels = network.channels
+        self._channels = channels
+        self._width = len(network.channels)
         self._outputs = len(network.measured)
         self._rules: list[Aggregate] = [
-            aggregate(aggregates.get(channel, default_aggregate(network.channel_unit(channel))))
+            aggregate(aggregates.get(channel, default_aggregate(unit_of(network, channel))))
             for channel in self._channels
         ]
         # Amounts of energy have no range of their own; the power that they amount to has.
         self._believable = [
-            default_valid_range(network.channel_unit(channel)) if aggregates.get(channel) == "energy" else (-inf, inf)
+            default_valid_range(unit_of(network, channel)) if aggregates.get(channel) == "energy" else (-inf, inf)
             for channel in self._channels
         ]
         prefix = "" if zone is None else f"{zone}/"
@@ -111,6 +132,8 @@ class Alignment:
         self._next = None if resume_after is None else self._resumed + 1
         """Index of the next interval that has to become a sample; None before the first."""
         self._idle = resume_idle
+        self._setpoint_age = setpoint_age or 0.0
+        self._meant: _Meant | None = None
 
     def add(self, source: str, readings: Iterable[Reading], now: float) -> list[Sample]:
         """Take in what `source` delivered together with its clock `now` (UTC s); the samples that close by it."""
@@ -230,8 +253,12 @@ class Alignment:
             return []
         samples: list[Sample] = []
         for index in sorted(index for index in self._open if index <= last):
+            interval = self._open.pop(index)
+            self._note_setpoint(index, interval)
+            if not any(interval.readings[: self._width]):
+                continue
             samples += self._silence(index)
-            samples.append(self._sample(index, self._open.pop(index)))
+            samples.append(self._sample(index, interval))
             self._idle = 0
             self._next = index + 1
         samples += self._silence(last + 1)
@@ -248,16 +275,34 @@ class Alignment:
         return [self._sample(index, None) for index in range(begin, self._next)]
 
     def _sample(self, index: int, interval: _Interval | None) -> Sample:
-        values: Array = np.full(len(self._channels), np.nan)
-        qualities = [Quality.BAD] * len(self._channels)
+        values: Array = np.full(self._width, np.nan)
+        qualities = [Quality.BAD] * self._width
         if interval is not None:
-            for slot, readings in enumerate(interval.readings):
+            for slot, readings in enumerate(interval.readings[: self._width]):
                 if readings:
                     values[slot], qualities[slot] = self._aggregated(slot, index, readings, interval.uncertain)
         split = self._outputs
         return Sample(
-            index * self._period, values[:split], values[split:], tuple(qualities[:split]), tuple(qualities[split:])
+            index * self._period,
+            values[:split],
+            values[split:],
+            tuple(qualities[:split]),
+            tuple(qualities[split:]),
+            self._setpoint(index),
         )
+
+    def _note_setpoint(self, index: int, interval: _Interval) -> None:
+        for readings in interval.readings[self._width :]:
+            if readings:
+                value, quality = self._aggregated(self._width, index, readings, interval.uncertain)
+                if quality is not Quality.BAD:
+                    self._meant = _Meant(value, index * self._period)
+
+    def _setpoint(self, index: int) -> float:
+        """The set-point in the interval; NaN if it is not known, or too old."""
+        if self._meant is None or not 0 <= index * self._period - self._meant.time <= self._setpoint_age:
+            return nan
+        return self._meant.value
 
     def _aggregated(
         self, slot: int, index: int, readings: dict[float, float], uncertain: set[tuple[int, float]]

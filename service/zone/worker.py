@@ -472,6 +472,7 @@ class ZoneWorker:
             forecast=self._forecast(sample.time, state),
             step_seconds=time.perf_counter() - began,
             disturbance=_disturbance(posterior),
+            setpoint=sample.setpoint,
         )
 
     def _forecast(self, sample_time: int, state: Any) -> Forecast:

@@ -46,7 +46,7 @@ def main() -> int:
         demo = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             url = f"http://127.0.0.1:{port}"
-            _answers(url, demo)
+            answers(url, demo)
             time.sleep(arguments.seconds)
             _photograph(url, arguments.out)
         finally:
@@ -56,7 +56,7 @@ def main() -> int:
     return 0
 
 
-def _answers(url: str, demo: subprocess.Popen[bytes]) -> None:
+def answers(url: str, demo: subprocess.Popen[bytes]) -> None:
     """Wait until the daemon serves its page."""
     deadline = time.monotonic() + 180
     while True:

@@ -11,9 +11,12 @@ from support.browser import eventually, serious
 from support.building import Building, building
 from support.fake_zones import START, FakeZone, doubted, make_update, running, waiting
 
+from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
+from service.records.outlook import InputOrigin
 from service.records.trust import HorizonTrust, Trust
+from service.records.update import Disturbance
 
 PLOTTED = "document.querySelectorAll('.js-plotly-plot .scatterlayer').length"
 HOSTILE = '<img src=x onerror="window.hacked=true">%{y}&amp;\''
@@ -95,6 +98,8 @@ def test_trust_is_told_with_its_reason(visit: Any) -> None:
         page.locator('[data-zone="living"] a').click()
         page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
         assert page.locator(".doubt li [lang=en]").inner_text() == narrow
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
 
 
 def series_of(page: Any, which: str = "history") -> list[dict[str, Any]]:
@@ -113,6 +118,59 @@ def test_a_gap_is_drawn_as_a_gap(visit: Any, house: Building) -> None:
     assert measured["y"].count(None) == 2, "one break, and the end"
     bands = [one for one in series_of(page) if one["fill"] == "toself"]
     assert bands[0]["y"].count(None) == 2, "the band is two polygons"
+
+
+def with_gain(name: str) -> FakeZone:
+    """A day of samples with a set-point and unmeasured heat, but for an hour."""
+    zone = running(name, 288)
+    for index, update in enumerate(zone.updates):
+        if index not in range(120, 132):
+            gain = Disturbance((-50.0, 100.0 + index, 400.0), 0.9, ((0.04, 0.05, 0.06),))
+            zone.updates[index] = update._replace(setpoint=20.0 + (index > 144), disturbance=gain)
+    return zone
+
+
+def test_set_point_and_unmeasured_heat_are_drawn_where_they_are_known(visit: Any) -> None:
+    with building({"both": with_gain("both"), "none": running("none", 288)}) as house:
+        page = opened(visit, house, "both").page
+        drawn = {str(one["hovertemplate"]).rpartition("<extra>")[2]: one["y"] for one in series_of(page)}
+        assert {20.0, 21.0} <= set(drawn["set-point</extra>"])
+        gain = [value for value in drawn["unmeasured heat</extra>"] if value is not None]
+        assert (min(gain), max(gain)) == (100.0, 387.0)
+        titles = "Object.values(document.querySelector('.plot.history').layout).map((one) => one?.title?.text)"
+        assert "W unmeasured" in page.evaluate(titles)
+        assert serious(page) == []
+        page.goto(f"{house.url}/#/zone/none")
+        eventually(page, "document.querySelector('h1')?.textContent === 'none'")
+        eventually(page, f"{PLOTTED} >= 2")
+        assert "set-point</extra>" not in str(series_of(page))
+        assert "W unmeasured" not in page.evaluate(titles)
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
+def test_the_fan_says_where_its_inputs_come_from(visit: Any) -> None:
+    zone = running("living", 300)
+    origins = (
+        InputOrigin("T_out", "weather", "forecast", 7200.0, Quality.UNCERTAIN),
+        InputOrigin("T_adj", "yesterday", "", 60.0, Quality.UNCERTAIN),
+        InputOrigin("u_heat", "held", "", 60.0, Quality.GOOD),
+    )
+    zone.origins = origins
+    with building({"living": zone}) as house:
+        page = opened(visit, house).page
+        page.wait_for_selector("text=With the inputs as foreseen below, the lowest is")
+        assert page.locator(".origins li").all_inner_texts() == [
+            "T_out: weather forecast “forecast”, 2 h old, as far as it reaches, then as it is now",
+            "T_adj: as it went yesterday",
+            "u_heat: as it is now (measured 60 s ago)",
+        ]
+        page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
+        page.wait_for_selector("text=u_heat: as planned")
+        page.locator("#language").select_option("de")
+        page.wait_for_selector("text=T_adj: wie gestern verlaufen")
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
 
 
 def test_plotly_is_asked_for_once_and_only_by_a_room(visit: Any, house: Building) -> None:

@@ -220,7 +220,7 @@ class UpgradeWorkload:
             assert times in (old, [*old, 40]), times
             assert done < 3 or times == [*old, 40], times
             assert rows == list(range(28)), rows
-            assert journal.read("PRAGMA user_version") == [(2,)]
+            assert journal.read("PRAGMA user_version") == [(3,)]
             assert journal.read("PRAGMA auto_vacuum") == [(2,)], "space can be given back"
             assert journal.append("z", sample(50)), "it goes on"
         finally:

@@ -38,6 +38,8 @@ def test_a_backup_of_a_running_daemon_goes_on_bit_for_bit(tmp_path: Path) -> Non
     done = thermogate("restore", CONFIG, kept, *overrides(settings(restored, 1)))
     assert (done.returncode, done.stderr) == (0, "")
     assert "as it was at" in done.stdout
+    reported = thermogate("report", restored, "--out", tmp_path / "report")
+    assert (reported.returncode, (tmp_path / "report" / "report.html").exists()) == (0, True), reported.stderr
     with Daemon(CONFIG, tmp_path / "second.log", settings(restored, "max")) as daemon:
         assert "intervals replayed from the journal" in (daemon.url() and daemon.log())
         daemon.wait_until_ended()

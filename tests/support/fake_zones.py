@@ -96,6 +96,7 @@ class FakeZone:
     asked: list[tuple[object, ...]] = field(default_factory=list)
     surroundings: Surroundings = field(default_factory=Surroundings)
     trusted: Trust | None = None
+    origins: tuple[InputOrigin, ...] = ()
 
     def trust(self) -> Trust:
         if not self.updates:
@@ -176,7 +177,12 @@ class FakeZone:
             )
             for ahead in range(steps + 1)
         )
-        return Fan(update.time, standing.issue_time, fan, standing.inputs, update)
+        planned = plan or {}
+        origins = tuple(
+            InputOrigin(one.channel, "plan", "", math.nan, Quality.GOOD) if one.channel in planned else one
+            for one in self.origins
+        )
+        return Fan(update.time, standing.issue_time, fan, standing.inputs, update, origins)
 
     async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         if not self.updates:

@@ -20,6 +20,7 @@ from support.harness import ROOT
 import thermogate as tg
 from estimator.network import presets
 from service.config.site import ZoneTable
+from service.store.checkpoint import decode, encode
 from thermogate import learning
 
 FEW: dict[str, Any] = {"estimator": "ekf"}
@@ -58,7 +59,8 @@ def assert_same(left: tg.Model, right: tg.Model) -> None:
 
 def test_the_defaults_are_those_of_the_daemon() -> None:
     table = room(samples=8)
-    model = tg.fit(table, "tite", estimator_options={"particles": 50})
+    assert tg.fit(table, "tite", estimator_options={"particles": 50}).estimator == "rbpf"
+    model = tg.fit(table, "tite")
     assert model.estimator == ZoneTable.model_fields["estimator"].default
     assert model.period == timedelta(minutes=10)
     assert list(model.predictions.columns[:5]) == ["y", "mean", "sd", "lower_0.95", "upper_0.95"]
@@ -213,6 +215,18 @@ def test_a_saved_model_goes_on_with_the_same_bits(estimator: str, options: dict[
     plan = {"u_heat": [100.0 * step for step in range(6)]}
     assert bits(loaded.forecast(plan, "1h")) == bits(model.forecast(plan, "1h"))
     assert [file.name for file in tmp_path.iterdir()] == ["room.model"]
+
+
+def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_path: Path) -> None:
+    model = tg.fit(room(samples=10), "tite", estimator="rbpf")
+    model.save(tmp_path / "now.npz")
+    now = decode((tmp_path / "now.npz").read_bytes(), tmp_path)
+    settings = {key: value for key, value in now.meta["settings"].items() if key != "estimator"}
+    then = now._replace(meta={**now.meta, "settings": settings})
+    (tmp_path / "then.npz").write_bytes(encode(then))
+    loaded = tg.load(tmp_path / "then.npz")
+    assert loaded.estimator == "rbpf"
+    assert_same(loaded, model)
 
 
 def test_a_saved_model_keeps_columns_units_zone_and_network(tmp_path: Path) -> None:

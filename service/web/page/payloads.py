@@ -85,6 +85,15 @@ class SeriesInput(Payload):
     values: list[Number] = Field(description="means, in unit")
 
 
+class SeriesGain(Payload):
+    """Unmeasured heat in the buckets of a series, W: means of its quantiles."""
+
+    unit: Literal["W"] = "W"
+    lower: list[Number] = Field(description=".025 quantile, W")
+    median: list[Number] = Field(description="W")
+    upper: list[Number] = Field(description=".975 quantile, W")
+
+
 class SeriesPayload(Envelope):
     """History in buckets, for a chart. All lists run parallel to `times`; buckets without a sample are left out."""
 
@@ -103,4 +112,6 @@ class SeriesPayload(Envelope):
     upper: list[Number] = Field(description="highest bound of their intervals, degC")
     alpha: list[Number] = Field(description="mean of the volatility's medians")
     gate: list[Number] = Field(description="mean of the learning gate")
+    setpoint: list[Number] | None = Field(description="mean of the set-point, degC; null where none was told")
+    gain: SeriesGain | None = Field(description="null where no estimator knew of any")
     inputs: list[SeriesInput]

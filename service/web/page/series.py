@@ -6,17 +6,18 @@ import math
 from collections.abc import Mapping
 from typing import Annotated
 
+import numpy as np
 from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
 from service.fields.times import utc
 from service.publish.payloads import to_json
-from service.records.series import Array, Series
+from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
 from service.web.models import Instant
 from service.web.models import Query as QueryModel
-from service.web.page.payloads import SeriesInput, SeriesPayload
+from service.web.page.payloads import SeriesGain, SeriesInput, SeriesPayload
 from service.web.problems import documented, invalid
 
 MAX_POINTS = 2000
@@ -59,6 +60,7 @@ def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
 def series_payload(site: str, zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
     """`series` of `zone` over [start, end), UTC s."""
     means = series.means
+    low, median, high = (means[name] for name in GAIN)
     network = zone.network
     return SeriesPayload(
         site=site,
@@ -77,6 +79,10 @@ def series_payload(site: str, zone: ZoneView, start: int, end: int, series: Seri
         upper=_numbers(series.band_high),
         alpha=_numbers(means["alpha_median"]),
         gate=_numbers(means["gate"]),
+        setpoint=_numbers(means["setpoint"]) if np.isfinite(means["setpoint"]).any() else None,
+        gain=SeriesGain(lower=_numbers(low), median=_numbers(median), upper=_numbers(high))
+        if np.isfinite(median).any()
+        else None,
         inputs=[
             SeriesInput(channel=channel, unit=network.channel_unit(channel), values=_numbers(series.inputs[:, index]))
             for index, channel in enumerate(network.inputs)

@@ -162,7 +162,9 @@ function figure(series, clock, expert) {
     traces.push(band(clock, times, bucket, series.y_low, series.y_high, { fillcolor: colour("--ink-band") }));
   }
   traces.push(line(clock, times, bucket, series.y, { name: t("series.measured"), line: { color: colour("--ink"), width: 1.5 }, hovertemplate: `%{y:.2f} °C<extra>${t("series.measured")}</extra>` }));
-  const panels = [["°C", null, { range: temperatureRange(series.y, series.lower, series.upper) }]];
+  const meant = series.setpoint ?? [];
+  if (meant.length) traces.push(line(clock, times, bucket, meant, { name: t("series.setpoint"), line: { color: colour("--good"), width: 1.3, dash: "dash", shape: "hv" }, hovertemplate: `%{y:.1f} °C<extra>${t("series.setpoint")}</extra>` }));
+  const panels = [["°C", null, { range: temperatureRange([...series.y, ...meant], series.lower, series.upper) }]];
   for (const unit of new Set(series.inputs.map((input) => input.unit))) {
     const name = `y${panels.length + 1}`;
     series.inputs.filter((input) => input.unit === unit).forEach((input, index) => {
@@ -172,6 +174,13 @@ function figure(series, clock, expert) {
       traces.push(line(clock, times, bucket, input.values, { yaxis: name, line: { color: own, width: 1.3, shape: unit === "degC" ? "linear" : "hv" }, hovertemplate: `%{y:.4~g} ${plain(unitText(unit))}<extra>${label}</extra>` }));
     });
     panels.push([plain(unitText(unit)), null, { nticks: 4 }]);
+  }
+  if (series.gain) {
+    const { lower, median, upper } = series.gain;
+    const name = `y${panels.length + 1}`;
+    traces.push(band(clock, times, bucket, lower, upper, { yaxis: name, fillcolor: colour("--gain-band") }));
+    traces.push(line(clock, times, bucket, median, { yaxis: name, line: { color: colour("--gain"), width: 1.3 }, hovertemplate: `%{y:.3~g} W<extra>${t("series.gain")}</extra>` }));
+    panels.push([t("series.gain_axis"), null, { nticks: 4, zeroline: true, zerolinecolor: colour("--line") }]);
   }
   if (expert && series.alpha.some((value) => value !== null)) {
     traces.push(line(clock, times, bucket, series.alpha, { yaxis: `y${panels.length + 1}`, line: { color: colour("--alpha"), width: 1.3 }, hovertemplate: "%{y:.2f}<extra>α</extra>" }));

@@ -6,6 +6,7 @@ import { planEditor } from "./plan_editor.js";
 import { CONFIG, chartClock, colour, hoverTime, layout, line, loadPlotly, temperatureRange } from "./plotting.js";
 import { celsius, duration, t } from "./text.js";
 import { moment, offset } from "./time.js";
+import { originText } from "./words.js";
 
 const HOUR = 3600_000;
 const HORIZON = 24 * HOUR;
@@ -21,6 +22,7 @@ const RENEW_MS = 30_000;
 export function nextHours(id, zone, failed) {
   const plot = element("div", { className: "plot fan", role: "img", tabIndex: -1 });
   const result = element("p", { role: "status", className: "result" });
+  const origins = element("ul", { className: "origins muted", "aria-label": t("origin.title") });
   const planPlace = element("div");
   const heating = zone.channels.filter(({ role, unit }) => role === "input" && unit === "W");
   const period = zone.period_s * 1000;
@@ -43,7 +45,7 @@ export function nextHours(id, zone, failed) {
     edit();
     draw();
   });
-  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, result, choice, planPlace);
+  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, result, origins, choice, planPlace);
 
   // The fan with everything held, which a newer sample has changed.
   const renew = paced(async () => {
@@ -159,7 +161,8 @@ export function nextHours(id, zone, failed) {
     if (planned) traces.push({ type: "scatter", mode: "lines", x: base.times.map(clock.x), y: base.mean, line: { color: colour("--muted"), width: 1.5, dash: "dot" }, hovertemplate: `%{y:.1f} °C<extra>${t("series.held")}</extra>` });
     const range = temperatureRange([...measured, ...fan.mean, ...(planned ? base.mean : [])], fan.bounds[0.95].lower, fan.bounds[0.95].upper);
     await window.Plotly.react(plot, traces, { ...layout(plot, { xaxis: { type: "date", fixedrange: true, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) }, yaxis: { title: { text: "°C", standoff: 4, font: { size: 12 } }, range } }), dragmode: false }, CONFIG);
-    const text = sentence(fan, planned ? base : null);
+    origins.replaceChildren(...shown.origins.map((one) => element("li", { textContent: `${one.channel}: ${originText(one)}` })));
+    const text = sentence(fan, planned ? base : null, shown.origins);
     result.textContent = text;
     plot.setAttribute("aria-label", text);
   }
@@ -193,7 +196,7 @@ function read(answer) {
 }
 
 // The lowest temperature that is expected, and what a plan changes about it.
-function sentence(fan, base) {
+function sentence(fan, base, origins) {
   const lowest = fan.mean.reduce((best, value, index) => (value < fan.mean[best] ? index : best), 0);
   const last = fan.mean.length - 1;
   const values = {
@@ -204,5 +207,6 @@ function sentence(fan, base) {
     end: celsius(fan.mean[last]),
     ends: moment(fan.times[last]),
   };
-  return base ? t("fan.planned", { ...values, held: celsius(base.mean[lowest]) }) : t("fan.held", values);
+  if (base) return t("fan.planned", { ...values, held: celsius(base.mean[lowest]) });
+  return t(origins.every(({ origin }) => origin === "held") ? "fan.held" : "fan.foreseen", values);
 }

@@ -78,6 +78,12 @@ export function learnedSentences(parameters) {
   return found;
 }
 
+// Where the values of an input in a forecast come from.
+export function originText({ origin, source, age_s: age, quality }) {
+  const text = has(`origin.${origin}`) ? t(`origin.${origin}`, { source, age: duration(age) }) : origin;
+  return origin === "weather" && quality !== "good" ? `${text}, ${t("origin.part")}` : text;
+}
+
 export function expectedText(one) {
   return one ? `${celsius(one.mean)} (${number(one.lower, 1)} … ${number(one.upper, 1)})` : "–";
 }

@@ -249,6 +249,24 @@ def test_members_may_differ_in_their_network():
         small_bank(members={"ground": {"estimator": "mkf", "network": "moon"}})
 
 
+def test_parameters_are_uncertain_where_the_members_disagree():
+    bank = small_bank()
+    state = walked(bank, started(bank), 0, 40)
+    ends = np.array([0.001, 0.5, 0.999])
+    weights = np.array(list(bank.member_weights(state).values()))[:, 2]
+    physical = [place for place, member in enumerate(bank.members) if member.physical and weights[place] >= 0.1]
+    assert len(physical) > 1
+    own = [bank.members[place].parameters(state.members[place], ends) for place in physical]
+    mixture = bank.parameters(state, ends)
+    for row, median in enumerate(mixture.parameters[:, 1]):
+        medians = [summary.parameters[row, 1] for summary in own]
+        assert min(medians) * 0.8 <= median <= max(medians) * 1.25
+    assert mixture.heat_loss[0] <= 1.1 * min(summary.heat_loss[1] for summary in own)
+    assert mixture.heat_loss[2] >= 0.9 * max(summary.heat_loss[1] for summary in own)
+    blind = small_bank(members={"arx": {"estimator": "arx"}})
+    assert np.isnan(blind.parameters(walked(blind, started(blind), 0, 5), ends).heat_loss).all()
+
+
 def test_a_fan_is_the_weighted_mixture_of_the_members_fans():
     bank = small_bank()
     state = walked(bank, started(bank), 0, 40)

@@ -6,6 +6,7 @@ import pytest
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from estimator.network.family import family, with_direct_heat, with_two_layers
+from estimator.network.network import Conductance, HeatInput, Network, Parameter
 from estimator.network.presets import PRESETS, automatic, network
 from estimator.registry import build
 
@@ -75,3 +76,20 @@ def test_heat_that_already_enters_the_room_is_not_split(name):
 def test_a_network_without_a_node_between_room_and_outdoors_has_no_layers():
     assert with_two_layers(network("m1").with_fixed([])) is not None
     assert with_two_layers(with_two_layers(network("tite"))) is None
+
+
+def test_a_room_inside_has_no_ground_and_no_outer_layer():
+    inside = Network(
+        name="inside",
+        capacitances={"T_i": "C_i", "T_w": "C_w"},
+        boundaries=("T_out",),
+        conductances=(Conductance("g", ("T_i", "T_w")),),
+        heat_inputs=(HeatInput("u_heat", "T_i"),),
+        parameters=(
+            Parameter("C_i", "J/K", 1e5, 1e7),
+            Parameter("C_w", "J/K", 1e6, 1e8),
+            Parameter("g", "W/K", 10.0, 1e3),
+        ),
+        measured=("T_i",),
+    )
+    assert tuple(family(inside)) == ("own",)

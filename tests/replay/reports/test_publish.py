@@ -136,6 +136,24 @@ def test_a_zone_without_physics_says_what_it_cannot_show(tmp_path):
     assert "The network building-67" in Page(text).headings
 
 
+def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):
+    settings = [f'zones.{ZONE}.estimator="arx"', f"zones.{ZONE}.estimator_options={{}}"]
+    meant = 'setpoint={source="simulation",column="T_i",unit="degC"}'
+    (without,) = replay_recording(load(EXAMPLE, settings), tmp_path / "without", end=1712730000.0, progress=False)
+    traces = replay_recording(
+        load(EXAMPLE, [*settings, f"zones.{ZONE}.{meant}"]), tmp_path, end=1712730000.0, progress=False
+    )
+    rows = [row._replace(setpoint=float("nan")) for row in traces[0].rows]
+    assert repr(rows) == repr(without.rows)
+    assert np.isfinite([row.setpoint for row in traces[0].rows]).all()
+    publish_report("site", traces, tmp_path)
+    record = Page((tmp_path / "report.html").read_text()).plots[0]
+    (line,) = [trace for trace in record["data"] if trace.get("name") == "set-point"]
+    assert line["line"]["dash"] == "dash"
+    header, first = (tmp_path / ZONE / "updates.csv").read_text().splitlines()[:2]
+    assert float(first.split(",")[header.split(",").index("setpoint")]) == traces[0].rows[0].setpoint
+
+
 def test_an_output_folder_that_cannot_be_written_is_said(replayed, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ReplayError, match="cannot be written"):

@@ -38,7 +38,6 @@ def trace(
         looks=np.empty(0, dtype=np.int64),
         parameters=np.empty((0, 4, 3)),
         heat_loss=np.empty((0, 3)),
-        gain=np.empty((0, 3)),
         fans=[],
         skill=skill,
         diagnosis=Diagnosis(tuple(findings)),

@@ -112,13 +112,13 @@ def test_check_says_what_will_run(config: Path, capsys: Capture) -> None:
     assert capsys.readouterr().out.splitlines() == [
         f"OK: site 'house', 2 zones, 1 source; state in {config.parent}/var/thermogate",
         "source log: csv, 1 file (log.csv)",
-        "zone living: network tite, estimator rbpf, a sample every 5min",
+        "zone living: network tite, estimator bank, a sample every 5min",
         "  states: T_i, T_e",
         "  free parameters (4): C_i, C_e, g_ie, g_e_out",
         "  T_i [degC]: mean of Living [degC] from log",
         "  T_out [degC]: mean of Outside [degC] from log",
         "  u_heat [W]: first of Power1 + Power2 [kW] from log",
-        "zone bedroom: network titeth, estimator rbpf, a sample every 10min",
+        "zone bedroom: network titeth, estimator bank, a sample every 10min",
         "  states: T_i, T_e, T_h",
         "  free parameters (7): C_i, C_e, C_h, g_ie, g_e_out, g_ih, A_w",
         "  T_i [degC]: mean of Bedroom [degC] from log",
@@ -138,7 +138,7 @@ def test_check_applies_overrides(config: Path, capsys: Capture) -> None:
 
     shown = capsys.readouterr().out
     assert "site 'villa'" in shown
-    assert "zone living: network tite, estimator rbpf, a sample every 15min" in shown
+    assert "zone living: network tite, estimator bank, a sample every 15min" in shown
 
 
 def test_one_mistake_is_one_line(config: Path, capsys: Capture) -> None:

@@ -25,7 +25,9 @@ def effective(path: Path, capsys: Capture, *options: str) -> dict[str, Any]:
 
 
 def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
-    shown = effective(write(tmp_path, sound(tmp_path)), capsys)
+    tables = sound(tmp_path)
+    tables["zones"][0]["estimator"] = "rbpf"
+    shown = effective(write(tmp_path, tables), capsys)
 
     assert shown["site"] == {
         "id": "house",
@@ -68,6 +70,8 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
     assert living["network"]["initial"]["T_e"] == {"source": "measured", "sd": 3.0}
     assert living["estimator_options"]["particles"] == 9000
     assert living["estimator_options"]["coordinates"] == "logit"
+    assert shown["zones"][1]["estimator"] == "bank"
+    assert shown["zones"][1]["estimator_options"]["members"]["arx"]["past_outputs"] == 12
     assert shown["zones"][1]["network"]["heat_inputs"][1] == {
         "channel": "I_sol",
         "node": "T_i",
@@ -106,7 +110,10 @@ def test_what_is_shown_is_a_configuration_that_means_the_same(tmp_path: Path, ca
             "n_people": {"source": "log", "column": "Sun", "unit": "people"},
         },
     }
-    tables["zones"][1]["network"] = {"preset": "m5", "fixed": ["C_h"], "parameters": {"g_wi_adj": {"value": 50.0}}}
+    tables["zones"][1] |= {
+        "estimator": "rbpf",
+        "network": {"preset": "m5", "fixed": ["C_h"], "parameters": {"g_wi_adj": {"value": 50.0}}},
+    }
     tables["zones"][1]["channels"] = {
         "T_air": {"source": "log", "column": "Bedroom", "unit": "degC"},
         "T_out": {"source": "log", "column": "Outside", "unit": "degC"},

@@ -13,7 +13,10 @@ from pydantic import ValidationError
 from support.config_samples import inline_network, sound, write
 
 from adapters.reading import Fault, Reading
+from service.cli.show import summary
+from service.config.fitting import fingerprint
 from service.config.load import load
+from service.config.written import effective_toml
 from service.errors import ConfigError
 from service.fields.durations import format_duration, parse_duration
 
@@ -36,7 +39,7 @@ def test_defaults(tmp_path: Path) -> None:
     log = config.sources["log"]
     assert (log.delimiter, log.decimal, log.encoding, log.pace) == (",", ".", "utf-8", math.inf)
     living = config.zones[0]
-    assert (living.period, living.estimator, living.levels) == (300, "rbpf", (0.95,))
+    assert (living.period, living.estimator, living.levels) == (300, "bank", (0.95,))
     assert (living.max_gap, living.hold_inputs, living.lateness) == (12, 900, 0)
     assert living.estimator_options == {}
 
@@ -268,3 +271,21 @@ def test_source_uses_the_default_valid_range(tmp_path: Path) -> None:
 
     assert delivered["living/T_i"].fault is Fault.OUT_OF_RANGE
     assert delivered["bedroom/T_i"].fault is None
+
+
+def test_a_set_point_is_delivered_beside_the_channels(tmp_path: Path) -> None:
+    tables = sound(tmp_path)
+    without = load(write(tmp_path, tables))
+    tables["zones"][0]["setpoint"] = {"source": "log", "column": "Bedroom", "unit": "K", "max_age": "1d"}
+    config = load(write(tmp_path, tables))
+    zone = config.zones[0]
+    assert zone.setpoint is not None
+    assert (zone.setpoint.aggregate, zone.setpoint.valid) == ("mean", (-60.0, 80.0))
+    (binding,) = [binding for binding in config.bindings("log") if binding.id == "living/setpoint"]
+    assert (binding.unit, binding.usual) == ("degC", (5.0, 40.0))
+    assert fingerprint(zone) == fingerprint(without.zones[0]), "what was learned goes on"
+    assert "living/setpoint" not in [binding.id for binding in without.bindings("log")]
+    again = tmp_path / "again.toml"
+    again.write_text(effective_toml(config), encoding="utf-8")
+    assert load(again).zones[0].setpoint == zone.setpoint
+    assert "  setpoint [degC]: mean of Bedroom [K] from log" in summary(config)

@@ -55,6 +55,38 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
         "zones[1] ('living').id",
         ('"living" is already the id of zones[0]', "an id of its own"),
     ),
+    "set-point without a unit": (
+        living(setpoint={"source": "log", "column": "Bedroom"}),
+        f"{LIVING}.setpoint.unit",
+        ("is missing",),
+    ),
+    "set-point in watts": (
+        living(setpoint={"source": "log", "column": "Bedroom", "unit": "W"}),
+        f"{LIVING}.setpoint.unit",
+        ("degC",),
+    ),
+    "set-point of an unknown source": (
+        living(setpoint={"source": "logg", "column": "Bedroom", "unit": "degC"}),
+        f"{LIVING}.setpoint.source",
+        ('did you mean "log"?',),
+    ),
+    "set-point in a missing column": (
+        living(setpoint={"source": "log", "column": "Wanted", "unit": "degC"}),
+        "sources.log",
+        ("Wanted",),
+    ),
+    "set-point with a forecast": (
+        living(
+            setpoint={
+                "source": "log",
+                "column": "Bedroom",
+                "unit": "degC",
+                "forecast": {"source": "sky", "series": "t"},
+            }
+        ),
+        f"{LIVING}.setpoint.forecast",
+        ("nothing is forecast of a set-point", "remove it"),
+    ),
     "no zones": (at(zones=None), "zones", ("there is no zone", "[[zones]]")),
     "empty zones": (at(zones=[]), "zones", ("there is no zone",)),
     "zones in single brackets": (at(zones={"id": "a"}), "zones", ("double brackets, [[zones]]",)),

@@ -19,11 +19,11 @@ from support.zone_samples import comparable, sample, worker
 
 from service.errors import BackupError, ServiceError
 from service.store import backup as module
-from service.store.backup import restore_backup, write_backup
+from service.store.backup import FORMAT_VERSION, restore_backup, write_backup
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
-from service.store.store import JOURNAL, RESTORING, Store
+from service.store.store import CONFIGURATION, JOURNAL, RESTORING, Store
 from service.zone.zone import Zone
 
 ITEMS = [sample(k) for k in range(60)]
@@ -100,7 +100,7 @@ def test_the_manifest_says_what_is_in_it(kept: Path) -> None:
         manifest = json.load(archive.extractfile(first))  # type: ignore[arg-type]
     assert first == "manifest.json"
     assert sorted(others) == sorted(manifest["files"]) == ["checkpoints/z/000000005700.npz", JOURNAL]
-    assert (manifest["format"], manifest["site"]) == (1, "house")
+    assert (manifest["format"], manifest["site"]) == (FORMAT_VERSION, "house")
 
 
 def test_nothing_is_overwritten(kept: Path, tmp_path: Path) -> None:
@@ -322,3 +322,37 @@ def test_a_sparse_archive_fills_no_disk(tmp_path: Path) -> None:
 
 def test_a_backup_is_for_its_owner_only(kept: Path) -> None:
     assert stat.S_IMODE(kept.stat().st_mode) == 0o600
+
+
+def test_the_kept_configuration_comes_along(kept: Path, tmp_path: Path) -> None:
+    state, target = tmp_path / "state", tmp_path / "with.tar"
+    (state / CONFIGURATION).write_text("# of the backup\n", encoding="utf-8")
+    (state / CONFIGURATION).chmod(0o600)
+    write_backup(state, "house", target)
+    with tarfile.open(target) as archive:
+        assert json.load(archive.extractfile("manifest.json"))["format"] == FORMAT_VERSION  # type: ignore[arg-type]
+    restored, aside = restore_backup(tmp_path / "new", "house", target, replace=False)
+    assert ((tmp_path / "new" / CONFIGURATION).read_text(), restored.zones, aside) == ("# of the backup\n", 1, None)
+    assert stat.S_IMODE((tmp_path / "new" / CONFIGURATION).stat().st_mode) & 0o077 == 0, "it may hold passwords"
+    (state / CONFIGURATION).write_text("# of today\n", encoding="utf-8")
+    _, aside = restore_backup(state, "house", target, replace=True)
+    assert aside is not None
+    assert (aside / CONFIGURATION).read_text() == "# of today\n"
+    assert (state / CONFIGURATION).read_text() == "# of the backup\n"
+    assert len(goes_on(state, 40)) == 21
+    # One from before they had any leaves the folder's own where it is.
+    restore_backup(tmp_path / "new", "house", kept, replace=True)
+    assert (tmp_path / "new" / CONFIGURATION).read_text() == "# of the backup\n"
+
+
+def test_a_backup_of_the_first_format_is_restored(kept: Path, tmp_path: Path) -> None:
+    first = tmp_path / "first.tar"
+    with tarfile.open(kept) as archive, tarfile.open(first, "w") as older:
+        for member in archive:
+            content = archive.extractfile(member).read()  # type: ignore[union-attr]
+            if member.name == "manifest.json":
+                content = json.dumps(json.loads(content) | {"format": 1}).encode()
+                member.size = len(content)
+            older.addfile(member, io.BytesIO(content))
+    restore_backup(tmp_path / "new", "house", first, replace=False)
+    assert len(goes_on(tmp_path / "new", 40)) == 21

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import sqlite3
 import tarfile
 from collections.abc import Iterator
@@ -15,7 +16,9 @@ from support.running_zone import Announced, finished, plumbing
 from support.zone_samples import comparable, sample, worker
 
 from adapters.reading import Quality
+from service.errors import JournalError
 from service.records.sample import Sample
+from service.records.update import Disturbance
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.zone import snapshot
@@ -98,3 +101,60 @@ def test_a_zone_goes_on_from_version_1_bit_for_bit(state: Path, tmp_path: Path) 
             return others
 
     assert asyncio.run(scenario()) == expected[len(tail) :]
+
+
+VERSION_2 = Path(__file__).with_name("state-version-2.tar.gz")
+"""Samples and history of the same zone, by the last code that wrote schema 2."""
+
+
+def test_a_journal_of_version_2_keeps_its_rows_and_takes_new_columns(tmp_path: Path) -> None:
+    with tarfile.open(VERSION_2) as archive:
+        archive.extractall(tmp_path, filter="data")
+    path = tmp_path / "journal.sqlite3"
+    connection = sqlite3.connect(path)
+    assert connection.execute("PRAGMA user_version").fetchone() == (2,)
+    before = connection.execute("SELECT * FROM history ORDER BY time").fetchall()
+    connection.close()
+    journal = Journal.open(path)
+    rows = journal.history("z", None, None, 100)
+    assert [row.time // 300 for row in rows] == list(range(28)), "none counts as damaged"
+    assert [row.y for row in rows] == [row[2] for row in before]
+    assert all(np.isnan([row.gain_median, row.setpoint]).all() for row in rows)
+    assert len(list(journal.samples_after("z", None))) == STEPS - 1
+    assert journal.append("z", sample(STEPS)._replace(setpoint=20.5))
+    assert journal.append("z", sample(STEPS + 1))
+    known = worker(particles=50).step(sample(STEPS)._replace(setpoint=20.5))
+    assert known is not None
+    gain = Disturbance((-50.0, 120.0, 300.0), 0.9, ((0.05, 0.06, 0.07),))
+    journal.record("z", known._replace(disturbance=gain))
+    journal.close()
+    again = Journal.open(path)
+    *_, sampled, last = again.samples_after("z", None)
+    assert (sampled.setpoint, np.isnan(last.setpoint)) == (20.5, True)
+    (row,) = again.history("z", STEPS * 300, None, 10)
+    assert (row.gain_lower, row.gain_median, row.gain_upper, row.setpoint) == (-50.0, 120.0, 300.0, 20.5)
+    again.close()
+
+
+@pytest.mark.parametrize(("table", "change"), [("history", "gain_median = NULL"), ("samples", "setpoint = 19.0")])
+def test_the_new_columns_are_checked(tmp_path: Path, table: str, change: str, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "journal.sqlite3"
+    journal = Journal.open(path)
+    journal.append("z", sample(0)._replace(setpoint=20.5))
+    update = worker(particles=50).step(sample(0))
+    assert update is not None
+    journal.record("z", update._replace(disturbance=Disturbance((math.nan, 120.0, math.nan), 0.9, ())))
+    journal.close()
+    connection = sqlite3.connect(path)
+    connection.execute(f"UPDATE {table} SET {change}")
+    connection.commit()
+    connection.close()
+    again = Journal.open(path)
+    if table == "history":
+        assert again.history("z", None, None, 10) == []
+        assert again.history_columns("z", 0, 300, 300)[0].tolist() == []
+        assert "damaged history row" in caplog.text
+    else:
+        with pytest.raises(JournalError, match="damaged sample"):
+            list(again.samples_after("z", None))
+    again.close()

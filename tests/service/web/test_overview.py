@@ -17,6 +17,7 @@ from support.waiting import until
 
 from service.publish.changes import Changes
 from service.records.trust import HorizonTrust, Trust
+from service.records.update import Disturbance
 from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import outlook, overview
@@ -249,6 +250,18 @@ def test_a_series_of_a_stretch(app: FastAPI, zones: dict[str, FakeZone]) -> None
     found = get(app, "/zones/living/series?start=2025-05-03T01:00:00Z&end=2025-05-03T02:00:00Z").json()
     assert (found["times"][0], len(found["times"]), found["bucket_s"]) == ("2025-05-03T01:00:00Z", 12, 300.0)
     assert zones["living"].asked[-1] == ("series", START + 3600, START + 7200, 800)
+
+
+def test_a_series_has_gain_and_set_point_where_they_are_known(app: FastAPI, zones: dict[str, FakeZone]) -> None:
+    path = "/zones/living/series?start=2025-05-03T01:00:00Z&end=2025-05-03T02:00:00Z"
+    assert [get(app, path).json()[name] for name in ("setpoint", "gain")] == [None, None]
+    updates = zones["living"].updates
+    gain = Disturbance((-50.0, 120.0, 310.0), 0.9, ((0.04, 0.05, 0.06),))
+    updates[13] = updates[13]._replace(disturbance=gain, setpoint=20.5)
+    found = get(app, path).json()
+    assert found["setpoint"] == [None, 20.5, *[None] * 10]
+    assert (found["gain"]["unit"], found["gain"]["median"][:3]) == ("W", [None, 120.0, None])
+    assert (found["gain"]["lower"][1], found["gain"]["upper"][1]) == (-50.0, 310.0)
 
 
 def test_a_zone_without_samples_has_an_empty_series(app: FastAPI) -> None:

@@ -15,6 +15,7 @@ from estimator.network import presets
 from service.publish.payloads import FanPayload, ForecastPayload, to_json
 from service.publish.rendering import forecast_payload
 from service.records.history import HistoryRow
+from service.records.update import Disturbance
 from service.web.app import create_app
 from service.web.models import ParametersPayload
 
@@ -141,8 +142,17 @@ def test_history_is_bounded_and_complete(app: FastAPI, zones: dict[str, FakeZone
     assert zones["living"].asked == [("history", START + PERIOD, START + 2 * PERIOD, 5)]
     (row,) = document["rows"]
     expected = HistoryRow.of(zones["living"].updates[1])
-    assert row == expected._asdict() | {"time": "2025-05-03T00:05:00Z"}
+    unknown = dict.fromkeys(("gain_lower", "gain_median", "gain_upper", "setpoint"))
+    assert row == expected._asdict() | {"time": "2025-05-03T00:05:00Z"} | unknown
     assert (document["output"], document["unit"], document["period_s"]) == ("T_air", "degC", 300.0)
+
+
+def test_history_has_gain_and_set_point_where_they_are_known(app: FastAPI, zones: dict[str, FakeZone]) -> None:
+    gain = Disturbance((-50.0, 120.0, 310.0), 0.9, ((0.04, 0.05, 0.06),))
+    updates = zones["living"].updates
+    updates[1] = updates[1]._replace(disturbance=gain, setpoint=20.5)
+    row = get(app, "/zones/living/history").json()["rows"][1]
+    assert [row[name] for name in HistoryRow._fields[-4:]] == [-50.0, 120.0, 310.0, 20.5]
 
 
 def test_a_fraction_of_a_second_rounds_up(app: FastAPI, zones: dict[str, FakeZone]) -> None:

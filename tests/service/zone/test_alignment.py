@@ -250,3 +250,30 @@ def test_readings_can_be_addressed_with_their_zone():
     assert sample.outputs[0] == 20.0
     with pytest.raises(KeyError):
         align.add("a", [Reading("kitchen/T_i", 300.0, 20.0)], 300.0)
+
+
+def test_a_set_point_comes_with_the_samples_and_holds_for_a_while():
+    align = alignment(sources=("a",), setpoint_age=600.0, idle_limit=9)
+
+    def meant(time, value):
+        return Reading("setpoint", time, value)
+
+    samples = align.add("a", [indoor(0), meant(10, 20.0), meant(20, 22.0), indoor(300), indoor(600), indoor(900)], 1500)
+    assert [sample.setpoint for sample in samples[:3]] == [21.0, 21.0, 21.0], "its mean, and two periods more"
+    assert isnan(samples[3].setpoint), "older than 600 s"
+    assert all(len(sample.inputs) == 2 for sample in samples)
+
+
+def test_a_set_point_makes_no_sample_and_wakes_no_silent_zone():
+    align = alignment(sources=("a",), setpoint_age=0.0, idle_limit=1)
+    assert align.add("a", [Reading("setpoint", 10.0, 21.0)], 900) == []
+    first, silent = align.add("a", [indoor(900), Reading("setpoint", 1300, 19.0)], 2700)
+    assert (times([first, silent]), isnan(first.setpoint), silent.setpoint) == ([900, 1200], True, 19.0)
+    assert align.add("a", [Reading("setpoint", 2710, 19.0)], 3300) == []
+    assert align.last_good["setpoint"] == 2710.0
+
+
+def test_a_zone_without_a_set_point_knows_no_such_channel():
+    with pytest.raises(ConfigError, match="channel 'setpoint' is unknown"):
+        alignment({"setpoint": "mean"})
+    assert alignment({"setpoint": "last"}, setpoint_age=0.0) is not None

@@ -1,0 +1,103 @@
+"""Which estimator a zone has that names none: the default, or the one that its state belongs to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.config_samples import sound, write
+from support.zone_samples import sample
+
+from service.config.fitting import fingerprint
+from service.config.load import load
+from service.config.site import Config
+from service.config.written import effective_toml
+from service.store.journal import Journal
+from service.store.store import JOURNAL
+
+
+def written(folder: Path, **living: Any) -> Path:
+    """A configuration with `living` in the table of its first zone."""
+    tables = sound(folder)
+    tables["zones"][0] |= living
+    return write(folder, tables)
+
+
+def estimators(config: Config) -> list[str]:
+    return [zone.estimator for zone in config.zones]
+
+
+def learned(config: Config, zone: int) -> None:
+    """Leave state of the zone, as a daemon does."""
+    journal = Journal.open(config.site.state_dir / JOURNAL)
+    table = config.zones[zone]
+    assert journal.claim(table.id, fingerprint(table))
+    journal.append(table.id, sample(1))
+    journal.close()
+
+
+def test_a_new_zone_is_a_bank_and_the_options_of_today_are_an_rbpf(tmp_path: Path) -> None:
+    assert estimators(load(written(tmp_path))) == ["bank", "bank"]
+    few = load(written(tmp_path, estimator_options={"particles": 50}))
+    assert estimators(few) == ["rbpf", "bank"]
+    assert few.zones[0].options.particles == 50
+    assert estimators(load(written(tmp_path, estimator_options={}))) == ["bank", "bank"]
+
+
+def test_a_zone_with_state_of_an_rbpf_goes_on_with_it(tmp_path: Path) -> None:
+    before = load(written(tmp_path, estimator="rbpf"))
+    learned(before, 0)
+    now = load(written(tmp_path))
+    assert estimators(now) == ["rbpf", "bank"]
+    assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
+    assert now.zones[0].options == before.zones[0].options
+    kept = tmp_path / "kept.toml"
+    kept.write_text(effective_toml(now), encoding="utf-8")
+    assert estimators(load(kept)) == ["rbpf", "bank"]
+
+
+@pytest.mark.parametrize("network", ["tite", "auto"])
+def test_the_configuration_that_the_daemon_keeps_has_the_same_state(tmp_path: Path, network: str) -> None:
+    now = load(written(tmp_path, network=network))
+    kept = tmp_path / "kept.toml"
+    kept.write_text(effective_toml(now), encoding="utf-8")
+    assert [fingerprint(zone) for zone in load(kept).zones] == [fingerprint(zone) for zone in now.zones]
+
+
+def test_a_bank_goes_on_with_other_priors_but_not_with_other_members(tmp_path: Path) -> None:
+    members = {"near": {"estimator": "mkf", "particles": 16}, "far": {"estimator": "arx"}}
+
+    def mark(**changed: Any) -> str:
+        tables = {
+            name: {**table, **changed.get(name, {})} for name, table in members.items() if changed.get(name) != {}
+        }
+        return fingerprint(load(written(tmp_path, estimator="bank", estimator_options={"members": tables})).zones[0])
+
+    assert mark(near={"prior": 2.0}, far={"memory_days": 3.0}) == mark()
+    assert mark(far={}) != mark()
+    assert mark(far={"past_outputs": 3}) != mark()
+    assert mark(near={"particles": 32}) != mark()
+
+
+def test_who_names_an_estimator_gets_it_whatever_is_stored(tmp_path: Path) -> None:
+    learned(load(written(tmp_path, estimator="rbpf")), 0)
+    assert estimators(load(written(tmp_path, estimator="bank"))) == ["bank", "bank"]
+
+
+def test_state_of_a_bank_or_of_another_network_leaves_the_default(tmp_path: Path) -> None:
+    learned(load(written(tmp_path)), 0)
+    assert estimators(load(written(tmp_path))) == ["bank", "bank"]
+    other = tmp_path / "other"
+    other.mkdir()
+    learned(load(written(other, estimator="rbpf", network="titeth")), 0)
+    assert estimators(load(written(other))) == ["bank", "bank"]
+
+
+@pytest.mark.parametrize("content", [b"", b"no database"])
+def test_a_journal_that_cannot_be_read_leaves_the_default(tmp_path: Path, content: bytes) -> None:
+    path = written(tmp_path)
+    journal = load(path).site.state_dir / JOURNAL
+    journal.parent.mkdir(parents=True)
+    journal.write_bytes(content)
+    assert estimators(load(path)) == ["bank", "bank"]
