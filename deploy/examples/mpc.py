@@ -247,9 +247,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default)
     given = vars(parser.parse_args(arguments))
     settings, ask = Settings(**{name: given[name] for name in defaults}), rest(given["url"], given["key"])
-    heating, count, before = False, 0, None
+    heating, count = False, 0
+    planned, powers = time.monotonic(), np.empty(0)
     while True:
-        pause = LOOK
+        pause, before = LOOK, powers[round((time.monotonic() - planned) / settings.step) :]
         try:
             history = ask("GET", f"/zones/{urllib.parse.quote(settings.zone)}/history?limit=1", None)
             measured = history["rows"][-1]["y"]
@@ -258,7 +259,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
             print(f"no decision ({error}); the plant's own thermostat has to heat", file=sys.stderr)
         else:
-            heating, before = decision.power > 0.0, decision.plan[1:]
+            heating = decision.power > 0.0
+            if decision.by == "plan":
+                planned, powers = time.monotonic(), decision.plan
             pause = LOOK if decision.by == "thermostat" else settings.step
             seen = "an unknown temperature" if temperature is None else f"{temperature:.1f} degC"
             print(f"{decision.power:.0f} W by {decision.by} at {seen}: {decision.reason}", flush=True)

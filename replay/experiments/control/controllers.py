@@ -146,8 +146,6 @@ class Planner:
                 self._heating[index] = decision.power
             if decision is not None and decision.by == "plan":
                 self._plans[room] = (moment.step, decision.plan)
-            elif not self._by_plan[index]:
-                self._plans.pop(room, None)
 
     def _decision(self, *of: Any) -> Any:
         """That of the example; None where it leaves the room to the plant's own thermostat."""
@@ -184,8 +182,9 @@ class Planner:
         outdoor, sun = (_steps(series, index, steps) for series in self._weather)
         known = {name: {"T_out": outdoor, "I_sol": sun} for name in (self._rooms[room], *self._beside[room])}
         for other in self._beside[room]:
-            if other in self._plans:
+            if other in self._plans and self._by_plan[self._rooms.index(other)]:
                 planned, powers = self._plans[other]
+                # Beyond its plan a room is heated as it was on the whole.
                 rest = powers[(index - planned) // EVERY :]
                 known[other][HEATER] = [*rest, *[float(powers.mean())] * steps][:steps]
         return known
