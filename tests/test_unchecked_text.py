@@ -30,6 +30,9 @@ PARTS_OF_STATEMENTS = {
     "statement": "the beginning of an INSERT that the module itself writes",
     "statements": "the schema, which the module itself writes",
     "places": "question marks",
+    "month.table": "one of the two tables that are cut into months",
+    "month.name": "such a table with a year and a month",
+    "until": "one of two columns that the function itself names",
 }
 """What else than constants may stand in a statement, and why that is no danger."""
 

@@ -23,6 +23,7 @@ def add_to(add: AddCommand) -> None:
     )
     parser.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")
     parser.add_argument("--end", type=instant, metavar="T", help="time to stop before, RFC 3339")
+    parser.add_argument("--language", choices=("en", "de"), default="en", help="language of the report (default: en)")
 
 
 def _replay(arguments: argparse.Namespace) -> int:
@@ -43,4 +44,4 @@ def _replay(arguments: argparse.Namespace) -> int:
         end=arguments.end,
         progress=sys.stderr.isatty(),
     )
-    return publish_report(config.site.id, traces, arguments.out, sys.stderr.isatty())
+    return publish_report(config.site.id, traces, arguments.out, sys.stderr.isatty(), arguments.language)

@@ -24,6 +24,7 @@ def add_to(add: AddCommand) -> None:
         metavar="CONFIG",
         help="the configuration of the daemon (default: the one that it keeps in STATE_DIR)",
     )
+    parser.add_argument("--language", choices=("en", "de"), default="en", help="language of the report (default: en)")
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -37,4 +38,4 @@ def _report(arguments: argparse.Namespace) -> int:
     zones = [zone for zone in config.zones if arguments.zone in (None, zone.id)]
     watched = sys.stderr.isatty()
     traces = stored_traces(arguments.state_dir, zones, arguments.days, watched)
-    return publish_report(config.site.id, traces, arguments.out, watched)
+    return publish_report(config.site.id, traces, arguments.out, watched, arguments.language)

@@ -15,6 +15,7 @@ from tqdm import tqdm
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.store import load, run_file, save
 
 POLL = 0.5
@@ -30,7 +31,7 @@ def run_jobs(jobs: Sequence[Job], folder: Path, *, workers: int, progress: bool)
     is raised. Raises ReplayError naming the run that failed.
     """
     paths = [run_file(folder, job) for job in jobs]
-    results = [load(path) for path in paths]
+    results = [load(path) for path in steps(paths, "finished runs", len(paths))]
     missing = [index for index, result in enumerate(results) if result is None]
     total = sum(jobs[index].steps for index in missing)
     note = f"{len(jobs) - len(missing)} of {len(jobs)} runs were there" if len(missing) < len(jobs) else "runs"

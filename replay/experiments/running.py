@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from pathlib import Path
 
 from replay.errors import ReplayError
 from replay.experiments.catalogue import EXPERIMENTS
 from replay.experiments.pool import run_jobs
+from replay.experiments.progress import Taken
 from replay.experiments.report import write_report
 from replay.experiments.request import Experiment, Request
 
@@ -30,6 +30,8 @@ def run_experiment(name: str, request: Request, out: Path, *, workers: int, prog
         results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
-    if progress:
-        print("scoring the runs and writing the report", file=sys.stderr)
-    return write_report(experiment.report(results), out)
+    scored = Taken(results, "scoring")
+    try:
+        return write_report(experiment.report(scored), out)
+    finally:
+        scored.close()

@@ -16,15 +16,15 @@ from estimator.network.network import HeatInput, Network
 _COLUMN, _ROW, _MARGIN = 270.0, 165.0, 110.0
 _RADIUS = 34.0
 _RULES = {
-    ".edge": "stroke:#5b6776;stroke-width:2;fill:none",
-    ".node": "fill:#eef5f9;stroke:#0b5c8a;stroke-width:2",
-    ".measured": "fill:#cfe5f2;stroke-width:3",
-    ".boundary": "fill:#f2f5f8;stroke:#5b6776;stroke-width:2",
+    ".edge": "stroke:var(--soft,#5b6776);stroke-width:2;fill:none",
+    ".node": "fill:var(--lead,#eef5f9);stroke:var(--accent,#0b5c8a);stroke-width:2",
+    ".measured": "fill:var(--node,#cfe5f2);stroke-width:3",
+    ".boundary": "fill:var(--code,#f2f5f8);stroke:var(--soft,#5b6776);stroke-width:2",
     ".heat": "stroke:#c2571a;stroke-width:2;fill:none",
     ".tip": "fill:#c2571a",
-    "text": "font:13px system-ui,sans-serif;fill:#1b2430;text-anchor:middle",
-    ".small": "font-size:11px;fill:#5b6776",
-    ".of-edge": "paint-order:stroke;stroke:#fff;stroke-width:4px",
+    "text": "font:13px system-ui,sans-serif;fill:var(--ink,#1b2430);text-anchor:middle",
+    ".small": "font-size:11px;fill:var(--soft,#5b6776)",
+    ".of-edge": "paint-order:stroke;stroke:var(--paper,#fff);stroke-width:4px",
     ".of-heat": "fill:#c2571a",
 }
 # A style in an SVG element holds for the whole page, unless it names the element.

@@ -9,21 +9,43 @@ from replay.errors import ReplayError
 from replay.experiments.report import page
 from replay.recorded.trace import Trace
 from replay.reports import tables
+from replay.reports.language import LANGUAGES, in_language, sayer, table_in
 from replay.reports.page import report
 
 FILE = "report.html"
 
 
-def publish_report(site: str, traces: Sequence[Trace], out: Path, progress: bool = False) -> int:
-    """Print the table of `traces`, write `report.html` into the folder `out`, and print where it is; 0.
+def publish_report(
+    site: str, traces: Sequence[Trace], out: Path, progress: bool = False, language: str = LANGUAGES[0]
+) -> int:
+    """Print the table of `traces`, write `report.html` into the folder `out`, and print where it is; 0. All of it is in
+    `language`, one of LANGUAGES.
 
     With `progress` a terminal shows how far it is. Raises ReplayError where the folder cannot be written.
     """
     path = out / FILE
     try:
         out.mkdir(parents=True, exist_ok=True)
-        path.write_text(page(report(site, traces, progress)), encoding="utf-8")
+        made = in_language(report(site, traces, progress), language, _names(traces))
+        path.write_text(page(made), encoding="utf-8")
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
-    print("\n".join(["", *tables.terminal(tables.skill(traces)), "", f"report: {path}"]))
+    say = sayer(language)
+    table = table_in(tables.skill(traces), say)
+    print("\n".join(["", *tables.terminal(table), "", say(f"report: {path}")]))
     return 0
+
+
+def _names(traces: Sequence[Trace]) -> frozenset[str]:
+    """What is called so by the operator or the network, and is no word of a language."""
+    return frozenset(
+        name
+        for trace in traces
+        for name in (
+            trace.zone,
+            trace.estimator,
+            trace.network.name,
+            *trace.network.channels,
+            *(parameter.name for parameter in trace.network.parameters),
+        )
+    )

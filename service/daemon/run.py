@@ -45,6 +45,7 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
 from service.publish.zenoh import Publisher
 from service.records.outlook import WeatherBook
+from service.store.interface import ZoneStore
 from service.store.retention import Limits
 from service.store.store import Store
 from service.web.app import create_app, create_questions
@@ -190,7 +191,7 @@ class Daemon:
             _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
 
     async def _serve(
-        self, store: Store, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
+        self, store: ZoneStore, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
     ) -> None:
         zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))

@@ -13,6 +13,9 @@ GAIN = ("gain_lower", "gain_median", "gain_upper")
 COLUMNS = ("y", "mean", "lower", "upper", "alpha_median", "gate", *GAIN, "setpoint")
 """Columns of the history that a chart shows."""
 
+MAX_ROWS = 600_000
+"""Rows that are read in all; of a longer stretch, only every second, third, ... sample is."""
+
 
 class Series(NamedTuple):
     """n buckets of `bucket` s, oldest first; a bucket without any sample is left out.
@@ -31,3 +34,19 @@ class Series(NamedTuple):
     band_low: Array
     band_high: Array
     inputs: Array
+
+
+class Stretch(NamedTuple):
+    """What is asked of a zone: [start, end) in UTC s, in buckets of whole periods (s), with `width` inputs."""
+
+    zone: str
+    start: int
+    end: int
+    period: int
+    bucket: int
+    width: int
+
+    @property
+    def stride(self) -> int:
+        """Every which sample is read."""
+        return max(1, -(-(self.end - self.start) // (self.period * MAX_ROWS)))

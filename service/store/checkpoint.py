@@ -201,8 +201,8 @@ def encode(checkpoint: Checkpoint) -> bytes:
     return buffer.getvalue()
 
 
-def decode(content: bytes, path: Path) -> Checkpoint:
-    """The checkpoint in the bytes of `path`; one of `DAMAGE`, or CheckpointError if they are too new."""
+def decode(content: bytes, path: object) -> Checkpoint:
+    """The checkpoint in the bytes that lie at `path`; one of `DAMAGE`, or CheckpointError if they are too new."""
     parts: dict[str, npt.NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()

@@ -26,14 +26,13 @@ from service.records.sample import Sample
 from service.records.update import Update
 from service.store.journal_file import LOG_LIMIT, open_database, translated
 from service.store.journal_rows import (
+    HistoryReader,
     SampleRow,
-    history_checksum,
+    damaged_sample,
     history_row,
-    link_of,
+    linked_sample,
     reading_row,
     sample_row,
-    sound_rows,
-    to_history,
     to_reading,
     to_sample,
 )
@@ -73,8 +72,7 @@ class Journal:
         """Time and link of the newest sample of each zone that was written to since the journal was opened."""
         self._unchecked: dict[str, int] = {}
         """Until when the rows of each zone are of version 1, which had no checksums."""
-        self._damaged: set[tuple[str, int]] = set()
-        """History rows whose damage was said."""
+        self._reader = HistoryReader(f"the journal {path}", self._unchecked)
         self._keeping: set[str] = set()
         """The zones that have readings of their own here."""
 
@@ -208,7 +206,7 @@ class Journal:
                 where += f" AND {condition}"
                 bounds.append(bound)  # type: ignore[arg-type]
         query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
-        rows = (self._sound(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
+        rows = (self._reader.row(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
         return [row for row in rows if row is not None]
 
     def history_columns(
@@ -227,11 +225,8 @@ class Journal:
         )
         rows = self.read(query, zone, start, end, every, SERIES_ROWS)
         following = rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
-        table, sound = sound_rows(zone, rows, self._unchecked.get(zone, _EARLIEST))
-        for index in np.flatnonzero(~sound):
-            *row, checksum = rows[index]
-            self._sound(zone, row, checksum)
-        return table[sound, 0].astype(np.int64), table[sound], following
+        times, table = self._reader.table(zone, rows)
+        return times, table, following
 
     def input_columns(
         self, zone: str, start: int, end: int, every: int, width: int
@@ -349,31 +344,11 @@ class Journal:
     def _checked(self, row: tuple[Any, ...], link: int | None, previous: int | None) -> Sample:
         """The sample of a row after one with the link `previous`."""
         try:
-            if (link is None and row[1] <= self._unchecked.get(row[0], _EARLIEST)) or link == link_of(
-                previous or 0, row
-            ):
+            if link is None and row[1] <= self._unchecked.get(row[0], _EARLIEST):
                 return to_sample(row)
-            reason = "it does not match its checksum, or the one before it is missing"
+            return linked_sample(row, link, previous or 0)
         except (ValueError, TypeError, AttributeError, struct.error) as error:
-            reason = str(error)
-        raise JournalError(
-            f"the journal {self._path} holds a damaged sample of zone '{row[0]}' at {row[1]} ({reason}); check the "
-            f"disk, then restore a backup, or give the zone's state up with `thermogate run CONFIG --reset {row[0]}`"
-        )
-
-    def _sound(self, zone: str, row: list[Any], checksum: int | None) -> HistoryRow | None:
-        """The history row of its columns; None if it is damaged."""
-        try:
-            history = to_history(tuple(row))
-            unchecked = checksum is None and history.time <= self._unchecked.get(zone, _EARLIEST)
-            if unchecked or checksum == history_checksum(zone, history):
-                return history
-        except (ValueError, TypeError, struct.error):
-            pass
-        if (zone, row[0]) not in self._damaged:
-            self._damaged.add((zone, row[0]))
-            _log.error("the journal %s holds a damaged history row of zone '%s' at %s", self._path, zone, row[0])
-        return None
+            raise damaged_sample(f"the journal {self._path}", row[0], row[1], error) from error
 
 
 def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> None:

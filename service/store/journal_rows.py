@@ -1,4 +1,4 @@
-"""Rows of the journal: what a sample and an update are in SQLite, and the checksums that tell damage.
+"""Rows of the journal: what a sample and an update are in a database, and the checksums that tell damage.
 
 SQLite does not notice a flipped bit in a value. So the row of a sample ends with a link, the CRC-32 over the row that
 is begun with the link of the sample before it: neither a changed row nor a missing one in the middle passes. A history
@@ -8,16 +8,18 @@ that rows of before keep theirs.
 
 from __future__ import annotations
 
+import logging
 import math
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from adapters.reading import Quality, Reading
+from service.errors import JournalError
 from service.records.history import HistoryRow
 from service.records.sample import Array, Sample
 
@@ -30,6 +32,10 @@ SampleRow = tuple[str, int, bytes, bytes, str, str, float | None, int]
 
 ReadingRow = tuple[str, float, str, float, str, int]
 """zone, time, channel, value, quality, checksum."""
+
+_EARLIEST = -(2**63)
+
+_log = logging.getLogger(__name__)
 
 _FIRST = HistoryRow._fields.index("gain_lower")
 """How many columns history rows had up to version 2."""
@@ -66,6 +72,24 @@ def to_sample(row: Accepted) -> Sample:
     outputs, inputs = (np.frombuffer(blob, dtype="<f8").astype(np.float64) for blob in row[2:4])
     setpoint = math.nan if row[6] is None else float(row[6])
     return Sample(row[1], outputs, inputs, _qualities(row[4]), _qualities(row[5]), setpoint)
+
+
+def linked_sample(row: Accepted, link: int | None, previous: int) -> Sample:
+    """The sample of a row with `link` after one with the link `previous`.
+
+    ValueError, TypeError or struct.error if it is damaged.
+    """
+    if link != link_of(previous, row):
+        raise ValueError("it does not match its checksum, or the one before it is missing")
+    return to_sample(row)
+
+
+def damaged_sample(place: str, zone: str, time: int, reason: object) -> JournalError:
+    """What is told of a sample at `place` that cannot be used."""
+    return JournalError(
+        f"{place} holds a damaged sample of zone '{zone}' at {time} ({reason}); check the disk, then restore a backup, "
+        f"or give the zone's state up with `thermogate run CONFIG --reset {zone}`"
+    )
 
 
 def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
@@ -140,6 +164,40 @@ def sound_rows(
             checksum == computed or (checksum is None and row[0] <= unchecked_until)
         )
     return table, sound
+
+
+class HistoryReader:
+    """History rows of the journal at `place`, as far as they are sound; the log says once of each that is not.
+
+    Rows of a zone up to the time in `unchecked` may be without a checksum.
+    """
+
+    def __init__(self, place: str, unchecked: Mapping[str, int] | None = None) -> None:
+        self._place = place
+        self._unchecked = {} if unchecked is None else unchecked
+        self._told: set[tuple[str, int]] = set()
+
+    def row(self, zone: str, row: Sequence[Any], checksum: int | None) -> HistoryRow | None:
+        """The history row of its columns; None if it is damaged."""
+        try:
+            history = to_history(tuple(row))
+            unchecked = checksum is None and history.time <= self._unchecked.get(zone, _EARLIEST)
+            if unchecked or checksum == history_checksum(zone, history):
+                return history
+        except (ValueError, TypeError, struct.error):
+            pass
+        if (zone, row[0]) not in self._told:
+            self._told.add((zone, row[0]))
+            _log.error("%s holds a damaged history row of zone '%s' at %s", self._place, zone, row[0])
+        return None
+
+    def table(self, zone: str, rows: Sequence[Sequence[Any]]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """Those of `rows`, with their checksums last, that are sound: times (n,), and all columns (n, m)."""
+        table, sound = sound_rows(zone, rows, self._unchecked.get(zone, _EARLIEST))
+        for index in np.flatnonzero(~sound):
+            *row, checksum = rows[int(index)]
+            self.row(zone, row, checksum)
+        return table[sound, 0].astype(np.int64), table[sound]
 
 
 def _to_blob(values: Array) -> bytes:

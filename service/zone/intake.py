@@ -14,7 +14,7 @@ from service.errors import ServiceError
 from service.pauses import GrowingPause
 from service.records.receipt import Receipt
 from service.records.sample import Sample
-from service.store.store import Store
+from service.store.interface import ZoneStore
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
 from service.zone.mailbox import Accepted, Mailbox
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 class Intake:
     """The way of a zone's telemetry from its sources to its mailbox, which only `service.zone.zone` empties."""
 
-    def __init__(self, zone: str, period: float, store: Store, clock: Clock) -> None:
+    def __init__(self, zone: str, period: float, store: ZoneStore, clock: Clock) -> None:
         self.mailbox = Mailbox()
         self.alignment: Alignment | None = None
         self.live = False

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
 from service.records.outlook import WeatherBook
-from service.store.store import Store
+from service.store.interface import ZoneStore
 from service.zone.clock import Clock
 from service.zone.questions import Questions
 
@@ -19,7 +19,7 @@ class Plumbing(NamedTuple):
     """What all zones share."""
 
     site: str
-    store: Store
+    store: ZoneStore
     pool: Executor
     """Runs the estimator steps."""
     asking: Questions

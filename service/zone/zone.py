@@ -28,12 +28,12 @@ from service.records.model import CompactFan, ZoneModel
 from service.records.outlook import NO_SURROUNDINGS, Outlook, Surroundings, Weather
 from service.records.receipt import Receipt
 from service.records.sample import Sample
-from service.records.series import Series
+from service.records.series import Series, Stretch
 from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
 from service.records.trust import Trust, untrusted
 from service.records.update import Update
-from service.store.series import Stretch, bucket_of
+from service.store.series import bucket_of
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
 from service.zone.intake import FIRST_PAUSE, LONGEST_PAUSE, Intake

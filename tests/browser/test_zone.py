@@ -95,9 +95,38 @@ def test_trust_is_told_with_its_reason(visit: Any) -> None:
         page = visit(house.url).page
         page.wait_for_selector('[data-zone="living"]')
         assert page.locator('[data-zone="living"] .cell-trust').inner_text() == "doubtful"
+        assert page.locator('[data-zone="living"] .cell-finding').inner_text() == narrow
         page.locator('[data-zone="living"] a').click()
         page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
         assert page.locator(".doubt li [lang=en]").inner_text() == narrow
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
+def test_the_daemon_speaks_german_on_the_german_page(visit: Any) -> None:
+    zone = running("living", 300)
+    reason = "T_out is 1500 s old, older than hold_inputs = 900 s"
+    zone.diagnosis = Diagnosis((Finding("parameter-at-bound", "C_i", "a sentence of a newer daemon"),))
+    zone.faults = {"ahead_of_time": 2}
+    with building({"living": zone}) as house:
+        # The browser logs the 503 that a stalled room answers.
+        watched = visit(house.url, locale="de-DE", quiet=False)
+        page = watched.page
+        page.wait_for_selector('[data-zone="living"]')
+        house.step("living", state="stalled", reason=f"{reason}; the wire is cut")
+        page.wait_for_selector("text=T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut")
+        page.locator('[data-zone="living"] a').click()
+        eventually(page, f"{PLOTTED} >= 1")
+        own = page.locator(".doubt li span")
+        assert own.inner_text() == "T_out ist 1500 s alt, älter als hold_inputs = 900 s; the wire is cut"
+        assert own.get_attribute("lang") == "de"
+        page.wait_for_selector(".findings li")
+        assert page.locator(".findings li [lang=en]").inner_text() == "a sentence of a newer daemon"
+        page.locator(".expert summary").click()
+        page.wait_for_selector("text=Abgelehnte Messwerte: 2 aus der Zukunft")
+        assert [url for url in watched.requests if "said-de" in url], "the file of this language"
+        page.locator("#language").select_option("en")
+        page.wait_for_selector(f"text={reason}; the wire is cut")
         # What is still being loaded is given up before the daemon goes.
         page.goto("about:blank")
 
@@ -212,6 +241,7 @@ def test_ranges_zoom_and_pan_ask_the_server_for_what_is_shown(visit: Any, house:
     assert "end=2025-05-04T00%3A30" in earlier
     day = asked(lambda: buttons.locator("input[type=date]").fill("2025-05-03"))
     assert "start=2025-05-02T22%3A00" in day, "the day of the site, which is two hours ahead of UTC"
+    page.wait_for_selector("text=Measured from Sat, May 3, 00:00 to Sun, May 4, 00:00:")
     box = page.locator(".plot.history").bounding_box()
 
     def drag() -> None:
@@ -264,6 +294,7 @@ def test_off_until_six(visit: Any, house: Building) -> None:
     # The newest sample ends at 01:00 UTC, which is 03:00 at the site: three hours off.
     assert plan[:36] == [0.0] * 36
     assert set(plan[36:]) == {5.5}
+    assert page.locator(".plan-then").inner_text() == "From 06:00 on 5.5 W; drag the bars for something else."
 
 
 def test_a_room_without_a_sample_says_so(visit: Any, house: Building) -> None:

@@ -52,10 +52,11 @@ class Poisoned:
 
 
 @asynccontextmanager
-async def plumbing(folder, announcer=None, checkpoint_every=1e9):
+async def plumbing(folder, announcer=None, checkpoint_every=1e9, store=None):
+    """What a zone needs, with a store in `folder` unless there is another one."""
     metrics = Metrics({})
     sinks = [metrics] if announcer is None else [metrics, announcer]
-    store, pool, asking = Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
+    store, pool, asking = store or Store(folder), ThreadPoolExecutor(2), ThreadPoolExecutor(1)
     try:
         stopping = threading.Event()
         questions = Questions(asking, stopping)

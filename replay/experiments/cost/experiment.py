@@ -17,6 +17,7 @@ from estimator.network.network import Network
 from estimator.network.presets import network as preset
 from replay.experiments import published
 from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.progress import steps
 from replay.experiments.report import Plot, Report, Section
 from replay.experiments.request import Request
 from replay.experiments.semi_synthetic.case import simulated_case
@@ -95,7 +96,9 @@ class Cost:
         self._contenders = contenders(particles)
         # What is measured does not matter to the time it takes; a day or two of the simulated building will do.
         short = Request(data=request.data, days=max(1, -(-SAMPLES * PERIOD // 86_400)))
-        self._series = [simulated_case(network, short, self._seed).series for network in self._networks]
+        self._series = [
+            simulated_case(network, short, self._seed).series for network in steps(self._networks, "simulating")
+        ]
         self._machine = machine()
 
     def jobs(self) -> list[Job]:

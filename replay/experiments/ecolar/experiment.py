@@ -15,6 +15,7 @@ from replay.errors import ReplayError
 from replay.experiments.ecolar.nights import NightRun, night_job
 from replay.experiments.ecolar.report import LEAST_SQUARES, PeriodOutcome, Run, report
 from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.report import Report
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series, Trace
@@ -137,9 +138,12 @@ def _read(request: Request, folder: Path) -> list[tuple[str, Series]]:
     """Each period's name and samples: the files of --data, otherwise stand-ins that are written for the purpose."""
     files: list[tuple[str, Path]] = [(path.stem, path.resolve()) for path in request.data]
     if not files:
-        files = [(name, write_standin(folder / f"ecolar-{name}-SYNTHETIC.csv", name)) for name in PERIODS]
+        files = [
+            (name, write_standin(folder / f"ecolar-{name}-SYNTHETIC.csv", name))
+            for name in steps(PERIODS, "simulating")
+        ]
     read = []
-    for name, path in files:
+    for name, path in steps(files, "reading"):
         config = configuration(path, folder)
         read.append((name, series_of(config, config.zones[0], request.days)))
     return read

@@ -26,6 +26,7 @@ from replay.energyplus.recording import record
 from replay.errors import ReplayError
 from replay.experiments.ecolar.experiment import configuration
 from replay.experiments.peers.data import read_columns, unbroken_series
+from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.semi_synthetic.case import simulated_case
 from replay.experiments.series.filtering import Series
@@ -106,7 +107,7 @@ def recordings(request: Request) -> list[Recording]:
 def _at_hand(folder: Path | None) -> list[Recording]:
     """Every recording of RECORDINGS whose data are there; one sentence in the log says what EnergyPlus would add."""
     found, missing = [], None
-    for reader in RECORDINGS.values():
+    for reader in steps(RECORDINGS.values(), "reading", len(RECORDINGS)):
         try:
             recording = reader(folder)
         except EnergyPlusMissing as error:

@@ -11,6 +11,7 @@ from estimator.arrays import Array
 from estimator.gaussian.floor import GAIN_CHANNEL, with_known_gain
 from estimator.network.network import Network
 from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.report import Report
 from replay.experiments.request import Request
 from replay.experiments.semi_synthetic.case import HELD, simulated_case
@@ -76,7 +77,7 @@ class SemiSynthetic:
         self._network = network_of(request, BUILDING).validate()
         self._seeds = request.seeds_or(SEEDS)
         self._contenders = contenders(self._network)
-        self._cases = [simulated_case(self._network, request, seed) for seed in self._seeds]
+        self._cases = [simulated_case(self._network, request, seed) for seed in steps(self._seeds, "simulating")]
 
     def jobs(self) -> list[Job]:
         """Seed by seed, every contender and then the fit."""

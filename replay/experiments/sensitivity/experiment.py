@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from estimator.network.network import Network
 from replay.experiments import published
 from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.experiments.report import Plot, Report, Section
 from replay.experiments.request import Request
 from replay.experiments.semi_synthetic.case import HELD, simulated_case
@@ -77,7 +78,7 @@ class Sensitivity:
         self._request = request
         self._network = network_of(request, BUILDING).validate()
         self._seeds = request.seeds_or(SEEDS)
-        self._cases = [simulated_case(self._network, request, seed) for seed in self._seeds]
+        self._cases = [simulated_case(self._network, request, seed) for seed in steps(self._seeds, "simulating")]
         self._changes = changes(request.particles or 9000)
         self._bases = bases(self._network)
 

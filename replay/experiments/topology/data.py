@@ -13,6 +13,7 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.ecolar.experiment import configuration
+from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.series.networks import network_of, zone_of
 from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, read_zone
@@ -56,7 +57,8 @@ def recordings(request: Request) -> list[Recording]:
     elif request.data:
         found = _of_logs(request.data)
     else:
-        found = [_standin(period, seed) for seed in request.seeds or STANDIN_SEEDS for period in PERIODS]
+        wanted = [(period, seed) for seed in request.seeds or STANDIN_SEEDS for period in PERIODS]
+        found = [_standin(period, seed) for period, seed in steps(wanted, "simulating")]
     if request.network is not None and request.configuration is None:
         found = [_with_own(item, network_of(request, request.network)) for item in found]
     if request.days is None:

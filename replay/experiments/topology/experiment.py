@@ -44,18 +44,12 @@ class Topology:
         """The ranking of every recording, and the network to take."""
         rest, outcomes = iter(results), []
         for recording, windows in self._recordings:
-            fits = {candidate.name: next(rest) for candidate in recording.candidates}
-            ranked = rank(
-                [
-                    Fitted(
-                        candidate,
-                        score(candidate.network, recording.record, windows, fits[candidate.name], recording.time_zone),
-                        tuple(fits[candidate.name]["at_bound"].tolist()),
-                    )
-                    for candidate in recording.candidates
-                ]
-            )
-            outcomes.append(Outcome(recording, windows, ranked, fits))
+            fits, fitted = {}, []
+            for candidate in recording.candidates:
+                fits[candidate.name] = fit = next(rest)
+                scored = score(candidate.network, recording.record, windows, fit, recording.time_zone)
+                fitted.append(Fitted(candidate, scored, tuple(fit["at_bound"].tolist())))
+            outcomes.append(Outcome(recording, windows, rank(fitted), fits))
         return report(outcomes)
 
 

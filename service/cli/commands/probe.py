@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import sys
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from service.cli.arguments import AddCommand, load_config, load_source_tables, take_config, whole_range
@@ -15,6 +15,7 @@ from service.fields.numbers import read_number
 if TYPE_CHECKING:
     from adapters.reading import Probe
     from adapters.scanning import Scan
+    from service.cli.progress import Waiting
     from service.config.site import Config
     from service.sources.channel import SourceConfig
 
@@ -96,15 +97,22 @@ def _probe(arguments: argparse.Namespace) -> int:
     return asyncio.run(_scan_all({name: sources[name] for name in names}, scan, asked=wanted is not None))
 
 
-async def _probe_all(config: Config, names: Iterable[str], seconds: float) -> int:
+async def _probe_all(config: Config, names: Sequence[str], seconds: float) -> int:
     """Probe one source after the other, so that one that is not there does not hide the rest."""
+    from service.cli.progress import waiting_for
+
+    with waiting_for("probe", len(names), seconds) as awaited:
+        return await _probe_each(config, names, seconds, awaited)
+
+
+async def _probe_each(config: Config, names: Iterable[str], seconds: float, awaited: Waiting) -> int:
     from adapters.errors import SourceError
 
     good = True
     for name in names:
         source = config.build_source(name)
         try:
-            probes = await source.probe(seconds)
+            probes = await awaited(source.probe(seconds))
         except SourceError as error:
             print(f"thermogate: {error}", file=sys.stderr)
             good = False

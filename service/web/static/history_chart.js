@@ -2,7 +2,7 @@
 
 import { get, zonePath } from "./api.js";
 import { element, paced, set } from "./dom.js";
-import { CONFIG, band, chartClock, colour, layout, line, loadPlotly, spanText, temperatureRange } from "./plotting.js";
+import { band, chartClock, chartConfig, colour, layout, line, loadPlotly, spanText, temperatureRange } from "./plotting.js";
 import { t, unitText } from "./text.js";
 import { moment } from "./time.js";
 
@@ -106,7 +106,7 @@ export function historyChart(id, period, { expert, failed }) {
     const wanted = layout(plot, { ...axes, xaxis: { type: "date", range: [clock.x(start), clock.x(end)], anchor: Object.values(axes).length > 1 ? axes.last : "y", nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) } });
     delete wanted.last;
     const coarse = window.matchMedia("(pointer: coarse)").matches;
-    await window.Plotly.react(plot, traces, { ...wanted, dragmode: coarse && dragging === "zoom" ? false : dragging }, CONFIG);
+    await window.Plotly.react(plot, traces, { ...wanted, dragmode: coarse && dragging === "zoom" ? false : dragging }, chartConfig());
     if (!listening) {
       listening = true;
       plot.on("plotly_relayout", dragged);
@@ -117,7 +117,8 @@ export function historyChart(id, period, { expert, failed }) {
       ? t("history.summary", { from: moment(start), to: moment(end), ...span })
       : t("history.empty", { from: moment(start), to: moment(end) });
     plot.setAttribute("aria-label", text);
-    note.textContent = span ? "" : text;
+    // What is live is not read out again and again; a day that was asked for is told.
+    note.textContent = span && shown.follows ? "" : text;
   }
 
   function dragged(change) {

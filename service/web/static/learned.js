@@ -2,7 +2,7 @@
 
 import { element, svg, tableRow } from "./dom.js";
 import { amount, t } from "./text.js";
-import { findingSentence, findingText, learnedSentences } from "./words.js";
+import { findingSentence, findingText, learnedSentences, saidNode } from "./words.js";
 
 // Fills `place` from the zone's description and its parameters, which may be null.
 export function showLearned(place, zone, parameters) {
@@ -19,7 +19,7 @@ export function showLearned(place, zone, parameters) {
   if (parameters.findings.length) {
     place.append(
       element("h3", { textContent: t("learned.findings") }),
-      element("ul", { className: "findings" }, ...parameters.findings.map((finding) => element("li", {}, element("strong", { textContent: `${findingSentence(finding)} ` }), element("span", { lang: "en", textContent: finding.sentence })))),
+      element("ul", { className: "findings" }, ...parameters.findings.map((finding) => element("li", {}, element("strong", { textContent: `${findingSentence(finding)} ` }), saidNode(finding.sentence)))),
     );
   }
   const bounds = new Map(zone.parameters.map((one) => [one.name, one]));

@@ -3,7 +3,7 @@
 import { Refused, get, post, zonePath } from "./api.js";
 import { element, paced } from "./dom.js";
 import { planEditor } from "./plan_editor.js";
-import { CONFIG, chartClock, colour, hoverTime, layout, line, loadPlotly, temperatureRange } from "./plotting.js";
+import { chartClock, chartConfig, colour, fanRange, hoverTime, layout, line, loadPlotly } from "./plotting.js";
 import { celsius, duration, t } from "./text.js";
 import { moment, offset } from "./time.js";
 import { originText } from "./words.js";
@@ -95,6 +95,7 @@ export function nextHours(id, zone, failed) {
       unit: channel.unit,
       times: edges,
       now,
+      usual: past.length ? past.reduce((a, b) => a + b, 0) / past.length : 0,
       most: past.reduce((a, b) => Math.max(a, b), now),
       changed(values) {
         if (values === null) {
@@ -159,10 +160,11 @@ export function nextHours(id, zone, failed) {
       line(clock, times, before.bucket_s * 1000, measured, { line: { color: colour("--ink"), width: 1.5 }, hovertemplate: `%{y:.2f} °C<extra>${t("series.measured")}</extra>` }),
     ];
     if (planned) traces.push({ type: "scatter", mode: "lines", x: base.times.map(clock.x), y: base.mean, line: { color: colour("--muted"), width: 1.5, dash: "dot" }, hovertemplate: `%{y:.1f} °C<extra>${t("series.held")}</extra>` });
-    const range = temperatureRange([...measured, ...fan.mean, ...(planned ? base.mean : [])], fan.bounds[0.95].lower, fan.bounds[0.95].upper);
-    await window.Plotly.react(plot, traces, { ...layout(plot, { xaxis: { type: "date", fixedrange: true, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) }, yaxis: { title: { text: "°C", standoff: 4, font: { size: 12 } }, range } }), dragmode: false }, CONFIG);
+    const drawn = [...measured, ...fan.mean, ...(planned ? base.mean : [])];
+    const { range, cut } = fanRange(drawn, [...fan.bounds[0.5].lower, ...fan.bounds[0.5].upper], fan.bounds[0.95]);
+    await window.Plotly.react(plot, traces, { ...layout(plot, { xaxis: { type: "date", fixedrange: true, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) }, yaxis: { title: { text: "°C", standoff: 4, font: { size: 12 } }, range } }), dragmode: false }, chartConfig());
     origins.replaceChildren(...shown.origins.map((one) => element("li", { textContent: `${one.channel}: ${originText(one)}` })));
-    const text = sentence(fan, planned ? base : null, shown.origins);
+    const text = sentence(fan, planned ? base : null, shown.origins) + (cut ? ` ${t("fan.cut")}` : "");
     result.textContent = text;
     plot.setAttribute("aria-label", text);
   }

@@ -7,9 +7,9 @@ import { clock, moment } from "./time.js";
 const HEIGHT = 120;
 const STEPS = 20;
 
-// The editor of `channel` (with `unit`), whose `slots` begin at `times` (ms); `now` is its value now, `most` the largest.
+// The editor of `channel` (with `unit`), whose `slots` begin at `times` (ms); `now` is its value now, `usual` its mean of late, `most` the largest.
 // `changed(values)` is called with the values of all slots, null for as it is now.
-export function planEditor({ channel, unit, times, now, most, changed }) {
+export function planEditor({ channel, unit, times, now, usual, most, changed }) {
   let largest = roundUp(most);
   let values = times.map(() => now);
   let touched = false;
@@ -93,17 +93,20 @@ export function planEditor({ channel, unit, times, now, most, changed }) {
     node.addEventListener("click", act);
     return node;
   };
+  const then = element("p", { className: "muted plan-then", role: "status" });
   const tools = element(
     "div",
     { className: "controls" },
     button(t("plan.now"), () => {
       values = times.map(() => now);
       touched = false;
+      then.textContent = "";
       draw();
       changed(null);
     }),
     button(t("plan.off"), () => {
       values = times.map(() => 0);
+      then.textContent = "";
       tell();
     }),
     element("span", { className: "nowrap" }, button(t("plan.off_until"), () => offUntil()), " ", until),
@@ -114,11 +117,13 @@ export function planEditor({ channel, unit, times, now, most, changed }) {
     const hour = (until.value || "00:00").slice(0, 2);
     const after = times.findIndex((time, index) => clock(time).slice(0, 2) === hour && (index > 0 || clock(time).endsWith(":00")));
     const begins = after < 0 ? times.length : after;
-    const later = now > 0 ? now : largest / 2;
+    // Heating that is switched is often off just now; then what it took of late is the better guess.
+    const later = Math.min(largest, now > 0 ? now : usual > 0 ? usual : largest / 2);
+    if (begins < times.length) then.textContent = t("plan.then", { time: clock(times[begins]), value: `${amount(later, 2)} ${unit}` });
     values = times.map((_, index) => (index < begins ? 0 : later));
     tell();
   }
-  const node = element("div", { className: "plan-box" }, element("div", { className: "plan-head" }, element("h3", { textContent: t("plan.title", { channel }) }), scale), area, axis(times), tools);
+  const node = element("div", { className: "plan-box" }, element("div", { className: "plan-head" }, element("h3", { textContent: t("plan.title", { channel }) }), scale), area, axis(times), tools, then);
   draw();
   return {
     node,

@@ -1,6 +1,6 @@
 // plotly.js, loaded once when a zone is first looked at, and what all charts share: colours, gaps, the site's clock.
 
-import { celsius } from "./text.js";
+import { LANGUAGES, celsius, language } from "./text.js";
 import { moment, offset, utcText } from "./time.js";
 
 let loading = null;
@@ -9,7 +9,11 @@ export function loadPlotly() {
   loading ??= new Promise((resolve, reject) => {
     const script = document.createElement("script");
     script.src = `static/plotly.min.js?v=${document.documentElement.dataset.plotly}`;
-    script.addEventListener("load", () => resolve(window.Plotly));
+    script.addEventListener("load", () => {
+      // It knows English by itself.
+      for (const name of LANGUAGES.slice(1)) window.Plotly.register(chartLocale(name));
+      resolve(window.Plotly);
+    });
     script.addEventListener("error", () => {
       loading = null;
       script.remove();
@@ -18,6 +22,36 @@ export function loadPlotly() {
     document.head.append(script);
   });
   return loading;
+}
+
+// Names of days and months as the browser knows them, the day before the month.
+function chartLocale(name) {
+  const named = (options, dates) => dates.map((date) => new Intl.DateTimeFormat(name, { ...options, timeZone: "UTC" }).format(date));
+  const days = Array.from({ length: 7 }, (_, index) => Date.UTC(2023, 0, 1 + index));
+  const months = Array.from({ length: 12 }, (_, index) => Date.UTC(2023, index, 1));
+  return {
+    moduleType: "locale",
+    name,
+    dictionary: {},
+    format: {
+      days: named({ weekday: "long" }, days),
+      shortDays: named({ weekday: "short" }, days),
+      months: named({ month: "long" }, months),
+      shortMonths: named({ month: "short" }, months),
+      periods: ["AM", "PM"],
+      dateTime: "%a %-d. %b %Y %X",
+      date: "%d.%m.%Y",
+      time: "%H:%M:%S",
+      year: "%Y",
+      month: "%b %Y",
+      dayMonth: "%-d. %b",
+      dayMonthYear: "%-d. %b %Y",
+      currency: ["", ""],
+      grouping: [3],
+      decimal: (0.5).toLocaleString(name).charAt(1),
+      thousands: (1000).toLocaleString(name).charAt(1),
+    },
+  };
 }
 
 export function colour(name) {
@@ -104,7 +138,7 @@ export function layout(node, axes) {
   };
 }
 
-export const CONFIG = { displayModeBar: false, responsive: true, doubleClick: false, showTips: false };
+export const chartConfig = () => ({ displayModeBar: false, responsive: true, doubleClick: false, showTips: false, locale: language });
 
 // The values that a temperature axis must show: all measurements, and all of the band but its widest few.
 export function temperatureRange(measured, lower, upper) {
@@ -117,6 +151,17 @@ export function temperatureRange(measured, lower, upper) {
   const [least, most] = [edges.reduce((a, b) => Math.min(a, b)), edges.reduce((a, b) => Math.max(a, b))];
   const margin = Math.max(0.06 * (most - least), 0.1);
   return [least - margin, most + margin];
+}
+
+// The same for a fan: what is likely is shown whole, and the rest of a band that says next to nothing is cut off.
+// Returns the range, and whether anything was cut off.
+export function fanRange(drawn, likely, possible) {
+  const edges = [...drawn, ...likely].filter((value) => value !== null && value !== undefined);
+  const [least, most] = [edges.reduce((a, b) => Math.min(a, b)), edges.reduce((a, b) => Math.max(a, b))];
+  const room = Math.max(2 * (most - least), 5);
+  const whole = temperatureRange(edges, possible.lower, possible.upper);
+  const range = [Math.max(whole[0], least - room), Math.min(whole[1], most + room)];
+  return { range, cut: range[0] > whole[0] || range[1] < whole[1] };
 }
 
 export function spanText(values) {

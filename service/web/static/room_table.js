@@ -1,10 +1,11 @@
 // A table of rooms of which only the rows in view exist in the page.
 
 import { element, set } from "./dom.js";
+import { said } from "./said.js";
 import { sparkline } from "./spark.js";
 import { celsius, duration, number, t } from "./text.js";
 import { timeNode } from "./time.js";
-import { rowText, stateText, trustText } from "./words.js";
+import { rowTold, stateText, trustText } from "./words.js";
 
 const BEYOND = 8;
 const HEADS = [
@@ -181,9 +182,9 @@ function roomRow(id) {
         set(cells[name], { textContent: celsius(one?.mean), title });
       });
       set(pill, { textContent: stateText(row.state), className: `pill ${row.state}` });
-      set(cells.trust, { textContent: trustText(row.trust), title: row.trust_reason ?? "", className: `cell-trust trust-${row.trust ?? "unknown"}` });
-      const text = rowText(row);
-      set(cells.finding, { textContent: text, title: text, lang: row.reason ? "en" : "" });
+      set(cells.trust, { textContent: trustText(row.trust), title: row.trust_reason ? said(row.trust_reason).text : "", className: `cell-trust trust-${row.trust ?? "unknown"}` });
+      const { text, lang } = rowTold(row);
+      set(cells.finding, { textContent: text, title: text, lang });
       spark.draw(row.spark, row.spark ? sparkText(row.spark) : t("overview.no_spark"));
     },
   };

@@ -1,5 +1,7 @@
 // What the page says, in the reader's language: one file for each, `text-en.json` and `text-de.json`.
 
+import { loadSaid } from "./said.js";
+
 const STORED = "thermogate-language";
 export const LANGUAGES = ["en", "de"];
 
@@ -13,7 +15,7 @@ function preferred() {
 }
 
 export async function loadTexts(choice = preferred()) {
-  const response = await fetch(`static/text-${choice}.json`);
+  const [response] = await Promise.all([fetch(`static/text-${choice}.json`), loadSaid(choice)]);
   if (!response.ok) throw new Error(`static/text-${choice}.json: ${response.status}`);
   texts = await response.json();
   language = choice;

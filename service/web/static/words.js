@@ -1,5 +1,7 @@
 // What a zone's state, findings and parameters mean, in words.
 
+import { element } from "./dom.js";
+import { said } from "./said.js";
 import { amount, celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
@@ -9,6 +11,17 @@ export function stateText(state) {
 export function trustText(trust) {
   if (!trust) return "–";
   return has(`trust.${trust}`) ? t(`trust.${trust}`) : trust;
+}
+
+// What the daemon says, marked as English where it stays so.
+export function saidNode(own) {
+  const { text, lang } = said(own);
+  return element("span", { lang, textContent: text });
+}
+
+// Why readings were refused, by the kind of fault.
+export function faultText(kind) {
+  return has(`fault.${kind}`) ? t(`fault.${kind}`) : kind.replaceAll("_", " ");
 }
 
 export function findingText({ finding, subject }, tell = t) {
@@ -24,12 +37,18 @@ function parameterName(name) {
   return name === "heat_loss" ? t("parameter.heat_loss") : name;
 }
 
-// The first thing to know of a zone in the table: why it does not run, else what its model does not know.
-export function rowText(row) {
-  if (row.state !== "running" || row.reason) return row.reason || stateText(row.state);
+// The first thing to know of a zone in the table, and the language that it is in: why it does not run, else what its model does
+// not know, else why it is not trusted.
+export function rowTold(row) {
+  if (row.state !== "running" || row.reason) return row.reason ? said(row.reason) : { text: stateText(row.state), lang: "" };
   const [first, ...others] = row.findings;
-  if (first) return others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first);
-  return row.disturbed ? t("finding.disturbed") : t("finding.none");
+  if (first) return { text: others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first), lang: "" };
+  if (row.trust_reason && (row.trust === "untrusted" || row.trust === "doubtful")) return said(row.trust_reason);
+  return { text: row.disturbed ? t("finding.disturbed") : t("finding.none"), lang: "" };
+}
+
+export function rowText(row) {
+  return rowTold(row).text;
 }
 
 // Why the model is doubted now: sentences, the gravest first; `own` is what follows in the daemon's words.

@@ -6,10 +6,11 @@ import { element, paced, set, tableRow } from "./dom.js";
 import { historyChart } from "./history_chart.js";
 import { showLearned } from "./learned.js";
 import { nextHours } from "./next_hours.js";
+import { said } from "./said.js";
 import { follow } from "./stream.js";
 import { amount, celsius, duration, number, share, t, unitText } from "./text.js";
 import { timeNode, useTimeZone } from "./time.js";
-import { doubts, stateText, trustText } from "./words.js";
+import { doubts, faultText, saidNode, stateText, trustText } from "./words.js";
 
 const EXPERT = "thermogate-expert";
 const LEARNED_MS = 60_000;
@@ -42,7 +43,7 @@ export function showZone(place, frame, id) {
   function failed(error) {
     if (ended) return;
     if (error instanceof KeyNeeded) frame.lost(error);
-    else set(trouble, { hidden: false, textContent: error.message });
+    else set(trouble, { hidden: false, textContent: said(error.message).text });
   }
 
   async function load() {
@@ -108,7 +109,7 @@ export function showZone(place, frame, id) {
     const faults = Object.entries(status.faults).filter(([, count]) => count > 0);
     channels.replaceChildren(
       element("table", {}, element("thead", {}, tableRow("th", [t("expert.channel"), t("expert.last_good")])), element("tbody", {}, ...status.channels.map((one) => tableRow("td", [one.channel, one.last_good ? t("expert.ago", { age: duration(one.age_s) }) : t("expert.never")])))),
-      element("p", { className: "muted", textContent: faults.length ? t("expert.faults", { list: faults.map(([kind, count]) => `${number(count)} ${kind.replaceAll("_", " ")}`).join(", ") }) : t("expert.no_faults") }),
+      element("p", { className: "muted", textContent: faults.length ? t("expert.faults", { list: faults.map(([kind, count]) => `${number(count)} ${faultText(kind)}`).join(", ") }) : t("expert.no_faults") }),
     );
     showSkill();
   }
@@ -117,7 +118,7 @@ export function showZone(place, frame, id) {
     const found = doubts(known);
     const running = known.status.state === "running";
     const head = running ? (found.length ? t("doubt.title") : t("doubt.nothing")) : null;
-    const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", element("span", { lang: "en", textContent: own })] : [])));
+    const items = found.map(({ text, own }) => element("li", {}, text, ...(own ? [" ", saidNode(own)] : [])));
     const next = [...(head ? [element("strong", { textContent: head })] : []), ...(items.length ? [element("ul", {}, ...items)] : [])];
     const text = next.map(({ textContent }) => textContent).join("");
     // What has not changed is not read out again.

@@ -58,3 +58,19 @@ def test_axe_finds_nothing_serious(page):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
     found = axe.Axe().run(page).response["violations"]
     assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
+
+
+def test_at_night_it_is_dark_and_on_paper_light(page):
+    background = "getComputedStyle(document.body).backgroundColor"
+    first = "document.querySelector('.plot .main-svg').style.background"
+    page.emulate_media(color_scheme="dark")
+    page.wait_for_function(f"{background} === 'rgb(20, 23, 26)'")
+    page.wait_for_function(f"{first} === 'rgb(20, 23, 26)'")
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe looks at the page")
+    found = axe.Axe().run(page).response["violations"]
+    assert [one["id"] for one in found if one["impact"] in ("serious", "critical")] == []
+    page.emulate_media(media="print", color_scheme="dark")
+    page.wait_for_function(f"{background} === 'rgb(255, 255, 255)'")
+    page.wait_for_function(f"{first} === 'white'")
+    page.emulate_media(media="screen", color_scheme="light")
+    assert page.said == []

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.diagnosis.finding import AT_BOUND, Diagnosis, Finding
 from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.table import shown
@@ -16,6 +17,8 @@ from replay.experiments.topology.data import recordings
 from replay.localtime import DAY
 from replay.recorded.runner import replay_recording
 from replay.recorded.stored import stored_traces
+from replay.reports.language import in_language
+from replay.reports.page import report
 from replay.reports.publish import publish_report
 from replay.reports.tables import percent
 from service.cli.main import main
@@ -134,6 +137,45 @@ def test_a_zone_without_physics_says_what_it_cannot_show(tmp_path):
     assert "No parameters: the estimator has no physics" in text
     assert "No whole day between two midnights" in text
     assert "The network building-67" in Page(text).headings
+
+
+def strings(report):
+    """Everything that a report says."""
+    yield report.title
+    yield from report.lead
+    for section in report.sections:
+        yield from (section.title, *section.paragraphs)
+        for table in section.tables:
+            yield from (table.title, table.note, *table.columns)
+            yield from (cell for row in table.rows for cell in row if isinstance(cell, str))
+        for one in (*section.plots, *section.pictures):
+            yield from (one.title, one.reading)
+        for plot in section.plots:
+            yield from (trace.name for trace in plot.figure.data if trace.name)
+            axes = (*plot.figure.select_xaxes(), *plot.figure.select_yaxes())
+            yield from (axis.title.text for axis in axes if axis.title.text)
+
+
+def test_a_report_in_german_leaves_no_sentence_in_english(replayed, tmp_path, capsys):
+    (trace,) = replayed[1]
+    at_bound = (
+        "C_i is at its lower bound of 1e5 J/K, so the true value may lie beyond it; move parameters.C_i.lower and "
+        "start the zone anew"
+    )
+    findings = [Finding(AT_BOUND, "C_i", sentence) for sentence in (at_bound, "a sentence that nobody knows")]
+    traces = [trace, trace._replace(zone="median", diagnosis=Diagnosis(tuple(findings)))]
+    names = {ZONE, "median", "mkf", *trace.network.channels, *(p.name for p in trace.network.parameters)}
+    english = list(strings(report("site", traces)))
+    german = list(strings(in_language(report("site", traces), "de", names)))
+    assert len(english) == len(german) > 100
+    both = zip(english, german, strict=True)
+    left = {one for one, other in both if one == other and re.search("[a-z]{2} [a-z]{2}", one)}
+    assert left == {"`parameter-at-bound`: a sentence that nobody knows."}
+    assert "median" in german, "a room may be called so"
+    assert any(text.startswith("`parameter-at-bound`: C_i liegt an der unteren Grenze von 1e5 J/K") for text in german)
+    publish_report("site", traces, tmp_path, language="de")
+    assert "<html lang='de'>" in (tmp_path / "report.html").read_text()
+    assert "Was die Vorhersagen wert waren" in capsys.readouterr().out
 
 
 def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from support.fake_zones import PERIOD, START, make_sample, make_update
 
-from service.records.series import Series
+from service.records.series import Series, Stretch
 from service.store import journal as journal_module
-from service.store.series import Stretch, bucket_of
+from service.store.series import bucket_of
 from service.store.store import JOURNAL, Store
 
 

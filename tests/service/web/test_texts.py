@@ -2,18 +2,77 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from adapters.reading import Fault
 from estimator.diagnosis.finding import FINDINGS
+from replay.reports.language import sayer
 from service.records.status import STATES
 
 STATIC = Path(__file__).parents[3] / "service" / "web" / "static"
 LANGUAGES = {name: json.loads((STATIC / f"text-{name}.json").read_text(encoding="utf-8")) for name in ("en", "de")}
 SCRIPTS = "\n".join(path.read_text(encoding="utf-8") for path in STATIC.glob("*.js"))
+
+
+ROOT = STATIC.parents[2]
+SAID = json.loads((STATIC / "said-de.json").read_text(encoding="utf-8"))
+REPORTED = json.loads((ROOT / "replay" / "reports" / "report-de.json").read_text(encoding="utf-8"))
+GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
+
+SPOKEN = {
+    "service/zone/health.py": None,
+    "service/zone/timeliness.py": ("lag",),
+    "service/zone/trust.py": None,
+    "service/zone/clock.py": ("implausible",),
+    "service/zone/worker.py": ("_unusable_inputs", "_step"),
+    "estimator/diagnosis/balance.py": None,
+    "estimator/diagnosis/forecasts.py": None,
+    "estimator/diagnosis/members.py": None,
+    "estimator/diagnosis/parameters.py": None,
+    "replay/reports/advice.py": None,
+    "replay/reports/page.py": None,
+    "replay/reports/plots.py": None,
+    "replay/reports/tables.py": None,
+    "replay/recorded/stored.py": ("_note",),
+}
+"""Where the sentences stand that the page and the report show, and in which functions of these files."""
+
+
+def spoken(path: str, functions: tuple[str, ...] | None) -> Iterator[str]:
+    """The sentences of four words and more in a file, with 7 for whatever is filled in."""
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    silent |= {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    named = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name in (functions or ())]
+    for node in (inner for place in ([tree] if functions is None else named) for inner in ast.walk(place)):
+        text = ""
+        if isinstance(node, ast.JoinedStr):
+            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "7" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in silent:
+            text = node.value
+        # What begins with a comma or a space is only a part of a sentence.
+        if len(re.findall(r"[A-Za-z]{2,}", text)) >= 4 and text[0] not in ", ":
+            yield text
+
+
+@pytest.mark.parametrize("path", SPOKEN)
+def test_every_sentence_of_the_daemon_and_the_report_is_there_in_german(path: str) -> None:
+    said = list(spoken(path, SPOKEN[path]))
+    assert said, "the search finds them"
+    german = sayer("de")
+    assert [text for text in said if german(text) == text] == []
+
+
+def test_sentences_have_the_same_gaps_in_both_languages() -> None:
+    for english, german in (SAID | REPORTED).items():
+        gaps = [sorted(gap[0] for gap in GAP.finditer(text)) for text in (english, german)]
+        assert gaps[0] == gaps[1], english
 
 
 def test_both_languages_have_the_same_texts_with_the_same_gaps() -> None:
@@ -31,6 +90,7 @@ def test_every_text_that_a_script_asks_for_is_there(language: str) -> None:
     assert len(asked) > 80
     assert asked <= LANGUAGES[language].keys()
     assert {f"state.{state}" for state in STATES} <= LANGUAGES[language].keys()
+    assert {f"fault.{fault}" for fault in Fault} <= LANGUAGES[language].keys()
     assert {f"finding.{finding}" for finding in FINDINGS} <= LANGUAGES[language].keys()
 
 

@@ -1,0 +1,129 @@
+"""A report in another language: everything it says, found by its English in the files of that language.
+
+`report-<language>.json` has what reports say, and the page's `said-<language>.json` what the daemon says. An entry is
+a sentence with {gaps} for numbers and names; a gap in capitals holds another such sentence, and {{ is a brace. What is
+not found, and names, stay as they are.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+
+from replay.experiments.report import Picture, Plot, Report, Section
+from replay.experiments.table import Cell, Table
+
+LANGUAGES = ("en", "de")
+"""What a report can be in; the first is what it is written in."""
+
+Say = Callable[[str], str]
+
+_GAP = re.compile(r"\{\{|\}\}|\{(\w+)\}")
+
+
+class _Entry(NamedTuple):
+    pattern: re.Pattern[str]
+    translated: str
+    literal: int
+    """Characters outside of gaps."""
+
+
+def sayer(language: str) -> Say:
+    """What gives a sentence in `language`, one of LANGUAGES."""
+    if language == LANGUAGES[0]:
+        return lambda text: text
+    return lambda text: _said(language, text) or text
+
+
+def in_language(report: Report, language: str, names: Collection[str]) -> Report:
+    """`report` in `language`; `names`, of zones, channels and parameters, stay as they are."""
+    if language == LANGUAGES[0]:
+        return report
+    translate = sayer(language)
+
+    def say(text: str) -> str:
+        return text if text in names else translate(text)
+
+    return report._replace(
+        title=say(report.title),
+        lead=tuple(map(say, report.lead)),
+        sections=tuple(_section(section, say) for section in report.sections),
+        language=language,
+    )
+
+
+def table_in(table: Table, say: Say) -> Table:
+    """`table` with what `say` makes of its title, head, words and note."""
+    rows = tuple(tuple(_cell(cell, say) for cell in row) for row in table.rows)
+    return replace(
+        table, title=say(table.title), columns=tuple(map(say, table.columns)), rows=rows, note=say(table.note)
+    )
+
+
+def _cell(cell: Cell, say: Say) -> Cell:
+    return say(cell) if isinstance(cell, str) else cell
+
+
+def _section(section: Section, say: Say) -> Section:
+    return section._replace(
+        title=say(section.title),
+        paragraphs=tuple(map(say, section.paragraphs)),
+        tables=tuple(table_in(table, say) for table in section.tables),
+        plots=tuple(_plot(plot, say) for plot in section.plots),
+        pictures=tuple(Picture(say(one.title), one.svg, say(one.reading)) for one in section.pictures),
+    )
+
+
+def _plot(plot: Plot, say: Say) -> Plot:
+    figure = plot.figure
+    figure.for_each_trace(lambda trace: trace.update(name=say(trace.name)) if trace.name else None)
+    for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
+        if axis.title.text:
+            axis.title.text = say(axis.title.text)
+    for note in figure.layout.annotations:
+        note.text = say(note.text)
+    return plot._replace(title=say(plot.title), reading=say(plot.reading))
+
+
+def _said(language: str, text: str) -> str | None:
+    """`text` in `language`; None where it is not in the files."""
+    for entry in _entries(language):
+        match = entry.pattern.fullmatch(text)
+        if match is not None:
+            values = {name: _value(language, name, value) for name, value in match.groupdict().items()}
+            return entry.translated.format(**values)
+    # Titles are entries that begin with a capital.
+    lower = text[:1].lower() + text[1:]
+    found = _said(language, lower) if lower != text else None
+    return None if found is None else found[:1].upper() + found[1:]
+
+
+def _value(language: str, name: str, value: str) -> str:
+    return (_said(language, value) or value) if name.isupper() else value
+
+
+@cache
+def _entries(language: str) -> tuple[_Entry, ...]:
+    """All entries of `language`, those that say more first."""
+    texts: dict[str, str] = {}
+    for package, name in (
+        ("service.web", f"static/said-{language}.json"),
+        ("replay.reports", f"report-{language}.json"),
+    ):
+        texts |= json.loads(files(package).joinpath(name).read_text(encoding="utf-8"))
+    found = [_Entry(_pattern(english), text, len(_GAP.sub("", english))) for english, text in texts.items()]
+    return tuple(sorted(found, key=lambda entry: -entry.literal))
+
+
+def _pattern(english: str) -> re.Pattern[str]:
+    parts, end = [], 0
+    for gap in _GAP.finditer(english):
+        parts.append(re.escape(english[end : gap.start()]))
+        parts.append(re.escape(gap[0][0]) if gap[1] is None else f"(?P<{gap[1]}>.+?)")
+        end = gap.end()
+    return re.compile("".join([*parts, re.escape(english[end:])]), re.DOTALL)

@@ -1,0 +1,211 @@
+"""A store over a journal and checkpoints: what is the same for SQLite and PostgreSQL.
+
+Both do blocking work, so every call hops off the event loop: the journal to a thread of its own, checkpoints to the
+caller's pool.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
+from math import inf
+from typing import Any, TypeVar
+
+from adapters.reading import Reading
+from service.errors import Fenced, StateMismatch
+from service.fields.times import written_time
+from service.records.history import HistoryRow
+from service.records.sample import Sample
+from service.records.series import Series, Stretch
+from service.records.update import Update
+from service.store.checkpoint import Checkpoint
+from service.store.interface import Checkpoints, SampleJournal
+from service.store.series import Buckets, Page, history_page, inputs_page, joined, series_of
+
+_PAGE = 500
+
+_log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
+
+
+class JournalStore:
+    """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are."""
+
+    def __init__(self, journal: SampleJournal, checkpoints: Checkpoints, place: object) -> None:
+        self.checkpoints = checkpoints
+        self._journal = journal
+        self._place = place
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
+        self._recorded: deque[tuple[str, Update]] = deque()
+        """Updates on their way to the journal's thread."""
+        self._accepted: list[tuple[str, Sample]] = []
+        """Samples that the next commit takes along."""
+        self._commit: asyncio.Task[Mapping[str, Fenced]] | None = None
+        """That commit, while samples can still join it."""
+        self._committing = asyncio.Lock()
+
+    async def claim(self, zone: str, fingerprint: str) -> None:
+        """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
+        if await self._run(self._journal.is_forgotten, zone):
+            # The power failed while the zone was forgotten: the journal knows, the checkpoints do not yet.
+            await self._forget_checkpoints(zone)
+        if not await self._run(self._journal.claim, zone, fingerprint):
+            raise StateMismatch(zone, self._place)
+
+    async def append(self, zone: str, sample: Sample) -> None:
+        """Make an accepted sample durable, unless it already is.
+
+        Samples that come while another commit is under way share the next one: a thousand zones whose samples land
+        at once need a few commits, not a thousand.
+        """
+        self._accepted.append((zone, sample))
+        if self._commit is None:
+            self._commit = asyncio.create_task(self._commit_accepted())
+        # One zone that is stopped must not take the commit of the others with it.
+        refused = await asyncio.shield(self._commit)
+        if zone in refused:
+            raise refused[zone]
+
+    async def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Make usable readings of an open interval durable, unless they already are."""
+        await self._run(self._journal.keep, zone, readings)
+
+    async def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
+        """The readings of `zone` that were kept, from `since` to `until` (UTC s), oldest first."""
+        return await self._run(self._journal.kept, zone, since, until)
+
+    def record(self, zone: str, update: Update) -> None:
+        """Add an update to the history; durable with the next `append` or `flush`."""
+        self._recorded.append((zone, update))
+
+    async def ping(self) -> None:
+        """Return once the thread of the journal has come to this."""
+        await self._run(int)
+
+    async def flush(self) -> None:
+        """Make the recorded history durable."""
+        await self._write(self._journal.flush)
+
+    async def skip(self, zone: str, time: int, reason: str) -> None:
+        """Mark a sample that no attempt could assimilate."""
+        await self._write(self._journal.skip, zone, time, reason)
+
+    async def forget(self, zone: str) -> None:
+        """Set all state of a zone aside."""
+        await self._run(self._journal.forget, zone)
+        await self._forget_checkpoints(zone)
+
+    async def _forget_checkpoints(self, zone: str) -> None:
+        await asyncio.to_thread(self.checkpoints.reset, zone)
+        await self._run(self._journal.forgot, zone)
+
+    async def resume_after(self, zone: str, checkpoint: int | None) -> int | None:
+        """The time that telemetry of a restored `zone` goes on after; `checkpoint` is that of the one it was given.
+
+        Says in the log where journal and checkpoint do not follow each other, which only a damaged disk brings about.
+        """
+        last = await self.last_sample_time(zone)
+        pruned = await self._run(self._journal.pruned_until, zone)
+        if checkpoint is not None and (last is None or last < checkpoint):
+            _log.warning(
+                "zone '%s' goes on from its checkpoint at %s, but the journal ends %s: samples and history are missing",
+                zone,
+                written_time(checkpoint),
+                "before any sample of it" if last is None else f"at {written_time(last)}",
+            )
+            return checkpoint
+        if pruned is not None and (checkpoint is None or checkpoint < pruned):
+            _log.warning(
+                "zone '%s' has no readable checkpoint after %s, up to which its samples were deleted by "
+                "keep_history or max_journal; it has learned anew from the later ones",
+                zone,
+                written_time(pruned),
+            )
+        return last
+
+    async def samples_ahead(self, zone: str, after: int) -> int:
+        """How many accepted samples of `zone` are later than `after`."""
+        return await self._run(self._journal.samples_ahead, zone, after)
+
+    async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
+        """Set aside what there is of `zone` later than `after`. `before` is its present state, `then` the one with
+        which it goes on.
+
+        A crash at any moment leaves `before`, which nothing follows in the journal, or the end: so the zone can be set
+        back once more with the same result.
+        """
+        for checkpoint in (before, then):
+            if checkpoint is not None:
+                await asyncio.to_thread(self.checkpoints.save, zone, checkpoint, keep_all=True)
+        await self._run(self._journal.set_aside, zone, after)
+        await asyncio.to_thread(self.checkpoints.set_aside, zone, after)
+
+    async def last_sample_time(self, zone: str) -> int | None:
+        """Time of the newest accepted sample of `zone`."""
+        return await self._run(self._journal.last_sample_time, zone)
+
+    async def samples_after(self, zone: str, time: int | None) -> list[Sample]:
+        """The next accepted samples later than `time`, at most a page of them."""
+        return await self._run(lambda: list(islice(self._journal.samples_after(zone, time), _PAGE)))
+
+    async def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """History rows, as `Journal.history`."""
+        return await self._run(self._journal.history, zone, start, end, limit)
+
+    async def series(self, wanted: Stretch) -> Series:
+        """The history and the inputs of a stretch, thinned out; other work of the journal comes in between."""
+        history = await self._pages(history_page, wanted)
+        return series_of(history, await self._pages(inputs_page, wanted), wanted.bucket)
+
+    async def _pages(self, page: Page, wanted: Stretch) -> Buckets:
+        """All pages of a stretch, joined."""
+        found: list[Buckets] = []
+        start: int | None = wanted.start
+        while start is not None:
+            buckets, start = await self._run(page, self._journal, wanted, start)
+            found.append(buckets)
+        return joined(found)
+
+    def close(self) -> None:
+        """Make durable what was recorded, and close the journal; safe to call twice."""
+        self._thread.shutdown(wait=True)
+        try:
+            self._take_recorded()
+        finally:
+            self._journal.close()
+
+    async def _commit_accepted(self) -> Mapping[str, Fenced]:
+        """Commit what was accepted; why the samples of some zones were not, by zone."""
+        async with self._committing:
+            accepted, self._accepted, self._commit = self._accepted, [], None
+            try:
+                await self._write(self._journal.append_all, accepted)
+            except Fenced as error:
+                # A zone that has gone to another owner must not take the samples of the others with it.
+                rest = [(zone, sample) for zone, sample in accepted if zone not in error.zones]
+                if not rest or len(rest) == len(accepted):
+                    raise
+                await self._write(self._journal.append_all, rest)
+                return dict.fromkeys(error.zones, error)
+            return {}
+
+    async def _write(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """As `_run`, for what must be durable afterwards."""
+        return await self._run(function, *arguments)
+
+    async def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, self._in_order, function, *arguments)
+
+    def _in_order(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """In the journal's thread: `function` after everything that was recorded before it."""
+        self._take_recorded()
+        return function(*arguments)
+
+    def _take_recorded(self) -> None:
+        while self._recorded:
+            self._journal.record(*self._recorded.popleft())

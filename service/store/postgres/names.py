@@ -1,0 +1,16 @@
+"""Names in the database: the schema of a site."""
+
+from __future__ import annotations
+
+import zlib
+
+_LONGEST = 63
+"""Bytes that PostgreSQL takes of a name; the rest it leaves out in silence."""
+
+
+def schema_of(site: str) -> str:
+    """The schema that holds the tables of `site`."""
+    name = f"thermogate_{site}"
+    if len(name.encode()) <= _LONGEST:
+        return name
+    return f"{name[: _LONGEST - 9]}_{zlib.crc32(site.encode()):08x}"

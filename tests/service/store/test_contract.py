@@ -1,0 +1,485 @@
+"""What every store promises, held by each of them: SQLite in a folder, and PostgreSQL."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+from collections.abc import Awaitable, Callable, Iterator
+from math import inf
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from support.fake_zones import PERIOD, START, make_sample, make_update
+from support.postgres import Server
+from support.running_zone import Announced, fed, finished, make, plumbing, straight
+from support.waiting import PATIENCE
+from support.zone_samples import comparable, sample, worker
+
+from adapters.reading import Quality, Reading
+from service.errors import JournalError, StateMismatch
+from service.records.sample import Sample
+from service.records.series import Stretch
+from service.store.checkpoint import Checkpoint
+from service.store.interface import ZoneStore
+from service.store.journal import REMEMBERED
+from service.store.postgres.leases import Leases
+from service.store.postgres.store import PostgresStore
+from service.store.retention import Limits
+from service.store.series import bucket_of
+from service.store.store import Store
+from service.zone.zone import Zone
+
+Result = TypeVar("Result")
+
+DAY = 86_400
+_sites = itertools.count()
+
+
+class Kept:
+    """Where a store keeps what it has; it is opened again and again."""
+
+    def __init__(self, open_one: Callable[[], ZoneStore], damage: Callable[[int], None]) -> None:
+        self.open = open_one
+        self.damage_checkpoint = damage
+        """Change a bit of the checkpoint of zone "z" at a step."""
+
+    def run(self, use: Callable[[ZoneStore], Awaitable[Result]], zones: str = "z") -> Result:
+        """Open it, claim zones with the fingerprint "f", use it, close it."""
+
+        async def scenario() -> Result:
+            store = self.open()
+            try:
+                for zone in zones:
+                    await store.claim(zone, "f")
+                return await use(store)
+            finally:
+                store.close()
+
+        return asyncio.run(scenario())
+
+
+@pytest.fixture(params=["sqlite", "postgres"])
+def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Kept]:
+    if request.param == "sqlite":
+
+        def damage(step: int) -> None:
+            path = tmp_path / "checkpoints" / "z" / f"{step:012d}.npz"
+            content = bytearray(path.read_bytes())
+            content[len(content) // 2] ^= 1
+            path.write_bytes(content)
+
+        yield Kept(lambda: Store(tmp_path), damage)
+        return
+    server: Server = request.getfixturevalue("postgres_server")
+    site = f"contract-{next(_sites)}"
+    leases = Leases(server.connection, site)
+
+    def damage(step: int) -> None:
+        server.run(
+            f'UPDATE "thermogate_{site}".checkpoints SET content = set_byte(content, length(content) / 2, '
+            f"get_byte(content, length(content) / 2) # 1) WHERE step = {step}"
+        )
+
+    # The same owner each time, as a daemon that is started again: an earlier epoch is over then.
+    yield Kept(
+        lambda: PostgresStore(server.connection, site, leases.acquire("shard", "contract", 600.0)),
+        damage,
+    )
+    leases.close()
+
+
+def bits(item: Sample) -> tuple[Any, ...]:
+    values = item.outputs.tobytes(), item.inputs.tobytes(), repr(float(item.setpoint))
+    return item.time, values, item.output_quality, item.input_quality
+
+
+def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept: Kept) -> None:
+    # A NaN with a payload, the negative zero, the smallest number.
+    odd = np.frombuffer(bytes.fromhex("010000000000f8ff") + np.array([-0.0, 5e-324]).tobytes())
+    item = Sample(START, odd[:1], odd, (Quality.BAD,), (Quality.BAD, Quality.GOOD, Quality.UNCERTAIN), np.float64(20.5))
+    none = Sample(START + 1, odd[:0], odd[:0], (), ())
+
+    async def write(store: ZoneStore) -> None:
+        await store.append("z", item)
+        await store.append("z", item._replace(outputs=np.array([99.0])))
+        await store.append("z", none)
+        await store.append("z", item)
+
+    kept.run(write)
+
+    async def read(store: ZoneStore) -> list[Sample]:
+        return await store.samples_after("z", None)
+
+    assert [bits(one) for one in kept.run(read)] == [bits(item), bits(none)]
+
+
+def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
+    zones = [f"zone-{index}" for index in range(200)]
+
+    async def scenario(store: ZoneStore) -> tuple[list[int | None], int]:
+        for zone in zones:
+            await store.claim(zone, "f")
+        commits, real = 0, store._journal.append_all  # type: ignore[attr-defined]
+
+        def append_all(accepted: Any) -> int:
+            nonlocal commits
+            commits += 1
+            return int(real(accepted))
+
+        store._journal.append_all = append_all  # type: ignore[attr-defined]
+        for step in (0, 1):
+            await asyncio.gather(*(store.append(zone, make_sample(step)) for zone in zones))
+        return [await store.last_sample_time(zone) for zone in zones], commits
+
+    times, commits = kept.run(scenario)
+    assert times == [make_sample(1).time] * 200
+    assert commits <= 4
+
+
+def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(kept: Kept) -> None:
+    async def scenario(store: ZoneStore) -> int | None:
+        stopped = asyncio.create_task(store.append("a", sample(0)))
+        waiting = asyncio.create_task(store.append("b", sample(0)))
+        await asyncio.sleep(0)
+        stopped.cancel()
+        await waiting
+        assert stopped.cancelled()
+        return await store.last_sample_time("b")
+
+    assert kept.run(scenario, "ab") == sample(0).time
+
+
+def test_samples_come_back_in_pages_and_in_order_without_the_skipped_ones(kept: Kept) -> None:
+    async def write(store: ZoneStore) -> None:
+        await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(1200)))
+        await store.skip("z", make_sample(3).time, "failed 3 times: it's broken")
+        with pytest.raises(JournalError, match=r"no sample of zone 'z' at 7 to skip"):
+            await store.skip("z", 7, "there is none")
+
+    async def read(store: ZoneStore) -> tuple[list[int], int, int]:
+        found: list[Sample] = []
+        while page := await store.samples_after("z", found[-1].time if found else None):
+            found += page
+        ahead = await store.samples_ahead("z", make_sample(1000).time)
+        return [item.time for item in found], ahead, len(await store.samples_after("nobody", None))
+
+    kept.run(write)
+    times, ahead, nobody = kept.run(read)
+    assert times == [make_sample(step).time for step in range(1200) if step != 3]
+    assert (ahead, nobody) == (199, 0)
+
+
+def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_opening(kept: Kept) -> None:
+    for steps in ([0, 1, 2], [1, 3], [3, 2, 4]):
+
+        async def write(store: ZoneStore, steps: list[int] = steps) -> None:
+            for step in steps:
+                await store.append("z", make_sample(step))
+
+        kept.run(write)
+
+    async def read(store: ZoneStore) -> list[int]:
+        return [item.time for item in await store.samples_after("z", make_sample(0).time)]
+
+    assert kept.run(read) == [make_sample(step).time for step in (1, 2, 3, 4)]
+
+
+def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
+    first = make_update(0)._replace(score=None, y=(float("nan"),), log_likelihood=-0.0, setpoint=21.5)
+
+    async def write(store: ZoneStore) -> tuple[int, int]:
+        store.record("z", make_update(0))
+        seen = len(await store.history("z", None, None, 10))
+        store.record("z", first)
+        for step in range(1, 1500):
+            store.record("z", make_update(step))
+        unread = len(await store.history("other", None, None, 10))
+        return seen, unread
+
+    assert kept.run(write) == (1, 0)
+
+    async def read(store: ZoneStore) -> tuple[list[Any], list[int], list[int]]:
+        early = await store.history("z", None, START + 2 * PERIOD, 10)
+        newest = await store.history("z", None, None, 3)
+        middle = await store.history("z", START + 4 * PERIOD, START + 6 * PERIOD, 10)
+        return early, [row.time for row in newest], [row.time for row in middle]
+
+    early, newest, middle = kept.run(read)
+    assert [row.time for row in early] == [START, START + PERIOD]
+    assert (early[0].log_likelihood, early[0].setpoint) == (0.0, 21.5)
+    assert np.isnan(early[0].y)
+    assert np.isnan(early[0].mean)
+    assert repr(early[1]) == repr(type(early[1]).of(make_update(1)))
+    assert newest == [START + step * PERIOD for step in (1497, 1498, 1499)]
+    assert middle == [START + step * PERIOD for step in (4, 5)]
+
+
+@pytest.mark.parametrize("page", [7, 4000])
+def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.store.journal.SERIES_ROWS", page)
+    monkeypatch.setattr("service.store.postgres.journal.SERIES_ROWS", page)
+
+    async def write(store: ZoneStore) -> Any:
+        await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(120)))
+        for step in range(120):
+            store.record("z", make_update(step))
+        end = START + 120 * PERIOD
+        return await store.series(Stretch("z", START, end, PERIOD, bucket_of(START, end, PERIOD, 30), 3))
+
+    found = kept.run(write)
+    assert len(found.times) <= 30
+    for index, begin in enumerate(found.times.tolist()):
+        steps = [s for s in range(120) if begin <= START + s * PERIOD < begin + found.bucket]
+        y = [make_update(step).y[0] for step in steps]
+        assert found.means["y"][index] == pytest.approx(np.mean(y))
+        assert (found.y_low[index], found.y_high[index]) == (min(y), max(y))
+    assert np.isnan(found.inputs[:, 1]).all(), "what was not measured has no mean"
+
+
+READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
+
+
+def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
+    async def write(store: ZoneStore) -> None:
+        await store.keep("z", READINGS)
+        await store.keep("z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)])
+        await store.keep("z", [])
+
+    async def read(store: ZoneStore) -> tuple[list[Reading], list[Reading], list[Reading]]:
+        all_of_them = await store.kept("z", 0.0)
+        between = await store.kept("z", START + 1.0, START + 1.5)
+        return all_of_them, between, await store.kept("nobody", 0.0, inf)
+
+    async def go_on(store: ZoneStore) -> list[int]:
+        left = []
+        for time in (START + REMEMBERED, START + 1 + REMEMBERED):
+            await store.append("z", make_sample(0)._replace(time=time))
+            left.append(len(await store.kept("z", 0.0)))
+        return left
+
+    kept.run(write)
+    all_of_them, between, nobody = kept.run(read)
+    assert all_of_them == [*READINGS, Reading("z/T_i", START + 2.0, 22.0)], "the first one stays"
+    assert (between, nobody) == ([READINGS[1]], [])
+    assert kept.run(go_on) == [3, 2]
+
+
+def checkpoint(step: int, fingerprint: str = "f") -> Checkpoint:
+    return Checkpoint(fingerprint, step, {"x": np.arange(5.0) + step, "n": np.array(3)}, {"a": [1, None]}, {"b": "c"})
+
+
+def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
+    async def write(store: ZoneStore) -> tuple[int | None, int | None]:
+        assert store.checkpoints.load("z", "f") is None
+        before = store.checkpoints.oldest("z")
+        for step in (100, 200, 300, 400):
+            store.checkpoints.save("z", checkpoint(step))
+        return before, store.checkpoints.oldest("z")
+
+    assert kept.run(write) == (None, 200)
+
+    async def read(store: ZoneStore) -> Checkpoint | None:
+        with pytest.raises(StateMismatch):
+            store.checkpoints.load("z", "another")
+        return store.checkpoints.load("z", "f")
+
+    found = kept.run(read)
+    assert found is not None
+    assert (found.step, found.meta, found.about, found.zone) == (400, {"a": [1, None]}, {"b": "c"}, "z")
+    np.testing.assert_array_equal(found.arrays["x"], np.arange(5.0) + 400)
+
+
+def test_instead_of_a_damaged_checkpoint_the_one_before_is_used(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    async def write(store: ZoneStore) -> None:
+        for step in (100, 200, 300):
+            store.checkpoints.save("z", checkpoint(step))
+
+    kept.run(write)
+    kept.damage_checkpoint(300)
+
+    async def read(store: ZoneStore) -> tuple[int, int]:
+        found = store.checkpoints.load("z", "f")
+        again = store.checkpoints.load("z", "f")
+        assert found is not None
+        assert again is not None
+        return found.step, again.step
+
+    assert kept.run(read) == (200, 200)
+    assert caplog.text.count("is damaged") == 1
+
+
+def test_stored_samples_belong_to_one_network(kept: Kept) -> None:
+    async def empty(store: ZoneStore) -> None:
+        await store.claim("z", "another")
+        await store.claim("z", "f")
+        await store.append("z", make_sample(0))
+
+    async def full(store: ZoneStore) -> None:
+        with pytest.raises(StateMismatch, match=r"zone 'z': the stored state in .* belongs to another network"):
+            await store.claim("z", "another")
+
+    kept.run(empty)
+    kept.run(full)
+
+
+def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
+    async def write(store: ZoneStore) -> None:
+        await store.append("z", make_sample(5))
+        await store.append("other", make_sample(5))
+        store.record("z", make_update(5))
+        await store.keep("z", READINGS)
+        store.checkpoints.save("z", checkpoint(make_sample(5).time))
+        await store.forget("z")
+
+    async def read(store: ZoneStore) -> list[Any]:
+        await store.claim("z", "another")
+        found = [await store.samples_after("z", None), await store.history("z", None, None, 9)]
+        found += [await store.kept("z", 0.0), store.checkpoints.load("z", "f"), await store.last_sample_time("z")]
+        await store.append("z", make_sample(0))
+        return [*found, len(await store.samples_after("z", None)), len(await store.samples_after("other", None))]
+
+    async def both(store: ZoneStore) -> None:
+        await store.claim("other", "f")
+        await write(store)
+
+    kept.run(both)
+    assert kept.run(read, "") == [[], [], [], None, None, 1, 1]
+
+
+def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
+    now = make_sample(5).time
+
+    async def write(store: ZoneStore) -> int:
+        for step in range(10):
+            await store.append("z", make_sample(step))
+            store.record("z", make_update(step))
+        for step in (2, 7):
+            store.checkpoints.save("z", checkpoint(make_sample(step).time))
+        await store.keep("z", [Reading("z/T_i", now + 5000.0, 1.0)])
+        ahead = await store.samples_ahead("z", now)
+        await store.set_back("z", checkpoint(make_sample(9).time), checkpoint(now), now)
+        return ahead
+
+    assert kept.run(write) == 4
+
+    async def read(store: ZoneStore) -> tuple[Any, ...]:
+        found = store.checkpoints.load("z", "f")
+        newest, readings = await store.last_sample_time("z"), await store.kept("z", 0.0)
+        history = await store.history("z", None, None, 100)
+        await store.append("z", make_sample(6))
+        samples = await store.samples_after("z", None)
+        return found and found.step, newest, len(readings), len(history), len(samples)
+
+    assert kept.run(read) == (now, now, 0, 6, 7)
+
+
+def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    steps, per_day = 12 * 48, DAY // PERIOD
+    needed = make_sample(5 * per_day // 4).time
+
+    async def write(store: ZoneStore) -> None:
+        for zone in "ab":
+            await asyncio.gather(*(store.append(zone, make_sample(step)) for step in range(steps)))
+            for step in range(steps):
+                store.record(zone, make_update(step))
+        store.checkpoints.save("a", checkpoint(make_sample(steps - 1).time))
+        store.checkpoints.save("b", checkpoint(needed))
+        await store.flush()
+        pruning = asyncio.create_task(store.keep_within(Limits(DAY / 4, 1e12)))
+
+        async def is_done() -> bool:
+            history = [len(await store.history(zone, None, None, 10_000)) for zone in "ab"]
+            first = (await store.samples_after("b", None))[0]
+            return max(history) <= per_day // 4 + per_day and first.time > needed
+
+        async with asyncio.timeout(PATIENCE):
+            while not await is_done():
+                assert not pruning.done()
+                await asyncio.sleep(0.01)
+        pruning.cancel()
+
+    kept.run(write, "ab")
+
+    async def read(store: ZoneStore) -> list[Any]:
+        found: list[Any] = []
+        for zone in "ab":
+            samples, history = await store.samples_after(zone, None), await store.history(zone, None, None, 10_000)
+            found += [samples[0].time, len(history)]
+            await store.append(zone, make_sample(steps))
+            assert (await store.samples_after(zone, samples[-1].time))[0].time == make_sample(steps).time
+        return [*found, await store.resume_after("a", None)]
+
+    first_a, history_a, first_b, history_b, last = kept.run(read, "ab")
+    newest = make_sample(steps - 1).time
+    assert newest - DAY / 4 - DAY <= first_a <= newest - DAY / 4
+    assert first_b == needed + PERIOD, "what follows the oldest checkpoint stays"
+    assert per_day // 4 <= min(history_a, history_b)
+    assert last == make_sample(steps).time
+    assert "it has learned anew from the later ones" in caplog.text, "the pruned samples were no part of any checkpoint"
+
+
+def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: Path) -> None:
+    items = [sample(k) for k in range(60)]
+    announced: list[str] = []
+    for part, saved in ((items[:25], 1e9), (items[25:50], 1e-9), (items[50:], 1e9)):
+
+        async def run(part: list[Sample] = part, saved: float = saved) -> None:
+            announcer = Announced()
+            async with plumbing(tmp_path, announcer, saved, store=kept.open()) as shared:
+                zone = make(shared)
+                await finished(zone, await fed(zone, part))
+            announced.extend(comparable(update) for _, update in announcer.updates)
+
+        asyncio.run(run())
+    assert list(dict.fromkeys(announced)) == straight(items), "what was restored is announced once more"
+
+    async def rows(store: ZoneStore) -> int:
+        return len(await store.history("z", None, None, 100))
+
+    assert kept.run(rows, "") == 60
+
+
+def test_without_its_checkpoints_a_zone_learns_again_from_the_journal(kept: Kept, tmp_path: Path) -> None:
+    items = [sample(k) for k in range(30)]
+
+    async def run(part: list[Sample]) -> list[str]:
+        announcer = Announced()
+        async with plumbing(tmp_path, announcer, store=kept.open()) as shared:
+            zone = Zone("z", "rbpf", "mark", worker(), shared)
+            await finished(zone, await fed(zone, part))
+        return [comparable(update) for _, update in announcer.updates]
+
+    asyncio.run(run(items))
+
+    async def spoil(store: ZoneStore) -> None:
+        await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
+
+    asyncio.run(_with(kept, "mark", spoil))
+    assert asyncio.run(run([]))[-1:] == straight(items)[-1:]
+
+
+async def _with(kept: Kept, fingerprint: str, use: Callable[[ZoneStore], Awaitable[None]]) -> None:
+    store = kept.open()
+    try:
+        await store.claim("z", fingerprint)
+        await use(store)
+    finally:
+        store.close()
+
+
+def test_it_answers_and_has_no_problems(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    async def ask(store: ZoneStore) -> list[str]:
+        await store.ping()
+        watching = asyncio.create_task(store.watch())
+        await store.ping()
+        watching.cancel()
+        assert [measure.name for measure in store.measures()] == ["thermogate_journal_bytes"]
+        store.close()
+        return store.problems()
+
+    with caplog.at_level(logging.ERROR):
+        assert kept.run(ask) == []
+    assert not caplog.records

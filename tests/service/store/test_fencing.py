@@ -1,0 +1,548 @@
+"""Two owners: what was one's is the other's now, and nothing that the first one still sends is written."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.fake_zones import make_sample, make_update
+from support.postgres import Server
+from support.running_zone import Announced, fed, finished, make, plumbing, straight
+from support.waiting import wait_until
+from support.zone_samples import comparable, sample
+
+import service.store.postgres.database as database
+import service.store.postgres.leases as leases_module
+from adapters.reading import Reading
+from service.errors import Fenced, LeaseHeld
+from service.store.checkpoint import Checkpoint
+from service.store.postgres.leases import Lease, Leases
+from service.store.postgres.partitions import month_of
+from service.store.postgres.retention import prune
+from service.store.postgres.store import PostgresStore
+from service.store.retention import Limits
+
+LONG = 600.0
+_sites = itertools.count()
+
+
+class Fleet:
+    """The leases of a site of its own, and stores under them."""
+
+    def __init__(self, server: Server) -> None:
+        self.server, self.site = server, f"fenced-{next(_sites)}"
+        self.leases = Leases(server.connection, self.site)
+        self.opened: list[PostgresStore] = []
+
+    def store(self, lease: Lease) -> PostgresStore:
+        self.opened.append(PostgresStore(self.server.connection, self.site, lease))
+        return self.opened[-1]
+
+    def sql(self, statement: str) -> list[tuple[Any, ...]]:
+        """Run a statement with {} for the schema."""
+        return self.server.run(statement.format(f'"thermogate_{self.site}"'))
+
+    def expire(self, lease: Lease) -> None:
+        """As if its time were over."""
+        self.sql(f"UPDATE {{}}.leases SET expires = clock_timestamp() WHERE name = '{lease.name}'")
+
+
+@pytest.fixture
+def fleet(postgres_server: Server) -> Iterator[Fleet]:
+    made = Fleet(postgres_server)
+    yield made
+    for store in made.opened:
+        store.close()
+    made.leases.close()
+
+
+def test_a_lease_has_one_owner_until_it_expires_or_is_released(fleet: Fleet) -> None:
+    first = fleet.leases.acquire("shard", "node-1", LONG)
+    assert first[:3] == ("shard", "node-1", 1)
+    assert first.is_safe(LONG - 60)
+    assert not first.is_safe(LONG + 1)
+    with pytest.raises(LeaseHeld, match=r"the lease 'shard' belongs to node-1 for [56]") as held:
+        fleet.leases.acquire("shard", "node-2", LONG)
+    assert LONG - 60 < held.value.seconds <= LONG
+    assert fleet.leases.acquire("other", "node-2", LONG).epoch == 1
+    fleet.expire(first)
+    second = fleet.leases.acquire("shard", "node-2", LONG)
+    assert second.epoch == 2
+    with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
+        fleet.leases.renew(first, LONG)
+    fleet.leases.release(first)
+    assert fleet.leases.renew(second, 2 * LONG).is_safe(LONG), "an old owner cannot give it away"
+    fleet.leases.release(second)
+    assert fleet.leases.acquire("shard", "node-3", LONG).epoch > second.epoch
+    again = fleet.leases.acquire("shard", "node-3", LONG)
+    assert again.epoch > second.epoch + 1, "the same owner, started again, need not wait; what it was before is fenced"
+
+
+def test_a_lease_that_expired_and_was_not_taken_is_renewed(fleet: Fleet) -> None:
+    lease = fleet.leases.acquire("shard", "node-1", LONG)
+    fleet.expire(lease)
+    assert fleet.leases.renew(lease, LONG).is_safe()
+
+
+@pytest.mark.parametrize("skew", [-300.0, -30.0, 30.0, 300.0])
+def test_clocks_that_are_wrong_do_no_harm(fleet: Fleet, skew: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nodes whose clocks differ from the database's, and which were started at other times."""
+    held = fleet.leases.acquire("shard", "node-1", 120.0)
+    real, steady = time.time, leases_module.steady
+    monkeypatch.setattr(time, "time", lambda: real() + skew)
+    monkeypatch.setattr(leases_module, "steady", lambda: steady() + 1e6)
+    with pytest.raises(LeaseHeld):
+        fleet.leases.acquire("shard", "node-2", 120.0)
+    other = fleet.leases.acquire("other", "node-2", 120.0)
+    assert other.is_safe(1.0)
+    assert not other.is_safe(121.0)
+    monkeypatch.setattr(leases_module, "steady", steady)
+    assert not held.is_safe(121.0)
+
+
+def test_a_lease_is_never_thought_to_last_longer_than_the_database_has_it(fleet: Fleet) -> None:
+    first = fleet.leases.acquire("shard", "node-1", 60.0)
+    for lease in (first, fleet.leases.renew(first, LONG)):
+        # The second one is still less than what the database has.
+        ((left,),) = fleet.sql("SELECT extract(epoch FROM expires - clock_timestamp())::float8 FROM {}.leases")
+        assert lease.until - leases_module.steady() <= left + 0.001
+    assert not first.is_safe(61.0)
+    assert lease.is_safe(61.0)
+
+
+Act = Callable[[PostgresStore], Any]
+
+
+def _checkpoint(step: int) -> Checkpoint:
+    return Checkpoint("f", step, {}, {})
+
+
+async def _append(store: PostgresStore) -> None:
+    await store.append("z", make_sample(1))
+
+
+async def _keep(store: PostgresStore) -> None:
+    await store.keep("z", [Reading("z/T_i", make_sample(1).time + 1.0, 20.0)])
+
+
+async def _skip(store: PostgresStore) -> None:
+    await store.skip("z", make_sample(0).time, "why not")
+
+
+async def _save(store: PostgresStore) -> None:
+    await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(2))
+
+
+async def _set_checkpoints_aside(store: PostgresStore) -> None:
+    await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
+
+
+async def _set_back(store: PostgresStore) -> None:
+    await store.set_back("z", None, None, 0)
+
+
+async def _forget(store: PostgresStore) -> None:
+    await store.forget("z")
+
+
+async def _give_up(store: PostgresStore) -> None:
+    await store.give_up("z")
+
+
+async def _record(store: PostgresStore) -> None:
+    store.record("z", make_update(1))
+    await store.flush()
+
+
+async def _take(store: PostgresStore) -> None:
+    await store.take(["z"])
+
+
+async def _prune(store: PostgresStore) -> None:
+    await store._run(lambda: list(prune(store._own, Limits(1.0, 1.0))))
+
+
+WRITING: dict[str, Act] = {
+    "append": _append,
+    "keep": _keep,
+    "skip": _skip,
+    "save a checkpoint": _save,
+    "set checkpoints aside": _set_checkpoints_aside,
+    "set back": _set_back,
+    "forget": _forget,
+    "give up": _give_up,
+    "record": _record,
+    "take": _take,
+    "prune": _prune,
+}
+
+
+async def _filled(store: PostgresStore) -> None:
+    await store.claim("z", "f")
+    await store.append("z", make_sample(0))
+    await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(1))
+
+
+def _everything(fleet: Fleet) -> list[Any]:
+    tables = ("zones", "samples", "history", "readings", "checkpoints", "leases")
+    return [sorted(map(str, fleet.sql(f"SELECT * FROM {{}}.{table}"))) for table in tables]
+
+
+@pytest.mark.parametrize("act", WRITING)
+def test_who_has_lost_the_lease_writes_nothing(fleet: Fleet, act: str) -> None:
+    lease = fleet.leases.acquire("shard", "node-1", LONG)
+    stale = fleet.store(lease)
+    asyncio.run(_filled(stale))
+    fleet.expire(lease)
+    fleet.leases.acquire("shard", "node-2", LONG)
+    before = _everything(fleet)
+    with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
+        asyncio.run(WRITING[act](stale))
+    assert _everything(fleet) == before
+    assert stale.lost is not None
+    assert stale.lost in stale.problems()
+
+
+@pytest.mark.parametrize("act", WRITING)
+def test_what_an_owner_was_before_it_started_again_writes_nothing(fleet: Fleet, act: str) -> None:
+    stale = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+    asyncio.run(_filled(stale))
+    fleet.leases.acquire("shard", "node-1", LONG)
+    before = _everything(fleet)
+    with pytest.raises(Fenced, match=r"the lease 'shard' of node-1 \(epoch 1\) has gone to another owner"):
+        asyncio.run(WRITING[act](stale))
+    assert _everything(fleet) == before
+
+
+@pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "take", "prune", "forget", "give up"}))
+def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) -> None:
+    stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
+    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+
+    async def scenario() -> list[Any]:
+        await _filled(stale)
+        await stale.give_up("z")
+        await other.claim("z", "f")
+        before = _everything(fleet)
+        with pytest.raises(Fenced, match=r"zone 'z' is not held by the lease 'shard-1' of node-1"):
+            await WRITING[act](stale)
+        return before
+
+    before = asyncio.run(scenario())
+    assert _everything(fleet) == before
+    assert stale.lost is None
+
+
+def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(fleet: Fleet) -> None:
+    stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
+    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+
+    async def scenario() -> None:
+        await _filled(other)
+        before = _everything(fleet)
+        await stale.take(["z"])
+        await stale.give_up("z")
+        for attempt in (stale.claim("z", "f"), stale.forget("z")):
+            with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
+                await attempt
+        stale.record("z", make_update(1))
+        await stale.flush()
+        assert _everything(fleet) == before
+
+    asyncio.run(scenario())
+
+
+def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along(fleet: Fleet) -> None:
+    store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
+    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+
+    async def scenario() -> tuple[list[Any], int, int]:
+        for zone in "abc":
+            await store.claim(zone, "f")
+            store.record(zone, make_update(0))
+        await store.give_up("b")
+        await other.claim("b", "f")
+        store.record("b", make_update(1))
+        results = await asyncio.gather(*(store.append(zone, make_sample(0)) for zone in "abc"), return_exceptions=True)
+        history = [len(await other.history(zone, None, None, 10)) for zone in "abc"]
+        assert history == [1, 1, 1]
+        return results, len(await other.samples_after("a", None)), len(await other.samples_after("b", None))
+
+    (first, second, third), kept, refused = asyncio.run(scenario())
+    assert (first, third) == (None, None)
+    assert isinstance(second, Fenced)
+    assert second.zones == ("b",)
+    assert (kept, refused) == (1, 0)
+
+
+def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is_fenced(fleet: Fleet) -> None:
+    lease = fleet.leases.acquire("shard-1", "node-1", LONG)
+    gone, other = fleet.store(lease), fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+
+    async def scenario() -> None:
+        for zone in "ab":
+            await gone.claim(zone, "f")
+            await gone.append(zone, make_sample(0))
+        fleet.expire(lease)
+        await other.take(["a", "b", "new"])
+        await other.claim("a", "f")
+        await other.append("a", make_sample(1))
+        with pytest.raises(Fenced, match="has gone to another owner"):
+            await gone.append("b", make_sample(1))
+        with pytest.raises(Fenced):
+            fleet.leases.renew(lease, LONG)
+        await other.append("b", make_sample(1))
+        assert [len(await other.samples_after(zone, None)) for zone in "ab"] == [2, 2]
+
+    asyncio.run(scenario())
+
+
+def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhile(fleet: Fleet) -> None:
+    lease = fleet.leases.acquire("shard", "node-1", LONG)
+    store = fleet.store(lease)
+    asyncio.run(_filled(store))
+    fleet.expire(lease)
+    writing, told = threading.Event(), threading.Event()
+
+    def work(cursor: Any) -> None:
+        store._fence.required(cursor, ["z"])
+        writing.set()
+        assert told.wait(180)
+        cursor.execute("UPDATE samples SET skipped = 'late'")
+
+    writer = threading.Thread(target=lambda: store._database.transaction(work))
+    writer.start()
+    assert writing.wait(180)
+    renewed = fleet.leases.renew(lease, LONG)
+    assert renewed.is_safe(), "renewing waits for nobody"
+    fleet.expire(lease)
+    taken: list[Lease] = []
+    other = Leases(fleet.server.connection, fleet.site)
+    taker = threading.Thread(target=lambda: taken.append(other.acquire("shard", "node-2", LONG)))
+    taker.start()
+    wait_until(lambda: fleet.sql("SELECT 1 FROM pg_stat_activity WHERE wait_event_type = 'Lock'"))
+    assert not taken
+    told.set()
+    writer.join()
+    taker.join()
+    other.close()
+    assert taken[0].epoch == 2
+    assert fleet.sql("SELECT skipped FROM {}.samples") == [("late",)], "it was written before the lease went"
+
+
+def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting(
+    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lease = fleet.leases.acquire("shard", "node-1", LONG)
+    store = fleet.store(lease)
+    asyncio.run(_filled(store))
+    fleet.expire(lease)
+    monkeypatch.setattr(database, "FROZEN_SECONDS", 1.0)
+    fleet.server.disconnect()
+    waited = threading.Event()
+
+    def work(cursor: Any) -> None:
+        store._fence.required(cursor, ["z"])
+        if not waited.is_set():
+            assert fleet.leases.acquire("shard", "node-2", LONG).epoch == 2
+            waited.set()
+        cursor.execute("UPDATE samples SET skipped = 'stale'")
+
+    with pytest.raises(Fenced):
+        store._database.transaction(work)
+    assert waited.is_set()
+    assert fleet.sql("SELECT skipped FROM {}.samples") == [(None,)]
+
+
+_WRITER = """
+import asyncio, sys
+from support.fake_zones import make_sample
+from service.errors import Fenced
+from service.store.postgres.leases import Leases
+from service.store.postgres.store import PostgresStore
+
+connection, site = sys.argv[1:]
+leases = Leases(connection, site)
+lease = leases.acquire("shard", "frozen", 1.0)
+store = PostgresStore(connection, site, lease)
+
+async def write():
+    await store.claim("z", "f")
+    for step in range(10**9):
+        await store.append("z", make_sample(step, float(lease.epoch)))
+        print(step, flush=True)
+
+try:
+    asyncio.run(write())
+except Fenced as error:
+    print("safe" if lease.is_safe() else "not safe", error, flush=True)
+store.close()
+"""
+
+
+def test_a_process_that_slept_through_its_lease_is_fenced_when_it_wakes(fleet: Fleet) -> None:
+    root = Path(__file__).parents[3]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(root / "tests")])}
+    writer = subprocess.Popen(
+        [sys.executable, "-c", _WRITER, fleet.server.connection, fleet.site],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    try:
+        assert writer.stdout is not None
+        for _ in range(5):
+            assert writer.stdout.readline().strip().isdigit()
+        writer.send_signal(signal.SIGSTOP)
+        taken: list[Lease] = []
+
+        def take() -> bool:
+            try:
+                taken.append(fleet.leases.acquire("shard", "awake", LONG))
+            except LeaseHeld:
+                return False
+            return True
+
+        wait_until(take)
+        store = fleet.store(taken[0])
+
+        async def go_on() -> int:
+            await store.claim("z", "f")
+            last = await store.last_sample_time("z")
+            assert last is not None
+            for step in range(3):
+                await store.append("z", make_sample(0, 2.0)._replace(time=last + 1 + step))
+            return last
+
+        last = asyncio.run(go_on())
+        writer.send_signal(signal.SIGCONT)
+        output, errors = writer.communicate(timeout=180)
+    finally:
+        writer.kill()
+        writer.wait()
+    assert "not safe the lease 'shard' of frozen (epoch 1) has gone to another owner" in output, errors
+    found = asyncio.run(store.samples_after("z", None))
+    while page := asyncio.run(store.samples_after("z", found[-1].time)):
+        found += page
+    owners = [item.outputs[0] for item in found]
+    assert owners == [1.0] * (len(owners) - 3) + [2.0] * 3
+    assert [item.time for item in found[-3:]] == [last + 1, last + 2, last + 3]
+
+
+def test_a_zone_moves_to_another_owner_and_goes_on_bit_for_bit(fleet: Fleet, tmp_path: Path) -> None:
+    """The first owner fails without a word: no checkpoint, and history that was recorded in memory alone."""
+    items = [sample(k) for k in range(40)]
+    lease = fleet.leases.acquire("shard-1", "node-1", LONG)
+
+    async def first() -> list[str]:
+        announcer = Announced()
+        store = fleet.store(lease)
+        async with plumbing(tmp_path, announcer, store=store) as shared:
+            zone = make(shared)
+            running = await fed(zone, items[:25])
+            await zone.settled()
+            fleet.expire(lease)
+            await fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG)).claim("z", "mark")
+            await finished(zone, running)
+        return [comparable(update) for _, update in announcer.updates]
+
+    async def second() -> tuple[list[str], int]:
+        announcer = Announced()
+        store = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
+        async with plumbing(tmp_path, announcer, store=store) as shared:
+            zone = make(shared)
+            await finished(zone, await fed(zone, items))
+            rows = len(await store.history("z", None, None, 100))
+        return [comparable(update) for _, update in announcer.updates], rows
+
+    assert asyncio.run(first()) == straight(items)[:25]
+    announced, rows = asyncio.run(second())
+    assert announced == straight(items)[24:]
+    assert rows == 40
+
+
+def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(fleet: Fleet) -> None:
+    stores = [fleet.store(fleet.leases.acquire(f"shard-{n}", f"node-{n}", LONG)) for n in range(3)]
+    month = 31 * 86_400
+    times = [make_sample(0).time + k * month for k in range(4)]
+
+    async def scenario() -> None:
+        for number, store in enumerate(stores):
+            await store.claim(f"z{number}", "f")
+        for when in times:
+            await asyncio.gather(
+                *(store.append(f"z{n}", make_sample(0)._replace(time=when)) for n, store in enumerate(stores))
+            )
+        # A zone that nobody serves any more: no owner deletes its rows, they go with their month.
+        await stores[0].claim("left", "f")
+        for when in times:
+            await stores[0].append("left", make_sample(0)._replace(time=when))
+        await asyncio.to_thread(stores[0].checkpoints.save, "left", _checkpoint(times[-1]))
+        await stores[0].give_up("left")
+        for number, store in enumerate(stores):
+            store.record(f"z{number}", make_update(0)._replace(time=times[0]))
+            await store.flush()
+            await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number]))
+        assert _months(fleet) == sorted(
+            [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
+        )
+        for store in stores:
+            await store._run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
+        stays = [month_of("samples", when).name for when in times[1:]]
+        assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
+        for number, store in enumerate(stores):
+            await store.append(f"z{number}", make_sample(0)._replace(time=times[-1] + 1))
+            found = [item.time for item in await store.samples_after(f"z{number}", times[number])]
+            assert found == [*times[number + 1 :], times[-1] + 1], "the chain goes on"
+        await stores[1].claim("left", "f")
+        assert [item.time for item in await stores[1].samples_after("left", None)] == times[1:]
+        assert await stores[1].resume_after("left", times[-1]) == times[-1]
+        # A month that was dropped is made anew for a zone that comes with an old recording.
+        await stores[0].claim("old", "f")
+        await stores[0].append("old", make_sample(0))
+        assert month_of("samples", times[0]).name in _months(fleet)
+
+    asyncio.run(scenario())
+
+
+def _months(fleet: Fleet) -> list[str]:
+    rows = fleet.sql(
+        "SELECT child.relname FROM pg_inherits JOIN pg_class AS child ON child.oid = inhrelid "
+        "WHERE child.relkind = 'r' AND child.relnamespace = '{}'::regnamespace ORDER BY 1"
+    )
+    return [name for (name,) in rows]
+
+
+def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet) -> None:
+    store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+
+    async def scenario() -> None:
+        await store.take(["z", "other"])
+        await store.claim("z", "f")
+        await store.append("z", make_sample(0))
+        await store.forget("z")
+        await store.claim("z", "f")
+        await store.append("z", make_sample(5))
+        before = await store._run(store._own.size)
+        await asyncio.to_thread(store.checkpoints.save, "other", Checkpoint("f", 1, {"x": np.arange(100_000.0)}, {}))
+        assert 0 < before == await store._run(store._own.size), "checkpoints are no part of the journal"
+        await store._run(lambda: list(prune(store._own, Limits(1e9, 1e12))))
+        assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)]
+        await store._run(lambda: list(prune(store._own, Limits(1e9, 1.0))))
+        assert len(await store.samples_after("z", None)) == 1, "a zone without checkpoints needs every sample"
+
+    asyncio.run(scenario())
+    assert fleet.sql("SELECT count(*) FROM {}.samples") == [(1,)]
+    assert fleet.sql("SELECT zone FROM {}.zones ORDER BY zone") == [("other",), ("z",)]
