@@ -109,7 +109,8 @@ class Bank:
     def predict(self, state: BankState, inputs: Array) -> BankState:
         """One period on under `inputs` (n_u,) held over the step."""
         members = tuple(member.predict(own, inputs) for member, own in zip(self.members, state.members, strict=True))
-        pending = self._hindsight.advance(state.pending, inputs, members, int(state.phase))
+        now = np.vstack([self._weights(state), np.exp(state.widths.log_scale)])
+        pending = self._hindsight.advance(state.pending, inputs, members, int(state.phase), now)
         return state._replace(members=members, pending=pending)
 
     def predictive(self, state: BankState) -> Mixture:
@@ -129,11 +130,9 @@ class Bank:
         vanished = np.array([posterior.outcome is Outcome.VANISHED for posterior in posteriors])
         known = bool(np.isfinite(outputs).any()) and not vanished.all()
         due = tuple(self._hindsight.due(state.pending)) if known else ()
-        verified = tuple(
-            Verified(one.lead, self._mixed(state, one.mixtures, self.leads.index(one.lead))) for one in due
-        )
+        verified = tuple(Verified(one.lead, self._published(one)) for one in due)
         before = self._weights(state)[:, 0]
-        after = self._learned(state, outputs, due, verified) if known else state
+        after = self._learned(state, outputs, due) if known else state
         after = self._members_after(after, posteriors, vanished, outputs, due)
         best = self._physical(self._weights(after))
         return posteriors[self._voice]._replace(
@@ -253,19 +252,29 @@ class Bank:
         prior = self._prior
         if state.lost.any() and not state.lost.all():
             prior = np.where(state.lost[:, None] > 0.0, np.finfo(float).tiny, prior)
-        return weights(state.costs, prior, self.options.learning_rate)
+        return weights(state.costs, prior, self.options.learning_rate, self.options.sharing)
 
     def _mixed(self, state: BankState, parts: Sequence[Mixture], horizon: int) -> Mixture:
         """The weighted mixture of the members' `parts`, scaled about its mean."""
         return mixed(parts, self._weights(state)[:, horizon], float(np.exp(state.widths.log_scale[horizon])))
 
-    def _learned(self, state: BankState, outputs: Array, due: Sequence[Due], verified: Sequence[Verified]) -> BankState:
-        """Costs and widths after a sample: `due` are the members' forecasts of it, `verified` the bank's."""
-        parts = self._parts(state)
+    def _published(self, due: Due, scale: float | None = None) -> Mixture:
+        """What was published of a forecast that is `due`: with the weights of its issue, and its scale or `scale`."""
+        then = due.note[:, self.leads.index(due.lead)]
+        return mixed(due.mixtures, then[:-1], then[-1] if scale is None else scale)
+
+    def _learned(self, state: BankState, outputs: Array, due: Sequence[Due]) -> BankState:
+        """Costs and widths after a sample, of which `due` are the members' forecasts.
+
+        The weights learn from what a little more trust would be worth now. The width is learned for the mixture that
+        was published, at the present scale: since then the weights have learned from forecasts of nearly the same
+        hours, and the error of the mixture that they would make now is smaller than that of what anybody was told.
+        """
+        parts, scales = self._parts(state), np.exp(state.widths.log_scale)
         told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, self._mixed(state, parts, 0))]
-        told += [
-            (self.leads.index(one.lead), one.mixtures, own.mixture) for one, own in zip(due, verified, strict=True)
-        ]
+        for one in due:
+            horizon = self.leads.index(one.lead)
+            told.append((horizon, one.mixtures, self._published(one, float(scales[horizon]))))
         costs, widths, now = state.costs, state.widths, self._weights(state)
         for horizon, forecasts, whole in told:
             for i in np.flatnonzero(np.isfinite(outputs)).tolist():

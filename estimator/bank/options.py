@@ -73,10 +73,12 @@ class BankOptions:
     members: Mapping[str, Member] = field(default_factory=dict)
     voice: str = ""
     """The member whose volatility and gate are published."""
-    discount: float = 0.995
+    discount: float = 0.998
     """What an hour leaves of an old cost."""
-    learning_rate: float = 0.2
+    learning_rate: float = 0.1
     """How much an hour's cost, in units of the mixture's, moves the log of a weight."""
+    sharing: float = 0.5
+    """How much of a horizon's cost counts at the next longer one."""
     coverage: float = 0.95
     """Level of the interval whose coverage is kept."""
     feedback: float = 0.02
@@ -90,6 +92,7 @@ class BankOptions:
 _RANGES = {
     "discount": (0.5, 1.0),
     "learning_rate": (0.0, 10.0),
+    "sharing": (0.0, 1.0),
     "coverage": (0.5, 0.999),
     "feedback": (0.0, 1.0),
     "first_feedback": (0.0, 10.0),

@@ -61,9 +61,15 @@ def with_cost(costs: Costs, horizon: int, cost: Array, whole: float, hours: floa
     return Costs(excess, sums, total)
 
 
-def weights(costs: Costs, prior: Array, rate: float) -> Array:
-    """Weights (E, H) of the members from the `prior` (E, H) and the learning `rate` [per hour]."""
-    raw = np.log(prior) - rate * costs.excess
+def weights(costs: Costs, prior: Array, rate: float, sharing: float) -> Array:
+    """Weights (E, H) of the members from the `prior` (E, H) and the learning `rate` [per hour].
+
+    A day ahead there is little evidence: of what counts at a horizon, `sharing` counts at the next longer one as well.
+    """
+    excess = costs.excess.copy()
+    for horizon in range(1, excess.shape[1]):
+        excess[:, horizon] += sharing * excess[:, horizon - 1]
+    raw = np.log(prior) - rate * excess
     raw = np.exp(raw - raw.max(axis=0))
     normalised: Array = raw / raw.sum(axis=0)
     return normalised

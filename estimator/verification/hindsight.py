@@ -31,6 +31,8 @@ class Issue(NamedTuple):
 
     step: int
     samples: tuple[Any, ...]
+    note: Array
+    """What their owner wants to know again when they are due."""
 
 
 class Pending(NamedTuple):
@@ -49,6 +51,11 @@ class Due(NamedTuple):
     """Place in HORIZONS."""
     lead: int
     mixtures: tuple[Mixture, ...]
+    note: Array
+    """As it was at the issue."""
+
+
+NOTHING = np.empty(0)
 
 
 class Hindsight:
@@ -64,16 +71,18 @@ class Hindsight:
         """Nothing is pending; `width` is the number of inputs n_u."""
         return Pending(0, np.zeros((0, width)), ())
 
-    def advance(self, pending: Pending, inputs: Array, states: Sequence[Any], phase: int) -> Pending:
+    def advance(
+        self, pending: Pending, inputs: Array, states: Sequence[Any], phase: int, note: Array = NOTHING
+    ) -> Pending:
         """One step on under `inputs` (n_u,): `states` are the members', predicted to the new step.
 
-        Every EVERY s a forecast is issued, in one group at the steps that leave the remainder `phase`.
+        Every EVERY s a forecast is issued, with its `note`, in one group at the steps that leave the remainder `phase`.
         """
         step, longest = pending.step + 1, max(self.leads)
         issues = tuple(issue for issue in pending.issues if step - issue.step < longest)
         if step % self._every == phase % self._every and longest > 1:
             samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
-            issues = (*issues, Issue(step, samples))
+            issues = (*issues, Issue(step, samples, note))
         kept = step - issues[0].step if issues else 0
         log = np.concatenate([pending.inputs, inputs[None]])
         return Pending(step, log[len(log) - kept :] if kept else log[:0], issues)
@@ -86,7 +95,7 @@ class Hindsight:
             for issue in pending.issues:
                 if pending.step - issue.step + 1 == lead:
                     plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
-                    yield Due(horizon, lead, tuple(self._unfolded(issue, plan)))
+                    yield Due(horizon, lead, tuple(self._unfolded(issue, plan)), issue.note)
 
     def _unfolded(self, issue: Issue, plan: Array) -> Iterator[Mixture]:
         for member, sample in zip(self._members, issue.samples, strict=True):
@@ -99,6 +108,8 @@ class Hindsight:
             "inputs": pending.inputs,
             "issued": np.array([issue.step for issue in pending.issues], dtype=np.int64),
         }
+        if pending.issues and pending.issues[0].note.size:
+            arrays["note"] = np.stack([issue.note for issue in pending.issues])
         for place in range(len(self._members)):
             packed = [issue.samples[place]._asdict() for issue in pending.issues]
             for name in packed[0] if packed else ():
@@ -114,5 +125,6 @@ class Hindsight:
             own = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
             kind = member.issue_type
             samples.append([kind(**{name: value[row] for name, value in own.items()}) for row in range(len(steps))])
-        issues = tuple(Issue(step, issued) for step, issued in zip(steps, zip(*samples, strict=True), strict=True))
+        notes = arrays.get("note", [NOTHING] * len(steps))
+        issues = tuple(Issue(*each) for each in zip(steps, zip(*samples, strict=True), notes, strict=True))
         return Pending(int(arrays["step"]), arrays["inputs"], issues)

@@ -47,6 +47,10 @@ def add_to(add: AddCommand) -> None:
         help="local time of --config's nights, such as Europe/Berlin (default: that of its recording)",
     )
     parser.add_argument(
+        "--building", action="append", default=[], metavar="NAME", help="a building of EnergyPlus (control; repeatable)"
+    )
+    parser.add_argument("--case", action="append", default=[], metavar="NAME", help="one case (control; repeatable)")
+    parser.add_argument(
         "--jobs", type=whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
     )
 
@@ -67,6 +71,8 @@ def _experiment(arguments: argparse.Namespace) -> int:
         zone=arguments.zone,
         time_zone=arguments.time_zone,
         overrides=tuple(arguments.overrides),
+        building=tuple(arguments.building),
+        case=tuple(arguments.case),
     )
     watched = sys.stderr.isatty()
     if watched:

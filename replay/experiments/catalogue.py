@@ -35,6 +35,10 @@ EXPERIMENTS = {
         "replay.experiments.hours_ahead.experiment",
         "forecasts of the next step and up to a day ahead, by every estimator on measured and simulated recordings",
     ),
+    "control": Entry(
+        "replay.experiments.control.experiment",
+        "the loop closed over buildings of EnergyPlus: thermostat, planners, and perfect knowledge",
+    ),
     "sensitivity": Entry(
         "replay.experiments.sensitivity.experiment",
         "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",

@@ -28,6 +28,10 @@ class Request:
     zone: str | None = None
     time_zone: str | None = None
     overrides: tuple[str, ...] = ()
+    building: tuple[str, ...] = ()
+    """Names of buildings of EnergyPlus."""
+    case: tuple[str, ...] = ()
+    """Names of cases of the experiment."""
 
     def seeds_or(self, count: int) -> tuple[int, ...]:
         """The seeds asked for, or 1 to `count`."""

@@ -101,12 +101,59 @@ def test_it_plans_as_far_as_the_trust_reaches(mpc: ModuleType, app: FastAPI) -> 
     assert "not trusted for an hour (untrusted: so)" in gap.reason
 
 
-def test_doubt_costs_a_margin(mpc: ModuleType, app: FastAPI) -> None:
-    sure = mpc.decide(asking(app, ALL), settings(mpc), 20.0, False)
-    doubting = mpc.decide(asking(app, ALL | {21600: "doubtful"}), settings(mpc), 20.0, False)
+def test_doubt_of_the_next_hour_costs_a_margin(mpc: ModuleType, app: FastAPI) -> None:
+    told = settings(mpc)
+    sure = mpc.decide(asking(app, ALL), told, 20.0, False)
+    doubting = mpc.decide(asking(app, ALL | {3600: "doubtful"}), told, 20.0, False)
     assert doubting.by == "plan"
     assert "doubtful" in doubting.reason
     assert doubting.plan.sum() > sure.plan.sum()
+    # What is doubtful hours ahead can still be corrected.
+    later = mpc.decide(asking(app, ALL | {21600: "doubtful"}), told, 20.0, False)
+    assert np.allclose(later.plan, sure.plan)
+
+
+def test_a_plan_keeps_its_margin(mpc: ModuleType, app: FastAPI) -> None:
+    plain, kept = (mpc.decide(asking(app, ALL), settings(mpc, margin=margin), 20.0, False) for margin in (0.0, 0.5))
+    assert plain.temperatures[8:].min() == pytest.approx(20.0, abs=1e-3)
+    assert kept.temperatures[8:].min() == pytest.approx(20.5, abs=1e-3)
+
+
+def test_it_goes_on_from_its_last_plan(mpc: ModuleType, app: FastAPI) -> None:
+    first = mpc.decide(asking(app, ALL), settings(mpc), 20.0, False)
+    asked: list[Any] = []
+
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        asked.append(body)
+        return asking(app, ALL)(method, path, body)
+
+    again = mpc.decide(ask, settings(mpc), 20.0, False, before=first.plan)
+    # A model that is linear has the same best plan, whatever it is made around.
+    assert np.allclose(again.temperatures, first.temperatures, atol=0.05)
+    (body,) = (one for one in asked if one is not None)
+    assert body["plans"][0]["inputs"]["office"]["u_heat"]["values"] == pytest.approx(first.plan.tolist())
+
+
+def test_what_others_are_known_to_do_is_planned_with(mpc: ModuleType, app: FastAPI) -> None:
+    def cold(steps: int) -> Any:
+        return {"office": {"T_out": [-15.0] * steps}}
+
+    mild, icy = (
+        mpc.decide(asking(app, ALL), settings(mpc), 20.0, False, known=known) for known in (mpc.nothing_known, cold)
+    )
+    assert icy.plan.sum() > mild.plan.sum()
+
+
+def test_the_thermostat_is_ready_when_the_night_setback_ends(mpc: ModuleType) -> None:
+    def nobody(*_: Any) -> Any:
+        raise OSError("connection refused")
+
+    def low(steps: int) -> list[float]:
+        return [17.0, 17.0, 17.0, 20.0, 20.0][:steps]
+
+    decision = mpc.decide(nobody, settings(mpc), 18.0, False, low=low)
+    assert decision.power == 4000.0, "in an hour it has to be 20 degC"
+    assert mpc.decide(nobody, settings(mpc), 18.0, False, low=lambda steps: [17.0] * steps).power == 0.0
 
 
 @pytest.mark.parametrize(
@@ -119,6 +166,17 @@ def test_without_an_answer_it_is_a_thermostat(mpc: ModuleType, temperature: floa
 
     decision = mpc.decide(nobody, settings(mpc), temperature, heating)
     assert decision[:3] == (power, "thermostat", "connection refused")
+
+
+def test_without_a_measurement_the_last_plan_goes_on_to_its_end(mpc: ModuleType) -> None:
+    def nobody(*_: Any) -> Any:
+        raise OSError("the zone is stalled")
+
+    decision = mpc.decide(nobody, settings(mpc), None, True, before=np.array([700.0, 0.0]))
+    assert decision[:3] == (700.0, "last plan", "nothing is measured (the zone is stalled)")
+    for before in (None, np.empty(0)):
+        with pytest.raises(ValueError, match="no plan is left"):
+            mpc.decide(nobody, settings(mpc), None, True, before=before)
 
 
 def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, app: FastAPI) -> None:

@@ -108,6 +108,35 @@ def test_every_horizon_trusts_who_is_good_at_it():
     assert abs(fan[-1].mean()[0] - 20.0) < 0.15
 
 
+def test_what_a_bank_verifies_is_what_it_had_published():
+    bank = bank_of({"cold": SomeForecaster(-0.5, -0.5, NOISE), "warm": SomeForecaster(0.1, 0.1, NOISE)})
+    inputs, lead = np.array([5.0, 300.0]), bank.leads[2]
+    state, told, held = bank.start(1, np.array([20.0]), inputs), [], 0
+    for y in samples(4 * lead):
+        state = bank.predict(state, inputs)
+        told.append(list(bank.forecast(state, np.tile(inputs, (lead - 1, 1))))[-1])
+        posterior = bank.update(state, np.array([y]))
+        state = posterior.state
+        for one in posterior.verified:
+            if one.lead == lead:
+                then = told[-lead]
+                assert one.mixture.mean()[0] == pytest.approx(then.mean()[0], abs=1e-9)
+                assert one.mixture.sd()[0] == pytest.approx(then.sd()[0], abs=1e-9)
+                held += 1
+    assert held > lead / 2
+    assert abs(told[-1].mean()[0] - told[0].mean()[0]) > 0.1, "it has learned whom to trust meanwhile"
+
+
+def test_what_is_learned_of_an_hour_counts_for_the_hours_after_it():
+    members = {"poor": SomeForecaster(0.4, 0.4, NOISE), "good": SomeForecaster(0.0, 0.0, NOISE)}
+    for sharing, most in ((0.0, 0.51), (0.5, 1.0)):
+        bank = bank_of(members, sharing=sharing)
+        state, _, _ = played(bank, samples(bank.leads[-1] - 2))
+        day_ahead = bank.member_weights(state)["good"][-1]
+        assert day_ahead <= most
+        assert (day_ahead > 0.6) == (sharing > 0.0), "no forecast of a whole day has come true yet"
+
+
 def test_members_that_err_to_both_sides_share_the_weight():
     bank = bank_of({"cold": SomeForecaster(-0.4, -0.4, NOISE), "warm": SomeForecaster(0.4, 0.4, NOISE)})
     state, _, _ = played(bank, samples(600))

@@ -1,0 +1,216 @@
+"""Who heats: a thermostat with night setback, and planners over Thermogate's REST."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.energyplus.plant import STEP
+from replay.experiments.control.cases import WARMEST, Scene, price, stuck_steps
+from replay.experiments.control.customer import mpc
+from replay.experiments.control.loop import Moment
+from replay.experiments.control.site import HEATER, Site, adjacent, networks_of
+from replay.localtime import HOUR
+from replay.scores.intervals import Mask
+from service.records.sample import Sample
+
+DECISION = 1800.0
+"""s between two decisions, and the step of a plan."""
+HORIZON = 86400.0
+EVERY = round(DECISION / STEP)
+EARLY = HOUR
+"""s by which a thermostat is set up before a night setback ends, as its owner would."""
+_STUCK_AFTER = round(HOUR / STEP)
+"""Steps after which the source of a zone refuses a reading that has not changed (`stuck_after` = "30min": uncertain
+from then on, bad after twice as long)."""
+
+
+class Thermostat:
+    """A relay with hysteresis for each room, which keeps the lower end of the comfort band and `margin` K more, set up
+    `early` s before the night setback ends."""
+
+    def __init__(self, scene: Scene, margin: float = 0.0, early: float = EARLY) -> None:
+        self._life, self._early = scene.life(), early
+        self._settings = [settings_of(scene, index, margin) for index in range(len(scene.of.rooms))]
+        self._margin = margin
+        self._heating = np.zeros(len(self._settings))
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """By what is shown now."""
+        now, soon = (self._life.set_points(at) for at in (moment.local, moment.local + self._early))
+        wanted = np.maximum(now, soon) + self._margin
+        self._heating = np.array(
+            [
+                mpc().thermostat(settings, shown, heating > 0.0, low)
+                for settings, shown, heating, low in zip(
+                    self._settings, moment.shown, self._heating, wanted, strict=True
+                )
+            ]
+        )
+        return self._heating, np.zeros(len(wanted), dtype=np.bool_)
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """A thermostat learns nothing."""
+
+
+MakeSite = Callable[[Mapping[str, Sequence[Sample]]], Site]
+"""Thermogate for a building, from the samples of every room so far, which it has not yet taken."""
+
+
+class Planner:
+    """Every room is heated by the example `mpc.py` over Thermogate's REST, and by its thermostat between decisions.
+
+    Until step `begins` a thermostat heats. Everybody who plans is given the weather as it will be, and what the other
+    rooms have last planned: what is compared is the model of the building.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        make_site: MakeSite,
+        weather: tuple[Array, Array],
+        *,
+        begins: int,
+        trusting: bool,
+        margin: float = 0.0,
+    ) -> None:
+        """`weather` (outdoor and irradiance of every step and a day more); `trusting` takes every forecast for good."""
+        self._rooms = [room.name for room in scene.of.rooms]
+        self._beside = [[self._rooms[other] for other in scene.of.neighbours(i)] for i in range(len(self._rooms))]
+        self._life, self._margin, self._networks = scene.life(), margin, networks_of(scene.of)
+        self._settings = [settings_of(scene, index, margin) for index in range(len(self._rooms))]
+        self._make_site, self._weather, self._begins, self._trusting = make_site, weather, begins, trusting
+        self._thermostat = Thermostat(scene, margin)
+        self._stuck = stuck_steps(scene)
+        self._site: Site | None = None
+        self._open = ExitStack()
+        self._samples: dict[str, list[Sample]] = {room: [] for room in self._rooms}
+        self._heating = np.zeros(len(self._rooms))
+        self._by_plan = np.zeros(len(self._rooms), dtype=np.bool_)
+        self._plans: dict[str, tuple[int, Array]] = {}
+        """By room: the step at which it was last planned, and the powers."""
+        self._unchanged = 0
+
+    def __enter__(self) -> Planner:
+        return self
+
+    def __exit__(self, *of: object) -> None:
+        self._open.close()
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """By plan where there is one; a thermostat looks at every moment."""
+        by_thermostat = self._thermostat.powers(moment)[0]
+        if moment.step < self._begins:
+            return by_thermostat, self._by_plan.copy()
+        if (moment.step - self._begins) % EVERY == 0:
+            self._decide(moment)
+        self._heating = np.where(self._by_plan, self._heating, by_thermostat)
+        return self._heating, self._by_plan.copy()
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """Telemetry of the step."""
+        self._unchanged = self._unchanged + 1 if self._stuck[moment.step] else 0
+        for index, room in enumerate(self._rooms):
+            shown = moment.shown[index]
+            refused = index == 0 and self._unchanged >= _STUCK_AFTER
+            told = {"T_out": outdoor, HEATER: heating[index], "I_sol": irradiance}
+            told |= {adjacent(name): moment.shown[self._rooms.index(name)] for name in self._beside[index]}
+            if self._unchanged >= _STUCK_AFTER and self._rooms[0] in self._beside[index]:
+                told[adjacent(self._rooms[0])] = np.nan
+            inputs = np.array([told[channel] for channel in self._networks[room].inputs])
+            output = np.array([np.nan if refused else shown])
+            self._samples[room].append(Sample.measured(moment.time, output, inputs))
+
+    def _decide(self, moment: Moment) -> None:
+        if self._site is None:
+            self._site = self._open.enter_context(self._make_site(self._samples))
+        self._site.feed(self._samples)
+        self._samples = {room: [] for room in self._rooms}
+        for index, room in enumerate(self._rooms):
+            decision = self._decision(
+                self._settings[index],
+                self._measured(room),
+                self._heating[index] > 0.0,
+                lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
+                lambda steps, i=index: self._lowest(moment.local, i, steps),
+                lambda steps, i=index: self._known(moment.step, i, steps),
+                self._before(moment.step, room),
+            )
+            self._by_plan[index] = decision is not None and decision.by != "thermostat"
+            if self._by_plan[index]:
+                self._heating[index] = decision.power
+            if decision is not None and decision.by == "plan":
+                self._plans[room] = (moment.step, decision.plan)
+
+    def _decision(self, *of: Any) -> Any:
+        """That of the example; None where it leaves the room to the plant's own thermostat."""
+        try:
+            return mpc().decide(self._ask, *of)
+        except ValueError:
+            return None
+
+    def _measured(self, room: str) -> float | None:
+        """What the zone has taken for its last measurement."""
+        assert self._site is not None
+        rows = self._site.ask("GET", f"/zones/{room}/history?limit=1", None)["rows"]
+        return rows[-1]["y"] if rows else None
+
+    def _before(self, step: int, room: str) -> Array | None:
+        if room not in self._plans:
+            return None
+        planned, powers = self._plans[room]
+        rest: Array = powers[(step - planned) // EVERY :]
+        return rest
+
+    def _ask(self, method: str, path: str, body: Any) -> Any:
+        assert self._site is not None
+        answer = self._site.ask(method, path, body)
+        if self._trusting and path.endswith("/trust"):
+            answer["horizons"] = [one | {"trust": "trusted"} for one in answer["horizons"]]
+        return answer
+
+    def _lowest(self, local: float, room: int, steps: int) -> list[float]:
+        return lowest(self._life, local, room, steps, self._margin)
+
+    def _known(self, index: int, room: int, steps: int) -> dict[str, dict[str, list[float]]]:
+        """The weather of all rooms, and what the others have planned."""
+        outdoor, sun = (_steps(series, index, steps) for series in self._weather)
+        known = {name: {"T_out": outdoor, "I_sol": sun} for name in (self._rooms[room], *self._beside[room])}
+        for other in self._beside[room]:
+            if other in self._plans and self._by_plan[self._rooms.index(other)]:
+                planned, powers = self._plans[other]
+                # Beyond its plan a room is heated as it was on the whole.
+                rest = powers[(index - planned) // EVERY :]
+                known[other][HEATER] = [*rest, *[float(powers.mean())] * steps][:steps]
+        return known
+
+
+def settings_of(scene: Scene, room: int, margin: float) -> Any:
+    """`mpc.Settings` of a room."""
+    one = scene.of.rooms[room]
+    return mpc().Settings(
+        one.name,
+        HEATER,
+        power=one.heater,
+        low=one.use.by_night + margin,
+        high=WARMEST,
+        step=DECISION,
+        horizon=HORIZON,
+    )
+
+
+def lowest(life: Any, local: float, room: int, steps: int, margin: float) -> list[float]:
+    """The lower end of comfort after each step of a plan, and during it, and `margin` K more."""
+    ends = [float(life.set_points(local + k * DECISION)[room]) + margin for k in range(steps + 1)]
+    return [max(pair) for pair in pairwise(ends)]
+
+
+def _steps(series: Array, index: int, steps: int) -> list[float]:
+    """Means over the steps of a plan."""
+    part = series[index : index + steps * EVERY]
+    return [float(value) for value in part.reshape(-1, EVERY).mean(axis=1)]

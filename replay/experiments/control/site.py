@@ -1,0 +1,117 @@
+"""Thermogate over the rooms of a building: its zones as the daemon runs them, and its REST application."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from estimator import registry
+from estimator.network import presets
+from estimator.network.network import Network
+from replay.energyplus.buildings import Building
+from replay.energyplus.plant import STEP
+from replay.experiments.control.asgi import asked
+from service.publish.metrics import Metrics
+from service.records.outlook import Surroundings
+from service.records.sample import Sample
+from service.store.store import Store
+from service.web.app import create_app
+from service.zone.plumbing import Plumbing
+from service.zone.questions import THREADS, Questions
+from service.zone.worker import WorkerSettings, ZoneWorker
+from service.zone.zone import Zone
+
+HEATER = "u_heat"
+_LEVELS, _MAX_GAP, _HOLD = (0.95,), 12, 900.0
+"""What a zone has that does not set them."""
+_NEVER = 1e9
+
+
+def networks_of(building: Building) -> dict[str, Network]:
+    """The network `auto` of every room: outdoors, sun, its own heater, and the rooms beside it."""
+    return {
+        room.name: presets.automatic(
+            ["T_out", HEATER, "I_sol", *(adjacent(building.rooms[other].name) for other in building.neighbours(index))]
+        ).validate()
+        for index, room in enumerate(building.rooms)
+    }
+
+
+def adjacent(room: str) -> str:
+    """The input of a zone that is the temperature of `room` beside it."""
+    return f"{presets.NEIGHBOUR}_{room}"
+
+
+class Site:
+    """The zones of a building, by their rooms' names, in this process; use it in a `with`."""
+
+    def __init__(
+        self,
+        building: Building,
+        networks: Mapping[str, Network],
+        estimator: str,
+        options: Mapping[str, object],
+        seed: int,
+    ) -> None:
+        """`networks` by room, an estimator with its `options` for each."""
+        self._open = ExitStack()
+        folder = Path(self._open.enter_context(tempfile.TemporaryDirectory(prefix="thermogate-control-")))
+        self._runner = self._open.enter_context(asyncio.Runner())
+        metrics, store = Metrics({}), Store(folder)
+        self._open.callback(store.close)
+        pool, asking = (self._open.enter_context(ThreadPoolExecutor(count)) for count in (1, THREADS))
+        stopping = threading.Event()
+        shared = Plumbing("control", store, pool, Questions(asking, stopping), stopping, metrics, (metrics,), _NEVER)
+        self._zones: dict[str, Zone] = {}
+        for index, room in enumerate(building.rooms):
+            made = registry.build(estimator, networks[room.name], STEP, options)
+            worker = ZoneWorker(made, WorkerSettings(seed, _LEVELS, _MAX_GAP, _HOLD))
+            beside = [building.rooms[other].name for other in building.neighbours(index)]
+            surroundings = Surroundings(
+                limits={HEATER: (0.0, room.heater)}, neighbours={adjacent(other): (other, "T_i") for other in beside}
+            )
+            self._zones[room.name] = Zone(room.name, estimator, "control", worker, shared, surroundings)
+        self._app = create_app("control", self._zones, metrics.registry)
+        self._running = self._runner.run(self._begun())
+
+    def feed(self, samples: Mapping[str, Sequence[Sample]]) -> None:
+        """Let every zone take its samples, journaled and in order, to the last."""
+        self._runner.run(self._taken(samples))
+
+    def ask(self, method: str, path: str, body: Any) -> Any:
+        """What REST answers, as JSON; OSError with its sentence where it refuses."""
+        return self._runner.run(asked(self._app, method, path, body))
+
+    def __enter__(self) -> Site:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._runner.run(self._ended())
+        finally:
+            self._open.close()
+
+    async def _begun(self) -> list[asyncio.Task[None]]:
+        for zone in self._zones.values():
+            await zone.prepare()
+        return [asyncio.create_task(zone.run()) for zone in self._zones.values()]
+
+    async def _taken(self, samples: Mapping[str, Sequence[Sample]]) -> None:
+        for name, one in samples.items():
+            await self._zones[name].accept(one)
+        for zone in self._zones.values():
+            await zone.settled()
+
+    async def _ended(self) -> None:
+        for zone in self._zones.values():
+            await zone.close_mailbox()
+        await asyncio.gather(*self._running)
