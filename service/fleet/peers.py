@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import ray
+from ray import cloudpickle
 from ray.actor import ActorHandle
 from ray.exceptions import RayError, RayTaskError
 from ray.experimental.internal_kv import _internal_kv_del, _internal_kv_get, _internal_kv_put
@@ -134,14 +135,18 @@ def members(site: str) -> set[str]:
     return {each["name"] for each in list_named_actors(all_namespaces=True) if each["namespace"] == own}
 
 
-def remember(site: str, key: str, value: bytes) -> None:
-    """Keep `value` where the cluster keeps its actors."""
-    _internal_kv_put(key.encode(), value, overwrite=True, namespace=namespace(site).encode())
+def remember(site: str, key: str, value: Any) -> None:
+    """Keep `value` where the cluster keeps its actors, and in the form in which Ray keeps them there.
+
+    Whoever can write there runs what they like on every machine of the cluster: Ray keeps the code of its actors there.
+    """
+    _internal_kv_put(key.encode(), cloudpickle.dumps(value), overwrite=True, namespace=namespace(site).encode())
 
 
-def remembered(site: str, key: str) -> bytes | None:
-    """What was kept last."""
-    return _internal_kv_get(key.encode(), namespace=namespace(site).encode())
+def remembered(site: str, key: str) -> Any:
+    """What was kept last; None if nothing was."""
+    kept = _internal_kv_get(key.encode(), namespace=namespace(site).encode())
+    return None if kept is None else cloudpickle.loads(kept)
 
 
 def forget(site: str, key: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import pickle
 import time
 from collections.abc import Awaitable, Iterable, Mapping
 from contextlib import suppress
@@ -68,7 +67,7 @@ class Steward:
     async def wake(self) -> None:
         """Go on with the plan of before, if there was one."""
         if (kept := await asyncio.to_thread(peers.remembered, self._site, _PLAN)) is not None:
-            self._plan = pickle.loads(kept)
+            self._plan = kept
             configure_logging(self._plan.config.log)
             _log.info("the steward goes on with plan %d", self._plan.version)
         self._looking = asyncio.create_task(self._look_after())
@@ -131,7 +130,7 @@ class Steward:
         await asyncio.to_thread(peers.remove, self._site, name)
 
     async def _go_by(self, plan: Plan) -> None:
-        await asyncio.to_thread(peers.remember, self._site, _PLAN, pickle.dumps(plan))
+        await asyncio.to_thread(peers.remember, self._site, _PLAN, plan)
         self._plan = plan
 
     async def _look_after(self) -> None:

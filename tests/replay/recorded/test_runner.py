@@ -40,7 +40,7 @@ def test_the_rows_are_the_ones_the_summary_scores(whole):
     out, rows, summary = whole
     assert ",".join(rows[0]) == (
         "time,y,mean,lower,upper,sd,residual,alpha_lower,alpha_median,alpha_upper,cdf,gate,n_eff,resampled,"
-        "log_likelihood,segment"
+        "log_likelihood,segment,gain_lower,gain_median,gain_upper,setpoint"
     )
     assert len(rows) == summary["samples"] == 432
     y, lower, upper = (np.array([float(row[name] or "nan") for row in rows]) for name in ("y", "lower", "upper"))

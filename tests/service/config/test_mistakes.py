@@ -30,7 +30,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "unknown top-level key": (
         at(colour=1),
         "colour",
-        ("not a known key", "site, log, http, zenoh, mqtt, sources, weather, zones"),
+        ("not a known key", "site, log, http, zenoh, mqtt, fleet, sources, weather, zones"),
     ),
     "misspelt table": (at(zenho={"enabled": False}), "zenho", ("not a known key", 'did you mean "zenoh"?')),
     "unknown key in a table": (at("site", stat_dir="x"), "site.stat_dir", ('did you mean "state_dir"?',)),
