@@ -29,7 +29,7 @@ def parse(text: bytes, arrived: float) -> WeatherForecast:
     `issued` (RFC 3339) when it was issued.
     """
     if len(text) > LONGEST:
-        raise SourceUnavailable(f"the document has {len(text)} bytes; at most {LONGEST} are read")
+        raise SourceUnavailable(f"the document is longer than {LONGEST} bytes; ask for fewer series or fewer days")
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:

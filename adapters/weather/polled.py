@@ -122,4 +122,10 @@ def csv_file(name: str, path: Path, every: float, layout: Layout, means: str, co
 
 def json_file(name: str, path: Path, every: float) -> PolledFile:
     """A JSON document in a file."""
-    return PolledFile(name, path, every, lambda path, written: parse(path.read_bytes(), written), ())
+
+    def read(path: Path, written: float) -> WeatherForecast:
+        # A byte more than is allowed, so that `parse` refuses a longer file without its having been read.
+        with path.open("rb") as file:
+            return parse(file.read(LONGEST + 1), written)
+
+    return PolledFile(name, path, every, read, ())

@@ -2,14 +2,16 @@
 
     python mpc.py --url http://127.0.0.1:8080 --zone living --heater u_heat --power 2000 --low 20 --high 23
 
-It asks for the trust in the zone's forecasts, for the forecast without heating and for the zone's model, plans the
-heating by a linear programme, and prints what to do now. Where the forecasts cannot be trusted, or no answer comes, it
-is a thermostat. It needs NumPy and SciPy. Writing the power to the plant is yours: Thermogate never writes.
+It asks for the trust in the zone's forecasts and for forecasts under two plans, plans the heating by a linear
+programme, and prints what to do now. Between two plans it holds the planned temperature. Where the forecasts cannot be
+trusted, or no answer comes, it is a thermostat; where nothing is measured, it does what it planned or did before. It
+needs NumPy and SciPy. Writing the power to the plant is yours: Thermogate never writes.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import sys
@@ -19,6 +21,7 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +43,10 @@ ROUNDS = 3
 PULSE, FIRST_GUESS = 0.2, 0.2
 """Shares of the heater's power: what is tried more or less in the first step, and what the first plan begins from."""
 LOOK = 300.0
-"""s after which a thermostat looks again: a room is soon too warm."""
+"""s between two looks at the room: a thermostat switches, and a plan is held."""
+BLIND = 3600.0
+"""s before a measurement is lost in which it may have been wrong already, as that of a sensor that is stuck."""
+DAY = 86400.0
 DISCOMFORT = 100.0
 """What a kelvin outside the comfort band costs for an hour, in the currency of the price."""
 
@@ -58,24 +64,36 @@ class Settings:
     horizon: float = 86400.0
     differential: float = 0.3
     """Between the thermostat's switching on and off, K."""
-    margin: float = 0.3
-    """What a plan keeps above the lower end of comfort, K, twice that where forecasts are doubtful."""
+    sure: float = 1.64
+    """Standard deviations of the forecast that a plan stays inside the comfort band (1.64: of a 90 % interval); twice
+    that where forecasts are doubtful."""
 
 
 class Decision(NamedTuple):
-    """The power [W] until the next decision, who decided, why, and the planned powers [W] and temperatures [degC]."""
+    """The power [W] until the next decision, who decided, why, and the planned powers and temperatures.
+
+    For `held`: the first step begins at `start`, UTC s; `path` [degC] is planned at its beginning and after each period
+    of the zone; the plan keeps `low` [degC] in it, and a watt over the step moves the room by `per_watt` K.
+    """
 
     power: float
     by: str
     reason: str
-    plan: Array
-    temperatures: Array
+    plan: Array = np.empty(0)
+    temperatures: Array = np.empty(0)
+    start: float = math.nan
+    path: Array = np.empty(0)
+    low: float = math.nan
+    per_watt: float = math.nan
 
 
 class Forecast(NamedTuple):
-    """Of a zone under a plan: the mean (n + 1,) [degC] at the beginning and after each step, and the valid time."""
+    """Of a zone under a plan: mean and standard deviation (m + 1,) [degC, K] at the beginning and after each of m
+    periods of the zone, how many of them are a step of the plan, and the valid time."""
 
     mean: Array
+    sd: Array
+    every: int
     valid_time: str
 
 
@@ -106,13 +124,15 @@ def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
 
     The rule: plan as far as the trust reaches without a gap, up to the first horizon that is "learning" or "untrusted".
     What is doubtful within an hour is "doubtful", and takes twice the margin. Doubt further ahead does not: what goes
-    wrong there will be seen, and corrected by a later plan.
+    wrong there will be seen, and corrected by a later plan. Nor does doubt because something acts on the zone that the
+    model does not know: then the forecast's own interval is wide already.
     """
     trusted, worst = 0.0, "trusted"
-    for horizon in ask("GET", f"/zones/{zone}/trust", None)["horizons"]:
+    answer = ask("GET", f"/zones/{zone}/trust", None)
+    for horizon in answer["horizons"]:
         if horizon["trust"] not in ("trusted", "doubtful"):
             return trusted, worst, f"{horizon['trust']}: {horizon['reason']}"
-        if trusted < SHORTEST and horizon["trust"] == "doubtful":
+        if trusted < SHORTEST and horizon["trust"] == "doubtful" and not answer["disturbed"]:
             worst = "doubtful"
         trusted = min(float(horizon["lead_s"]), wanted)
     return trusted, worst, ""
@@ -141,21 +161,20 @@ def forecasts(ask: Ask, settings: Settings, plans: Sequence[Array], known: Known
         (zone,) = answer["zones"]
         if zone["problem"] or zone["quality"] == "bad":
             raise ValueError(zone["problem"] or "the forecast has the quality bad")
-        output, every = zone["outputs"][0], round(settings.step / zone["period_s"])
-        mean = np.array(output["mean"], dtype=float)[::every]
-        found.append(Forecast(mean, zone["valid_time"]))
+        mean, sd = (np.array(zone["outputs"][0][name], dtype=float) for name in ("mean", "sd"))
+        found.append(Forecast(mean, sd, round(settings.step / zone["period_s"]), zone["valid_time"]))
     return found
 
 
 def around(ask: Ask, settings: Settings, powers: Array, known: Known = nothing_known) -> tuple[Forecast, Array]:
-    """The forecast under the plan `powers` (n,) [W], and (n,) what a W over the first step does to the end of each [K].
+    """The forecast under the plan `powers` (n,) [W], and (m + 1,) what a W over the first step does at its times [K].
 
     Both are what Thermogate forecasts, so the plan fits any estimator; near a plan that will be, a bank of several
     models is asked nothing that it has never seen.
     """
     pulse = PULSE * settings.power * (-1.0 if powers[0] > 0.5 * settings.power else 1.0)
     now, pulsed = forecasts(ask, settings, [powers, np.concatenate([powers[:1] + pulse, powers[1:]])], known)
-    return now, (pulsed.mean - now.mean)[1:] / pulse
+    return now, (pulsed.mean - now.mean) / pulse
 
 
 def stepped(settings: Settings, values: Sequence[float] | Array) -> dict[str, Any]:
@@ -189,10 +208,63 @@ def thermostat(settings: Settings, temperature: float, heating: bool, low: float
     return settings.power if temperature < on_below else 0.0
 
 
+def held(settings: Settings, decision: Decision, time: float, temperature: float) -> float:
+    """The power [W] in the first step of a plan, after `temperature` [degC] was measured at `time`, UTC s.
+
+    It is what was planned, and what brings the room back to the planned temperature within a step; nothing is added
+    while the room is warm enough.
+    """
+    since = time - decision.start
+    if since < 0.0 or decision.per_watt <= 0.0:
+        return decision.power
+    times = np.linspace(0.0, settings.step, len(decision.path))
+    aside = float(np.interp(since, times, decision.path)) - temperature
+    if aside > 0.0 and temperature >= decision.low:
+        return decision.power
+    return float(np.clip(decision.power + aside / decision.per_watt, 0.0, settings.power))
+
+
+class Memory:
+    """What was planned and heated in the last two days, by the time of the caller's clock in s."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._step = settings.step
+        self._plans: list[tuple[float, Array]] = []
+        self._heated: list[tuple[float, float]] = []
+        self._measured = -math.inf
+
+    def planned(self, now: float, powers: Array) -> None:
+        """A plan from `now` on [W]."""
+        self._plans = [one for one in self._plans if one[0] > now - 2.0 * DAY] + [(now, powers)]
+
+    def heated(self, now: float, power: float, measured: bool) -> None:
+        """The power from `now` on [W], and whether anything is measured."""
+        self._heated = [one for one in self._heated if one[0] > now - 2.0 * DAY] + [(now, power)]
+        self._measured = now if measured else self._measured
+
+    def left(self, now: float) -> Array:
+        """What is left of the last plan [W]."""
+        return self._plans[-1][1][int((now - self._plans[-1][0]) // self._step) :] if self._plans else np.empty(0)
+
+    def blind(self, now: float) -> Decision:
+        """Where nothing is measured: the last plan made BLIND s before that, then as a day before; ValueError without.
+
+        A sensor that is stuck is noticed late, and what was planned meanwhile has believed it.
+        """
+        for made, powers in reversed(self._plans):
+            place = int((now - made) // self._step)
+            if made <= self._measured - BLIND and place < len(powers):
+                return Decision(float(powers[place]), "last plan", "nothing is measured")
+        day = [power for at, power in self._heated if 0.0 <= at - (now - DAY) < self._step]
+        if not day:
+            raise ValueError("nothing is measured, no plan is left, and nothing is known of the day before")
+        return Decision(float(np.mean(day)), "day before", "nothing is measured, and no plan is left")
+
+
 def decide(
     ask: Ask,
     settings: Settings,
-    temperature: float | None,
+    temperature: float,
     heating: bool,
     prices: Callable[[int], Sequence[float]] = lambda steps: [0.3] * steps,
     low: Callable[[int], Sequence[float]] | None = None,
@@ -201,11 +273,14 @@ def decide(
 ) -> Decision:
     """The power now: by the plan if the forecasts can be trusted far enough, otherwise by a thermostat.
 
-    `temperature` [degC] is measured (None: nothing is), `heating` says whether it is heated now; `prices` and `low` are
-    the price and the lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the
-    last plan [W], if there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm
-    when a night setback ends. Where nothing is measured, the last plan goes on as long as it reaches; ValueError when
-    it has come to its end: then the plant's own thermostat has to heat.
+    `temperature` [degC] is measured, `heating` says whether it is heated now; `prices` and `low` are the price and the
+    lower end of comfort of as many steps as asked for, from now on. `before` is what is left of the last plan [W], if
+    there was one. The thermostat keeps the highest `low` of the next hour, so that a room is warm when a night setback
+    ends.
+
+    The plan stays inside the band by what is uncertain of the forecast: above its lower end by that of the next moment,
+    for the next look can add heat; below its upper end by that of up to an hour, for heat cannot be taken back. What
+    goes wrong later will be seen, and corrected by a later plan.
     """
     try:
         horizon, trust, why = reach(ask, settings.zone, settings.horizon)
@@ -217,58 +292,73 @@ def decide(
         known_plan = before is not None and len(before) > 0
         powers = np.resize(before, steps) if known_plan else np.full(steps, FIRST_GUESS * settings.power)
         for _ in range(1 if known_plan else ROUNDS):
-            now, response = around(ask, settings, powers, known)
-            free = now.mean - np.concatenate([[0.0], np.convolve(powers, response)[:steps]])
-            margin = settings.margin * (2.0 if trust == "doubtful" else 1.0)
-            wanted = np.minimum(lowest + margin, settings.high)
-            powers = plan(settings, free, response, prices(steps), wanted, np.full(steps, settings.high))
-        temperatures = free[1:] + np.convolve(powers, response)[:steps]
+            now, effect = around(ask, settings, powers, known)
+            mean, sd, response = (values[:: now.every] for values in (now.mean, now.sd, effect))
+            free = mean - np.concatenate([[0.0], np.convolve(powers, response[1:])[:steps]])
+            sure = settings.sure * (2.0 if trust == "doubtful" else 1.0)
+            wanted = np.minimum(lowest + sure * sd[0], settings.high)
+            until = np.minimum(np.arange(1, steps + 1), round(SHORTEST / settings.step))
+            kept = np.maximum(settings.high - sure * sd[until], wanted)
+            tried, powers = powers, plan(settings, free, response[1:], prices(steps), wanted, kept)
+        temperatures = free[1:] + np.convolve(powers, response[1:])[:steps]
+        first = slice(0, now.every + 1)
+        path = now.mean[first] + (powers[0] - tried[0]) * effect[first]
         then = f"; then {why}" if why else ""
         reason = f"planned {horizon / HOUR:.0f} h ahead from {now.valid_time}, {trust}{then}"
-        return Decision(float(powers[0]), "plan", reason, powers, temperatures)
+        power, per_watt, start = float(powers[0]), float(response[1]), seconds(now.valid_time)
+        return Decision(power, "plan", reason, powers, temperatures, start, path, float(wanted[0]), per_watt)
     except (OSError, ValueError, KeyError) as error:
-        nothing: Array = np.empty(0)
-        if temperature is None:
-            if before is None or not len(before):
-                raise ValueError(f"nothing is measured and no plan is left ({error})") from error
-            return Decision(float(before[0]), "last plan", f"nothing is measured ({error})", before, nothing)
         soon = settings.low if low is None else max(low(math.ceil(SHORTEST / settings.step)))
-        return Decision(thermostat(settings, temperature, heating, soon), "thermostat", str(error), nothing, nothing)
+        return Decision(thermostat(settings, temperature, heating, soon), "thermostat", str(error))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a decision every step, more often while a thermostat heats, for ever or `--times` often."""
+    """Print a power every LOOK, and plan every step, for ever or `--times` often."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--url", default="http://127.0.0.1:8080")
     parser.add_argument("--key", help="API key, if the daemon wants one")
-    parser.add_argument("--times", type=int, default=0, help="how many decisions; 0: for ever")
+    parser.add_argument("--times", type=int, default=0, help="how many looks; 0: for ever")
     defaults: Mapping[str, Any] = Settings("").__dict__
     for name, default in defaults.items():
         parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default)
     given = vars(parser.parse_args(arguments))
     settings, ask = Settings(**{name: given[name] for name in defaults}), rest(given["url"], given["key"])
-    heating, count = False, 0
-    planned, powers = time.monotonic(), np.empty(0)
-    while True:
-        pause, before = LOOK, powers[round((time.monotonic() - planned) / settings.step) :]
+    memory, decision, made, power = Memory(settings), None, -math.inf, 0.0
+    for count in itertools.count(1):
+        now = time.monotonic()
         try:
-            history = ask("GET", f"/zones/{urllib.parse.quote(settings.zone)}/history?limit=1", None)
-            measured = history["rows"][-1]["y"]
-            temperature = None if measured is None else float(measured)
-            decision = decide(ask, settings, temperature, heating, before=before)
+            at, temperature = measured(ask, settings.zone)
+            if temperature is None:
+                decision = memory.blind(now)
+                power = decision.power
+            elif decision is not None and decision.by == "plan" and now - made < settings.step - LOOK / 2.0:
+                power = held(settings, decision, at, temperature)
+            else:
+                decision, made = decide(ask, settings, temperature, power > 0.0, before=memory.left(now)), now
+                power = decision.power
+                if decision.by == "plan":
+                    memory.planned(now, decision.plan)
         except (OSError, ValueError, KeyError, IndexError, TypeError) as error:
             print(f"no decision ({error}); the plant's own thermostat has to heat", file=sys.stderr)
         else:
-            heating = decision.power > 0.0
-            if decision.by == "plan":
-                planned, powers = time.monotonic(), decision.plan
-            pause = LOOK if decision.by == "thermostat" else settings.step
+            memory.heated(now, power, temperature is not None)
             seen = "an unknown temperature" if temperature is None else f"{temperature:.1f} degC"
-            print(f"{decision.power:.0f} W by {decision.by} at {seen}: {decision.reason}", flush=True)
-        count += 1
+            print(f"{power:.0f} W by {decision.by} at {seen}: {decision.reason}", flush=True)
         if count == given["times"]:
-            return 0
-        time.sleep(min(pause, settings.step))
+            break
+        time.sleep(min(LOOK, settings.step))
+    return 0
+
+
+def measured(ask: Ask, zone: str) -> tuple[float, float | None]:
+    """When the last sample was taken, UTC s, and its temperature [degC]: None where it is missing or was refused."""
+    row = ask("GET", f"/zones/{urllib.parse.quote(zone)}/history?limit=1", None)["rows"][-1]
+    return seconds(row["time"]), None if row["y"] is None else float(row["y"])
+
+
+def seconds(time: str) -> float:
+    """UTC s of an RFC 3339 time."""
+    return datetime.fromisoformat(time).timestamp()
 
 
 if __name__ == "__main__":

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from replay.bms.living.thermostats import Relay
+from replay.bms.living.world import Rooms, Snapshot
 from replay.bms.registers import Register
-from replay.bms.thermostats import Relay
-from replay.bms.world import Rooms, Snapshot
 
 WEATHER_UNIT_ID = 1
 FIRST_ROOM_UNIT_ID = 11

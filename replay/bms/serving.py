@@ -14,9 +14,9 @@ from replay.bms import register_map
 from replay.bms.bacnet import objects as bacnet_objects
 from replay.bms.control import create_control
 from replay.bms.faults import FaultSpec
+from replay.bms.living.world import Living
 from replay.bms.modbus_server import ModbusServer
 from replay.bms.simulation import Simulation
-from replay.bms.world import Living
 from replay.bms.written_config import over_bacnet, over_modbus, write_config
 from replay.bms.zenoh_publisher import ZenohPublisher
 from replay.errors import ReplayError

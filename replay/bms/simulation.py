@@ -9,10 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from replay.bms.building import design
 from replay.bms.faults import FaultBoard
+from replay.bms.living.building import design
+from replay.bms.living.world import Living, Orders, World
 from replay.bms.plant import Channel, Device, devices
-from replay.bms.world import Living, Orders, World
 
 TICK = 0.1
 """Real seconds between two looks at the clock."""

@@ -40,12 +40,13 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FastAPI]:
         yield made
 
 
-def asking(app: FastAPI, trusts: dict[int, str] | None = None) -> Any:
-    """`mpc.Ask` of `app`; with `trusts` in place of the trust, by lead."""
+def asking(app: FastAPI, trusts: dict[int, str] | None = None, disturbed: bool = False) -> Any:
+    """`mpc.Ask` of `app`; with `trusts` in place of the trust, by lead, of a zone that is `disturbed`."""
 
     def ask(method: str, path: str, body: Any = None) -> Any:
         if trusts is not None and path.endswith("/trust"):
-            return {"horizons": [{"lead_s": lead, "trust": word, "reason": "so"} for lead, word in trusts.items()]}
+            horizons = [{"lead_s": lead, "trust": word, "reason": "so"} for lead, word in trusts.items()]
+            return {"disturbed": disturbed, "horizons": horizons}
         answer = request(app, method, path, **({} if body is None else {"json": body}))
         if answer.status_code >= 400:
             raise OSError(answer.json()["detail"])
@@ -111,12 +112,46 @@ def test_doubt_of_the_next_hour_costs_a_margin(mpc: ModuleType, app: FastAPI) ->
     # What is doubtful hours ahead can still be corrected.
     later = mpc.decide(asking(app, ALL | {21600: "doubtful"}), told, 20.0, False)
     assert np.allclose(later.plan, sure.plan)
+    # What acts on the room makes the interval wide, and so the margin: it is not counted twice.
+    disturbed = mpc.decide(asking(app, ALL | {3600: "doubtful"}, disturbed=True), told, 20.0, False)
+    assert np.allclose(disturbed.plan, sure.plan)
 
 
-def test_a_plan_keeps_its_margin(mpc: ModuleType, app: FastAPI) -> None:
-    plain, kept = (mpc.decide(asking(app, ALL), settings(mpc, margin=margin), 20.0, False) for margin in (0.0, 0.5))
+def test_a_plan_stays_inside_the_band_by_what_is_uncertain(mpc: ModuleType, app: FastAPI) -> None:
+    plain, kept = (mpc.decide(asking(app, ALL), settings(mpc, sure=sure), 20.0, False) for sure in (0.0, 2.0))
+    (now,) = mpc.forecasts(asking(app, ALL), settings(mpc), [kept.plan])
     assert plain.temperatures[8:].min() == pytest.approx(20.0, abs=1e-3)
-    assert kept.temperatures[8:].min() == pytest.approx(20.5, abs=1e-3)
+    assert kept.low == pytest.approx(20.0 + 2.0 * now.sd[0])
+    assert kept.temperatures[8:].min() == pytest.approx(kept.low, abs=1e-3)
+
+
+def test_what_is_stored_ahead_leaves_room_for_what_is_uncertain(mpc: ModuleType, app: FastAPI) -> None:
+    def prices(steps: int) -> list[float]:
+        return [0.01] * 24 + [1.0] * (steps - 24)
+
+    bold, careful = (mpc.decide(asking(app, ALL), settings(mpc, sure=sure), 20.0, False, prices) for sure in (0.0, 2.0))
+    assert bold.temperatures.max() == pytest.approx(23.0, abs=1e-3)
+    (now,) = mpc.forecasts(asking(app, ALL), settings(mpc), [careful.plan])
+    # What is uncertain later is left to later plans.
+    assert careful.temperatures[4:].max() == pytest.approx(23.0 - 2.0 * now.sd[12], abs=2e-3)
+
+
+def test_between_two_plans_the_planned_temperature_is_held(mpc: ModuleType, app: FastAPI) -> None:
+    told = settings(mpc)
+    decision = mpc.decide(asking(app, ALL), told, 20.0, False)
+    assert len(decision.path) == 4, "at the beginning, and after each of three periods of five minutes"
+    assert decision.path[-1] == pytest.approx(decision.temperatures[0], abs=1e-6)
+    decision = decision._replace(power=2000.0, path=np.array([20.0, 20.3, 20.5, 20.6]), low=20.4, per_watt=1e-3)
+
+    def power(time: float, temperature: float) -> Any:
+        return mpc.held(told, decision, decision.start + time, temperature)
+
+    assert power(300.0, 20.3) == pytest.approx(2000.0)
+    assert power(300.0, 20.2) == pytest.approx(2100.0), "too cold by 0.1 K, which 100 W make up for within a step"
+    assert power(450.0, 20.6) == pytest.approx(1800.0), "half-way between 20.3 and 20.5 degC"
+    assert power(900.0, 20.5) == 2000.0, "as planned: colder than planned, and warm enough"
+    assert (power(900.0, 15.0), power(0.0, 25.0)) == (4000.0, 0.0)
+    assert power(-300.0, 19.0) == 2000.0, "measured before the plan was made"
 
 
 def test_it_goes_on_from_its_last_plan(mpc: ModuleType, app: FastAPI) -> None:
@@ -168,15 +203,24 @@ def test_without_an_answer_it_is_a_thermostat(mpc: ModuleType, temperature: floa
     assert decision[:3] == (power, "thermostat", "connection refused")
 
 
-def test_without_a_measurement_the_last_plan_goes_on_to_its_end(mpc: ModuleType) -> None:
-    def nobody(*_: Any) -> Any:
-        raise OSError("the zone is stalled")
-
-    decision = mpc.decide(nobody, settings(mpc), None, True, before=np.array([700.0, 0.0]))
-    assert decision[:3] == (700.0, "last plan", "nothing is measured (the zone is stalled)")
-    for before in (None, np.empty(0)):
-        with pytest.raises(ValueError, match="no plan is left"):
-            mpc.decide(nobody, settings(mpc), None, True, before=before)
+def test_without_a_measurement_it_goes_on_as_before_the_measurement_was_lost(mpc: ModuleType) -> None:
+    memory, day = mpc.Memory(settings(mpc, step=1800.0)), 86400.0
+    with pytest.raises(ValueError, match="nothing is known of the day before"):
+        memory.blind(0.0)
+    for look in range(288):
+        memory.heated(300.0 * look, 100.0 + look, measured=True)
+    memory.planned(day - 5400.0, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]))
+    memory.planned(day - 1800.0, np.array([9.0, 9.0]))
+    # The sensor was stuck before that was noticed, and the last plan has believed it.
+    assert memory.left(day).tolist() == [9.0]
+    assert memory.blind(day)[:2] == (4.0, "last plan")
+    assert memory.blind(day + 3600.0)[:2] == (6.0, "last plan")
+    # Then as at the same time of the day before, on average over a step.
+    assert memory.blind(day + 5400.0)[:2] == (100.0 + 18 + 2.5, "day before")
+    # On the second day as on the first.
+    for look in range(288, 576):
+        memory.heated(300.0 * look, 7.0, measured=False)
+    assert memory.blind(2 * day + 5400.0)[:2] == (7.0, "day before")
 
 
 def test_a_zone_that_has_just_begun_is_left_to_the_thermostat(mpc: ModuleType, app: FastAPI) -> None:

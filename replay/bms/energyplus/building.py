@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from estimator.network.boxes import PER_AREA
 from estimator.network.network import Network
-from replay.bms.building import Room, known_network, rounded
-from replay.bms.thermostats import PiValve
+from replay.bms.living.building import Room, known_network, rounded
+from replay.bms.living.thermostats import PiValve
 from replay.energyplus.buildings import Building
 
 _BAND = 1.5  # K, over which the proportional part of a panel's controller covers its whole power

@@ -6,8 +6,8 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.bms.energyplus.building import PlantRooms
-from replay.bms.thermostats import Thermostats
-from replay.bms.world import SENSOR_NOISE_SD, Orders, Snapshot
+from replay.bms.living.thermostats import Thermostats
+from replay.bms.living.world import SENSOR_NOISE_SD, Orders, Snapshot
 from replay.energyplus.buildings import building_named
 from replay.energyplus.people import Life
 from replay.energyplus.plant import STEP, Inputs, Plant

@@ -25,8 +25,8 @@ HORIZON = 86400.0
 EVERY = round(DECISION / STEP)
 EARLY = HOUR
 """s by which a thermostat is set up before a night setback ends, as its owner would."""
-_STUCK_AFTER = round(HOUR / STEP)
-"""Steps after which the source of a zone refuses a reading that has not changed (`stuck_after` = "30min": uncertain
+_STUCK_AFTER = round(HOUR / 2 / STEP)
+"""Steps after which the source of a zone refuses a reading that has not changed (`stuck_after` = "15min": uncertain
 from then on, bad after twice as long)."""
 
 
@@ -91,8 +91,10 @@ class Planner:
         self._open = ExitStack()
         self._samples: dict[str, list[Sample]] = {room: [] for room in self._rooms}
         self._heating = np.zeros(len(self._rooms))
-        self._by_plan = np.zeros(len(self._rooms), dtype=np.bool_)
-        self._plans: dict[str, tuple[int, Array]] = {}
+        self._memories = [mpc().Memory(settings) for settings in self._settings]
+        self._decisions: list[Any] = [None] * len(self._rooms)
+        """The last one of each room; None where it leaves the room to the plant's own thermostat."""
+        self._planned: dict[str, tuple[int, Array]] = {}
         """By room: the step at which it was last planned, and the powers."""
         self._unchanged = 0
 
@@ -103,69 +105,72 @@ class Planner:
         self._open.close()
 
     def powers(self, moment: Moment) -> tuple[Array, Mask]:
-        """By plan where there is one; a thermostat looks at every moment."""
-        by_thermostat = self._thermostat.powers(moment)[0]
+        """By plan where there is one, held at every moment; a thermostat looks at every moment."""
+        powers = self._thermostat.powers(moment)[0].copy()
+        by_plan = np.zeros(len(self._rooms), dtype=np.bool_)
         if moment.step < self._begins:
-            return by_thermostat, self._by_plan.copy()
-        if (moment.step - self._begins) % EVERY == 0:
-            self._decide(moment)
-        self._heating = np.where(self._by_plan, self._heating, by_thermostat)
-        return self._heating, self._by_plan.copy()
+            return powers, by_plan
+        due = (moment.step - self._begins) % EVERY == 0
+        if due:
+            self._feed()
+        for index, settings in enumerate(self._settings):
+            if due or self._refused(index, moment.step):
+                self._decisions[index] = self._decision(index, moment)
+            decision = self._decisions[index]
+            if decision is not None and decision.by != "thermostat":
+                by_plan[index] = True
+                powers[index] = decision.power
+            if decision is not None and decision.by == "plan":
+                powers[index] = mpc().held(settings, decision, moment.time, moment.shown[index])
+        self._heating = powers
+        return powers, by_plan
 
     def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
         """Telemetry of the step."""
-        self._unchanged = self._unchanged + 1 if self._stuck[moment.step] else 0
         for index, room in enumerate(self._rooms):
-            shown = moment.shown[index]
-            refused = index == 0 and self._unchanged >= _STUCK_AFTER
+            shown, refused = moment.shown[index], self._refused(index, moment.step)
+            if moment.step >= self._begins:
+                self._memories[index].heated(moment.time, heating[index], not refused)
             told = {"T_out": outdoor, HEATER: heating[index], "I_sol": irradiance}
             told |= {adjacent(name): moment.shown[self._rooms.index(name)] for name in self._beside[index]}
-            if self._unchanged >= _STUCK_AFTER and self._rooms[0] in self._beside[index]:
+            if self._refused(0, moment.step) and self._rooms[0] in self._beside[index]:
                 told[adjacent(self._rooms[0])] = np.nan
             inputs = np.array([told[channel] for channel in self._networks[room].inputs])
             output = np.array([np.nan if refused else shown])
             self._samples[room].append(Sample.measured(moment.time, output, inputs))
+        self._unchanged = self._unchanged + 1 if self._stuck[moment.step] else 0
 
-    def _decide(self, moment: Moment) -> None:
+    def _refused(self, room: int, step: int) -> bool:
+        """Whether the source refuses what the thermometer of a room shows in `step`."""
+        return room == 0 and bool(self._stuck[step]) and self._unchanged >= _STUCK_AFTER
+
+    def _feed(self) -> None:
         if self._site is None:
             self._site = self._open.enter_context(self._make_site(self._samples))
         self._site.feed(self._samples)
         self._samples = {room: [] for room in self._rooms}
-        for index, room in enumerate(self._rooms):
-            decision = self._decision(
-                self._settings[index],
-                self._measured(room),
-                self._heating[index] > 0.0,
-                lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
-                lambda steps, i=index: self._lowest(moment.local, i, steps),
-                lambda steps, i=index: self._known(moment.step, i, steps),
-                self._before(moment.step, room),
-            )
-            self._by_plan[index] = decision is not None and decision.by != "thermostat"
-            if self._by_plan[index]:
-                self._heating[index] = decision.power
-            if decision is not None and decision.by == "plan":
-                self._plans[room] = (moment.step, decision.plan)
 
-    def _decision(self, *of: Any) -> Any:
-        """That of the example; None where it leaves the room to the plant's own thermostat."""
-        try:
-            return mpc().decide(self._ask, *of)
-        except ValueError:
-            return None
-
-    def _measured(self, room: str) -> float | None:
-        """What the zone has taken for its last measurement."""
-        assert self._site is not None
-        rows = self._site.ask("GET", f"/zones/{room}/history?limit=1", None)["rows"]
-        return rows[-1]["y"] if rows else None
-
-    def _before(self, step: int, room: str) -> Array | None:
-        if room not in self._plans:
-            return None
-        planned, powers = self._plans[room]
-        rest: Array = powers[(step - planned) // EVERY :]
-        return rest
+    def _decision(self, room: int, moment: Moment) -> Any:
+        memory = self._memories[room]
+        if self._refused(room, moment.step):
+            try:
+                return memory.blind(moment.time)
+            except ValueError:
+                return None
+        decision = mpc().decide(
+            self._ask,
+            self._settings[room],
+            float(moment.shown[room]),
+            bool(self._heating[room] > 0.0),
+            lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
+            lambda steps: self._lowest(moment.local, room, steps),
+            lambda steps: self._known(moment.step, room, steps),
+            memory.left(moment.time),
+        )
+        if decision.by == "plan":
+            memory.planned(moment.time, decision.plan)
+            self._planned[self._rooms[room]] = (moment.step, decision.plan)
+        return decision
 
     def _ask(self, method: str, path: str, body: Any) -> Any:
         assert self._site is not None
@@ -182,8 +187,9 @@ class Planner:
         outdoor, sun = (_steps(series, index, steps) for series in self._weather)
         known = {name: {"T_out": outdoor, "I_sol": sun} for name in (self._rooms[room], *self._beside[room])}
         for other in self._beside[room]:
-            if other in self._plans and self._by_plan[self._rooms.index(other)]:
-                planned, powers = self._plans[other]
+            decision = self._decisions[self._rooms.index(other)]
+            if other in self._planned and decision is not None and decision.by != "thermostat":
+                planned, powers = self._planned[other]
                 # Beyond its plan a room is heated as it was on the whole.
                 rest = powers[(index - planned) // EVERY :]
                 known[other][HEATER] = [*rest, *[float(powers.mean())] * steps][:steps]

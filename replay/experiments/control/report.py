@@ -80,8 +80,8 @@ def _done(outcomes: Sequence[Outcome], seeds: Sequence[int]) -> Section:
             f"{EARLY / HOUR:.0f} h before the night setback ends. Every other controller is `deploy/examples/mpc.py` "
             "over the routes of a Thermogate in this process, whose zones take journaled samples: it plans 24 h ahead "
             f"every {DECISION / 60:.0f} min by a linear programme, each room for itself, with the weather as it will "
-            "be and the last plans of the other rooms. So models of the building are compared, and not forecasts of "
-            "the weather.",
+            "be and the last plans of the other rooms, and holds the planned temperature every 5 min. So models of the "
+            "building are compared, and not forecasts of the weather.",
             "Least squares: the network `auto` fitted in open loop to the history (in a new season: to the first half "
             "of the days, in which a thermostat heats), its states followed by an EKF. EKF: all parameters learned "
             "online. Both take every forecast for good, and so does Thermogate without trust. Thermogate: the "

@@ -32,7 +32,7 @@ THERMOGATE, UNTRUSTING, PERFECT = "MPC, Thermogate", "MPC, Thermogate without tr
 ESTIMATOR = "bank"
 """Thermogate's, as its documentation recommends it for hours ahead."""
 _STARTS = 4
-_ACTING = ("asgi", "cases", "controllers", "customer", "loop", "perfect", "scores", "site")
+_ACTING = ("cases", "controllers", "customer", "loop", "perfect", "scores", "site")
 """The modules of this room that a run depends on."""
 
 

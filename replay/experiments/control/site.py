@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -17,12 +18,12 @@ from estimator.network import presets
 from estimator.network.network import Network
 from replay.energyplus.buildings import Building
 from replay.energyplus.plant import STEP
-from replay.experiments.control.asgi import asked
 from service.publish.metrics import Metrics
 from service.records.outlook import Surroundings
 from service.records.sample import Sample
 from service.store.store import Store
 from service.web.app import create_app
+from service.web.server.in_process import ask
 from service.zone.plumbing import Plumbing
 from service.zone.questions import THREADS, Questions
 from service.zone.worker import WorkerSettings, ZoneWorker
@@ -87,7 +88,14 @@ class Site:
 
     def ask(self, method: str, path: str, body: Any) -> Any:
         """What REST answers, as JSON; OSError with its sentence where it refuses."""
-        return self._runner.run(asked(self._app, method, path, body))
+        content = b"" if body is None else json.dumps(body).encode()
+        place, _, query = path.partition("?")
+        host = [(b"host", b"localhost")]
+        answer = self._runner.run(ask(self._app, method, place, query=query, body=content, headers=host))
+        found = json.loads(answer.body)
+        if not answer.good:
+            raise OSError(found["detail"])
+        return found
 
     def __enter__(self) -> Site:
         return self

@@ -45,12 +45,15 @@ class WeatherFeeds:
         await end(tasks)
 
     async def _feed(self, source: WeatherSource) -> None:
-        pause = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)
+        pause, failed = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE), False
         try:
             while True:
                 try:
                     async for forecast in source.forecasts():
                         self._book.put(source.name, forecast)
+                        if failed:
+                            failed = False
+                            _log.info("weather '%s' works again", source.name)
                         pause.reset()
                     return
                 except SourceError as error:
@@ -59,6 +62,7 @@ class WeatherFeeds:
                     # Without a forecast of the weather the zones go on by yesterday's shape.
                     reason = f"weather.{source.name} failed: {error!r}"
                     _log.debug("%s", reason, exc_info=error)
+                failed = True
                 wait = pause.seconds * random.uniform(0.5, 1.0)
                 _log.error("%s; trying again in %.0f s", reason, wait)
                 await asyncio.sleep(wait)

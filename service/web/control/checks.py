@@ -13,8 +13,10 @@ from service.web.zones import published_levels
 
 MOST_STEPS = 100_000
 """Steps of all zones and plans of one request."""
-MOST_VALUES = 2_000_000
+MOST_VALUES = 500_000
 """Numbers in the answer: steps times intervals and scenarios."""
+LARGE = 100_000
+"""From so many numbers on an answer is made in turn with others."""
 MOST_FANS = 2000
 """Zones times plans of one request."""
 MOST_PLANNED = 500_000
@@ -23,8 +25,8 @@ MOST_SENTENCES = 20
 """Mistakes that are named at once."""
 
 
-def bound(body: SiteForecastRequest, asked: Sequence[ZoneView]) -> None:
-    """RequestRefused for more work than one request may ask."""
+def bound(body: SiteForecastRequest, asked: Sequence[ZoneView]) -> int:
+    """How many numbers the answer has. RequestRefused for more work than one request may ask."""
     fans, planned = len(asked) * len(body.plans), sum(_size(plan, len(asked)) for plan in body.plans)
     if fans > MOST_FANS:
         raise invalid(
@@ -55,6 +57,7 @@ def bound(body: SiteForecastRequest, asked: Sequence[ZoneView]) -> None:
                 "fewer scenarios, levels, zones or plans"
             ]
         )
+    return values
 
 
 def _size(plan: SitePlan, zones: int) -> int:

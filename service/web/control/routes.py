@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from contextlib import nullcontext
 from http import HTTPStatus
 from typing import Annotated
 
@@ -11,14 +12,15 @@ from fastapi import APIRouter, Header, Query, Response
 
 from service.errors import NoModel
 from service.fields.durations import DAY, format_duration
-from service.publish.payloads import Payload, TrustPayload, to_json
+from service.publish.payloads import Payload, TrustPayload, to_json, to_json_with
 from service.publish.rendering import trust_payload
 from service.records.view import ZoneView
 from service.web.access import Asking, Caller, find_zone
 from service.web.control.answers import model_npz, model_payload
-from service.web.control.checks import bound, understood
+from service.web.control.checks import LARGE, bound, understood
 from service.web.control.models import ModelPayload, ModelQuery, SiteForecastPayload, SiteForecastRequest
 from service.web.control.site import neighbourhood, under
+from service.web.limits import LargeAnswers
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 from service.web.zones import no_forecast
@@ -29,6 +31,7 @@ NPZ = "application/x-npz"
 def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(tags=["control"])
+    large = LargeAnswers()
 
     @router.get(
         "/zones/{zone}/model",
@@ -77,11 +80,15 @@ def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def forecasts(caller: Asking, body: SiteForecastRequest) -> Response:
         asked = [find_zone(zones, zone, caller) for zone in _asked(body, zones, caller)]
-        bound(body, asked)
+        numbers = bound(body, asked)
         around = neighbourhood(asked, zones, caller)
         await asyncio.to_thread(understood, body, [*asked, *around])
-        plans = [await under(plan, body, asked, around) for plan in body.plans]
-        return await _json(SiteForecastPayload(site=site, horizon_s=body.horizon, plans=plans))
+        async with large.turn() if numbers > LARGE else nullcontext():
+            # A plan that is written takes half as much memory as one that is not.
+            plans = [await asyncio.to_thread(to_json, await under(plan, body, asked, around)) for plan in body.plans]
+            envelope = SiteForecastPayload(site=site, horizon_s=body.horizon, plans=[])
+            content = await asyncio.to_thread(to_json_with, envelope, plans)
+        return Response(content, media_type="application/json")
 
     return router
 

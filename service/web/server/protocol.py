@@ -95,6 +95,8 @@ class Protocol(H11Protocol):
         self._layers: list[asyncio.WriteTransport] = []
         self._receiving_since: float | None = None
         """When the request began that is not complete yet."""
+        self._unparsed = 0
+        """Bytes that have come since the connection had its last turn."""
         self._asker = Asker()
         """Of the request that is being answered."""
         self._owed = 0
@@ -123,14 +125,21 @@ class Protocol(H11Protocol):
             transport.set_read_buffer_limits(high=READ_BYTES)
         self._receiving_since = self._progress = self.loop.time()
 
+    def data_received(self, data: bytes) -> None:
+        self._unparsed += len(data)
+        super().data_received(data)
+
     def handle_events(self) -> None:
-        """Read what has come, when it is this connection's turn."""
+        """Read what has come, when it is this connection's turn; no more is taken in until then."""
         self._turns.ask(self)
+        if self._unparsed >= READ_BYTES:
+            self.flow.hold(True)
 
     def take_turn(self, deadline: float) -> bool:
         """Read what has come until `deadline` (monotonic s); whether there is more."""
         if self.transport.is_closing():
             return False
+        self._unparsed = 0
         self.conn.deadline = deadline
         super().handle_events()
         waits = self.conn.interrupted and not self.transport.is_closing()

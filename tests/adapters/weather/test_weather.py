@@ -78,7 +78,7 @@ def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
         (written(hourly={"time": [True], "t": [1]}), "True is no time"),
         (written(utc_offset_seconds="CET"), "utc_offset_seconds is 'CET'"),
         (written(issued=[]), "is no time"),
-        (b" " * (LONGEST + 1), "at most 4000000 are read"),
+        (b" " * (LONGEST + 1), "longer than 4000000 bytes; ask for fewer series"),
     ],
 )
 def test_a_document_that_is_none_is_refused_in_one_sentence(content: bytes, words: str) -> None:
@@ -115,6 +115,15 @@ def first(source: Any, then: Callable[[AsyncIterator[WeatherForecast]], Awaitabl
 
 
 LAYOUT = Layout("time", timestamp_parser("iso8601"), None, ";", ",", "utf-8")
+
+
+def test_of_a_file_that_is_too_long_no_more_is_read_than_may_be(tmp_path: Path) -> None:
+    path = tmp_path / "weather.json"
+    path.touch()
+    # Holes take no room on the disk; read whole, they would take more memory than there is.
+    os.truncate(path, 2**40)
+    with pytest.raises(SourceUnavailable, match=r"weather\.forecast: the document is longer than 4000000 bytes"):
+        first(json_file("forecast", path, 1.0))
 
 
 def test_a_csv_file_is_read_anew_when_it_is_written_anew(tmp_path: Path) -> None:

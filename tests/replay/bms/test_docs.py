@@ -11,9 +11,9 @@ import pytest
 from support.bms_plant import Clock, ask, simulation
 
 from replay.bms import register_map
-from replay.bms.building import design
 from replay.bms.control import create_control
 from replay.bms.faults import MENU, parse_spec
+from replay.bms.living.building import design
 from replay.bms.plant import devices
 from service.cli.main import main
 

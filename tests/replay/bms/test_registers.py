@@ -9,7 +9,7 @@ import struct
 import pytest
 
 from replay.bms import register_map
-from replay.bms.building import design
+from replay.bms.living.building import design
 from replay.bms.plant import devices
 from replay.bms.registers import Register, encode
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from replay.bms.building import NODES, Building, design
-from replay.bms.calendar import FIRST_MIDNIGHT, Calendar
-from replay.bms.thermostats import PiValve, Relay
-from replay.bms.world import BEGIN, STEP, Snapshot, World
+from replay.bms.living.building import NODES, Building, design
+from replay.bms.living.calendar import FIRST_MIDNIGHT, Calendar
+from replay.bms.living.thermostats import PiValve, Relay
+from replay.bms.living.world import BEGIN, STEP, Snapshot, World
 from replay.localtime import DAY, HOUR
 
 

@@ -72,6 +72,16 @@ def test_where_the_trust_does_not_reach_the_thermostat_heats(runs: Mapping[str, 
 
 
 @needs_energyplus
+def test_a_thermometer_that_is_stuck_is_not_believed() -> None:
+    scene, ticks = SHORT._replace(case=STUCK, days=3, controlled=2), list[int]()
+    thermostat, thermogate = (
+        scored(run_control(ControlRun(scene, name, estimator="ekf"), ticks.append)) for name in (THERMOSTAT, THERMOGATE)
+    )
+    assert thermostat.discomfort > 100.0, "who believes it heats all day, or not at all"
+    assert thermogate.discomfort < 0.5 * thermostat.discomfort
+
+
+@needs_energyplus
 def test_everybody_lives_the_same_weather_and_the_same_history(runs: Mapping[str, Arrays]) -> None:
     first = runs[THERMOSTAT]
     for name, arrays in runs.items():

@@ -15,7 +15,9 @@ from support.site_of_rooms import PERIOD, Room, site_of
 
 from adapters.reading import Quality
 from service.records.outlook import Surroundings
+from service.web.control import routes
 from service.web.control.models import ModelPayload, SiteForecastPayload, SiteForecastRequest
+from service.web.limits import LargeAnswers
 from service.zone.zone import Zone
 
 HOURS = 12
@@ -221,6 +223,20 @@ def test_one_zone_refuses_the_same_plans(app: FastAPI) -> None:
     assert document["detail"] == f"field 'inputs.u_heat' {sentence}"
 
 
+def test_a_large_answer_is_made_in_turn_and_is_the_same(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = []
+    own = LargeAnswers.turn
+    monkeypatch.setattr(LargeAnswers, "turn", lambda self: taken.append(self) or own(self))
+    body = {"horizon": "10min", "plans": [{"name": "one"}, {"name": "two"}]}
+    small = post(app, "/forecasts", body)
+    assert not taken
+    monkeypatch.setattr(routes, "LARGE", 1)
+    large = post(app, "/forecasts", body)
+    assert len(taken) == 1
+    assert large.content == small.content
+    assert [plan["name"] for plan in large.json()["plans"]] == ["one", "two"]
+
+
 def test_work_per_request_is_bounded(app: FastAPI) -> None:
     many = [{"name": str(index)} for index in range(64)]
     large = [{"inputs": {"*": {"u_heat": [1.0] * 1400}}}] * 64
@@ -229,7 +245,7 @@ def test_work_per_request_is_bounded(app: FastAPI) -> None:
     document = problem(post(app, "/forecasts", {"horizon": "7d", "plans": many}), 422)
     assert "at most 100000 are forecast in one request" in document["detail"]
     document = problem(post(app, "/forecasts", {"horizon": "2d", "scenarios": 1000}), 422)
-    assert "at most 2000000 are given in one request" in document["detail"]
+    assert "at most 500000 are given in one request" in document["detail"]
     assert "plans" in problem(post(app, "/forecasts", {"horizon": "1h", "plans": [{}] * 65}), 422)["detail"]
     too_many = {"horizon": "1h", "plans": [{"inputs": {"rbpf": {"u_heat": [0.0] * 3000}}}]}
     assert "at most 2016 values" in problem(post(app, "/forecasts", too_many), 422)["detail"]

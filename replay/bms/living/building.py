@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
-from replay.bms.thermostats import PiValve, Relay, Thermostat
+from replay.bms.living.thermostats import PiValve, Relay, Thermostat
 
 AIR, ENVELOPE, HEATER = range(3)
 NODES = ("T_air", "T_env", "T_heater")

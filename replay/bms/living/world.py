@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.network.network import Network
-from replay.bms.building import AIR, ENVELOPE, HEATER, NODES, Building, Room, whole_network
-from replay.bms.calendar import FIRST_MIDNIGHT, Calendar
-from replay.bms.thermostats import Thermostats
+from replay.bms.living.building import AIR, ENVELOPE, HEATER, NODES, Building, Room, whole_network
+from replay.bms.living.calendar import FIRST_MIDNIGHT, Calendar
+from replay.bms.living.thermostats import Thermostats
 from replay.localtime import HOUR
 from replay.simulated.simulate import dynamics
 

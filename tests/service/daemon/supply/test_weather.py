@@ -1,0 +1,63 @@
+"""Forecasts of the weather at work: a source that fails is tried again, and says once that it works again."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.waiting import until
+
+from adapters.errors import SourceUnavailable
+from adapters.weather.forecast import WeatherForecast, WeatherSeries
+from service.daemon.supply import weather as module
+from service.daemon.supply.weather import WeatherFeeds
+from service.records.outlook import WeatherBook
+
+
+class Failing:
+    """A source that fails twice, then delivers two forecasts, and fails again for good."""
+
+    name = "office"
+
+    def __init__(self) -> None:
+        self.calls = 0
+        self.closed = False
+
+    async def forecasts(self) -> AsyncIterator[WeatherForecast]:
+        self.calls += 1
+        if self.calls != 3:
+            raise SourceUnavailable("weather.office: nobody answers")
+        for issued in (0.0, 3600.0):
+            yield WeatherForecast(issued, {"T_out": WeatherSeries(np.array([issued]), np.array([5.0]))})
+        raise SourceUnavailable("weather.office: nobody answers")
+
+    async def close(self) -> None:
+        self.closed = True
+
+
+def test_a_source_that_works_again_says_so_once(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(module, "FIRST_PAUSE", 0.001)
+    monkeypatch.setattr(module, "LONGEST_PAUSE", 0.001)
+    source = Failing()
+    config: Any = SimpleNamespace(
+        weather={"office": object()}, weather_series=lambda name: (), build_weather=lambda name: source
+    )
+
+    async def scenario() -> None:
+        feeds = WeatherFeeds(WeatherBook())
+        await feeds.follow(config)
+        await until(lambda: source.calls > 4)
+        await feeds.stop()
+
+    with caplog.at_level(logging.INFO):
+        asyncio.run(scenario())
+    assert source.closed
+    assert caplog.text.count("weather 'office' works again") == 1
+    assert "weather.office: nobody answers; trying again in" in caplog.text
