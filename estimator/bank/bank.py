@@ -180,8 +180,8 @@ class Bank:
     def _drawn(self, state: BankState) -> Iterator[tuple[Array, Array, Array, Array]]:
         """Of every physical member that counts: weights (K,), own parameters (n_theta, K), time constants (n_x, K) and
         heat losses (K,) of draws."""
-        now = self._weights(state)[:, self._hours_ahead]
-        best = self._physical(self._weights(state))
+        weights = self._weights(state)
+        best, now = self._physical(weights), weights[:, self._hours_ahead]
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
             if member.physical and (now[place] >= _NEGLIGIBLE or place == best):
                 drawn = member.draws(own, _DRAWS)

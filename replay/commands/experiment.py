@@ -53,6 +53,12 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument(
         "--jobs", type=whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
     )
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help='run on the machines of a Ray cluster, such as "10.0.0.1:6379", or "auto" for the one that this machine '
+        "belongs to",
+    )
 
 
 def _experiment(arguments: argparse.Namespace) -> int:
@@ -79,7 +85,9 @@ def _experiment(arguments: argparse.Namespace) -> int:
         print(f"preparing {arguments.name}", file=sys.stderr)
     workers = arguments.jobs or len(os.sched_getaffinity(0))
     try:
-        written = run_experiment(arguments.name, request, out, workers=workers, progress=watched)
+        written = run_experiment(
+            arguments.name, request, out, workers=workers, progress=watched, cluster=arguments.cluster
+        )
     except KeyboardInterrupt:
         kept = len(list((out / RUNS).glob("*.npz")))
         print(

@@ -16,18 +16,25 @@ RUNS = "runs"
 """Folder under --out that holds the finished runs."""
 
 
-def run_experiment(name: str, request: Request, out: Path, *, workers: int, progress: bool) -> list[Path]:
+def run_experiment(
+    name: str, request: Request, out: Path, *, workers: int, progress: bool, cluster: str | None = None
+) -> list[Path]:
     """Run what is missing of the experiment `name`, write its report into `out`; the paths written.
 
-    Finished runs are kept in `out`/runs and reused where neither their settings nor the code has changed. Raises
-    ReplayError.
+    Finished runs are kept in `out`/runs and reused where neither their settings nor the code has changed. `cluster`
+    is the address of a Ray cluster that runs them instead of processes here. Raises ReplayError, and ServiceError where
+    the cluster cannot be joined.
     """
     entry = EXPERIMENTS[name]
+    if entry.alone and cluster is not None:
+        raise ReplayError(f"--cluster means nothing to {name}, which measures this machine; leave it out")
     experiment: Experiment = import_module(entry.module).prepare(request)
     runs = out / RUNS
     try:
         runs.mkdir(parents=True, exist_ok=True)
-        results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
+        results = run_jobs(
+            experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress, cluster=cluster
+        )
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     scored = Taken(results, "scoring")

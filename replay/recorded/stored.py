@@ -7,8 +7,9 @@ the same samples and settings give the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from tqdm import tqdm
@@ -24,10 +25,48 @@ from service.errors import StateMismatch
 from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.sample import Sample
-from service.store.reading import StoredState, read_state
+from service.store.checkpoint import Checkpoint
+from service.store.reading import read_state
 from service.zone import snapshot
 
 _MOST_ROWS = 2**31
+
+
+class Stored(Protocol):
+    """State that can be read: that of a folder, or that of a fleet's site."""
+
+    @property
+    def journal(self) -> ReadableJournal:
+        """Samples and history."""
+        ...
+
+    def zones(self) -> dict[str, str]:
+        """The fingerprint of every zone with samples, by its id."""
+        ...
+
+    def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
+        """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
+        ...
+
+
+class ReadableJournal(Protocol):
+    """What is read of a journal."""
+
+    def samples_ahead(self, zone: str, after: int) -> int:
+        """How many samples of `zone` are later than `after`."""
+        ...
+
+    def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
+        """The samples of `zone` later than `time` (None: all), in order."""
+        ...
+
+    def last_sample_time(self, zone: str) -> int | None:
+        """Time of the newest stored sample of `zone`."""
+        ...
+
+    def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first."""
+        ...
 
 
 def stored_traces(state_dir: Path, zones: Sequence[ZoneConfig], days: int | None, progress: bool) -> list[Trace]:
@@ -36,22 +75,29 @@ def stored_traces(state_dir: Path, zones: Sequence[ZoneConfig], days: int | None
     A zone without a usable sample is left out. Raises ReplayError where there is none with one, and ServiceError where
     the state cannot be read or belongs to another configuration.
     """
-    traces = []
     with read_state(state_dir) as state:
-        marks, starts = state.zones(), {}
+        return traces_of(state, state_dir, zones, days, progress)
+
+
+def traces_of(
+    state: Stored, place: object, zones: Sequence[ZoneConfig], days: int | None, progress: bool
+) -> list[Trace]:
+    """As `stored_traces`, of `state` in `place`."""
+    traces = []
+    marks, starts = state.zones(), {}
+    for zone in zones:
+        if zone.id in marks:
+            if marks[zone.id] != fingerprint(zone):
+                raise StateMismatch(zone.id, place)
+            starts[zone.id] = _start(state, zone, days)
+    total = sum(state.journal.samples_ahead(name, start) for name, start in starts.items())
+    with tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="report") as bar:
         for zone in zones:
-            if zone.id in marks:
-                if marks[zone.id] != fingerprint(zone):
-                    raise StateMismatch(zone.id, state_dir)
-                starts[zone.id] = _start(state, zone, days)
-        total = sum(state.journal.samples_ahead(name, start) for name, start in starts.items())
-        with tqdm(total=total, unit=" samples", disable=not progress, delay=SLOW, desc="report") as bar:
-            for zone in zones:
-                if zone.id in starts:
-                    trace = _trace(state, zone, starts[zone.id], bar.update)
-                    traces += [trace] if trace.rows else []
+            if zone.id in starts:
+                trace = _trace(state, zone, starts[zone.id], bar.update)
+                traces += [trace] if trace.rows else []
     if not traces:
-        raise ReplayError(f"there is no usable sample in {state_dir}; a report needs a zone that has had telemetry")
+        raise ReplayError(f"there is no usable sample in {place}; a report needs a zone that has had telemetry")
     return traces
 
 
@@ -72,13 +118,13 @@ def _same_channels(state_dir: Path, zone: str, network: Network, samples: Sequen
             raise StateMismatch(zone, state_dir)
 
 
-def _start(state: StoredState, zone: ZoneConfig, days: int | None) -> int:
+def _start(state: Stored, zone: ZoneConfig, days: int | None) -> int:
     """UTC s after which the samples of `zone` count."""
     last = state.journal.last_sample_time(zone.id)
     return -(2**62) if days is None or last is None else last - days * DAY
 
 
-def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
+def _trace(state: Stored, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
     worker = make_worker(zone)
     tracer = Tracer(zone, worker)
     # All at once: what the daemon deletes meanwhile would be missed in the middle.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -22,8 +23,11 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from service.errors import NoModel, ReloadRefused, ServiceError, TooManyQuestions
 from service.fleet.messages import Away
+from service.fleet.plan import Plan
 
 STEWARD, READER = "steward", "reader"
+
+_PLAN = "plan"
 
 _BODIES = {
     "steward": "service.fleet.steward:Steward",
@@ -121,6 +125,32 @@ def create(role: str, site: str, name: str, cpus: float = 0.0, node: str | None 
     ).remote(role, site, name)
 
 
+async def keep_a_spare() -> bool:
+    """Let there be an idle process on this machine that has imported what a shard needs; whether there was one. Ray
+    takes it for the next member that starts here. Raises Away."""
+    here = NodeAffinitySchedulingStrategy(own_node(), soft=False)
+    task = ray.remote(_import_what_shards_need).options(num_cpus=0, max_retries=0, scheduling_strategy=here)
+    try:
+        # It asks the head of the cluster, which may be away.
+        there: bool = await (await asyncio.to_thread(task.remote))
+    except RayError as error:
+        raise Away("no process can be started on this machine now") from error
+    return there
+
+
+def _import_what_shards_need() -> bool:
+    """Whether this process had imported it before."""
+    from service.daemon.process import prepare_process
+    from service.store.postgres.driver import driver
+
+    name = _BODIES["shard"].partition(":")[0]
+    there = name in sys.modules
+    prepare_process()
+    import_module(name)
+    driver()
+    return there
+
+
 def remove(site: str, name: str) -> None:
     """End a member for good; without effect if there is none."""
     try:
@@ -135,23 +165,25 @@ def members(site: str) -> set[str]:
     return {each["name"] for each in list_named_actors(all_namespaces=True) if each["namespace"] == own}
 
 
-def remember(site: str, key: str, value: Any) -> None:
-    """Keep `value` where the cluster keeps its actors, and in the form in which Ray keeps them there.
+def remember(site: str, plan: Plan) -> None:
+    """Keep `plan` where the cluster keeps its actors, and in the form in which Ray keeps them there.
 
     Whoever can write there runs what they like on every machine of the cluster: Ray keeps the code of its actors there.
     """
-    _internal_kv_put(key.encode(), cloudpickle.dumps(value), overwrite=True, namespace=namespace(site).encode())
+    _internal_kv_put(_PLAN.encode(), cloudpickle.dumps(plan), overwrite=True, namespace=namespace(site).encode())
 
 
-def remembered(site: str, key: str) -> Any:
-    """What was kept last; None if nothing was."""
-    kept = _internal_kv_get(key.encode(), namespace=namespace(site).encode())
-    return None if kept is None else cloudpickle.loads(kept)
+def remembered(site: str) -> Plan | None:
+    """The plan that was kept last; None if none was. A process that is started anew goes on with it at once: the
+    steward, which would tell it, may have been on the same machine."""
+    kept = _internal_kv_get(_PLAN.encode(), namespace=namespace(site).encode())
+    plan: Plan | None = None if kept is None else cloudpickle.loads(kept)
+    return plan
 
 
-def forget(site: str, key: str) -> None:
-    """Keep it no longer."""
-    _internal_kv_del(key.encode(), namespace=namespace(site).encode())
+def forget(site: str) -> None:
+    """Keep no plan any longer."""
+    _internal_kv_del(_PLAN.encode(), namespace=namespace(site).encode())
 
 
 def nodes() -> dict[str, str]:

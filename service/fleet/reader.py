@@ -15,7 +15,7 @@ from service.daemon.logs import configure_logging
 from service.daemon.tasks import end
 from service.fleet.lines import Line
 from service.fleet.messages import Beat
-from service.fleet.peers import Peer, own_node
+from service.fleet.peers import Peer, own_node, remembered
 from service.fleet.plan import Plan
 from service.sources.http import KIND as HTTP_KIND
 
@@ -31,9 +31,15 @@ class Reader:
         self._plan: Plan | None = None
         self._lines: dict[str, tuple[Line, asyncio.Task[None]]] = {}
         self._adopting = asyncio.Lock()
+        self._waking: asyncio.Task[None] | None = None
 
     async def wake(self) -> None:
-        """Nothing to do before the steward says what."""
+        """Go on with the plan of before, if there is one."""
+        self._waking = asyncio.create_task(self._go_on())
+
+    async def _go_on(self) -> None:
+        if (plan := await asyncio.to_thread(remembered, self._site)) is not None:
+            await self.adopt(plan)
 
     async def beat(self) -> Beat:
         """A sign of life."""

@@ -23,10 +23,13 @@ LOOK = 0.5
 """How often the members are looked after, s."""
 
 ANSWER_SECONDS = 5.0
+
+RELOAD_SECONDS = 30.0
+"""How long a reload that a client asks for waits for `thermogate fleet run`, which has the configuration."""
+
 STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
 
-_PLAN = "plan"
 _GATEWAY = "gateway-"
 
 _log = logging.getLogger(__name__)
@@ -59,14 +62,20 @@ class Steward:
         self._plan: Plan | None = None
         self._known: dict[str, Known] = {}
         self._peers: dict[str, Peer] = {}
+        self._hearing: dict[str, asyncio.Task[None]] = {}
+        self._silent: dict[str, float] = {}
+        """How long each member has been waited for in vain, s."""
         self._telling: dict[str, asyncio.Task[None]] = {}
         self._nodes: dict[str, str] = {}
         self._looking: asyncio.Task[None] | None = None
         self._changing = asyncio.Lock()
+        self._reloads: list[asyncio.Future[str]] = []
+        """Reloads that clients asked for and nobody has done yet."""
+        self._asked_to_reload = asyncio.Event()
 
     async def wake(self) -> None:
         """Go on with the plan of before, if there was one."""
-        if (kept := await asyncio.to_thread(peers.remembered, self._site, _PLAN)) is not None:
+        if (kept := await asyncio.to_thread(peers.remembered, self._site)) is not None:
             self._plan = kept
             configure_logging(self._plan.config.log)
             _log.info("the steward goes on with plan %d", self._plan.version)
@@ -89,6 +98,44 @@ class Steward:
             if before.config != config:
                 await self._go_by(before.followed_by(config, shards))
             return summary(changes)
+
+    async def reload(self) -> str:
+        """Have the configuration read again where it is; what that changed, as one line. Raises ReloadRefused."""
+        done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._reloads.append(done)
+        self._asked_to_reload.set()
+        try:
+            async with asyncio.timeout(RELOAD_SECONDS):
+                return await done
+        except TimeoutError:
+            raise ReloadRefused(
+                [
+                    f"`thermogate fleet run`, which reads the configuration, has not done so for {RELOAD_SECONDS:.0f} "
+                    "s; see that it runs and what its log says, and ask again"
+                ]
+            ) from None
+        finally:
+            if done in self._reloads:
+                self._reloads.remove(done)
+
+    async def reload_wanted(self) -> bool:
+        """Whether a client has asked for a reload, as soon as one does, or after a while."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(RELOAD_SECONDS / 3):
+                await self._asked_to_reload.wait()
+        self._asked_to_reload.clear()
+        return bool(self._reloads)
+
+    async def reloaded(self, done: str | None, problems: list[str]) -> None:
+        """The reload that clients asked for is `done`, or None: refused for these `problems`."""
+        asked, self._reloads = self._reloads, []
+        for each in asked:
+            if each.done():
+                continue
+            if done is None:
+                each.set_exception(ReloadRefused(problems))
+            else:
+                each.set_result(done)
 
     async def rebalance(self, shards: int) -> str:
         """Spread the zones over so many shards; how many zones move. Raises ReloadRefused while the fleet starts."""
@@ -117,7 +164,7 @@ class Steward:
         if self._looking is not None:
             self._looking.cancel()
         plan, self._plan = self._plan, None
-        await asyncio.to_thread(peers.forget, self._site, _PLAN)
+        await asyncio.to_thread(peers.forget, self._site)
         if plan is None:
             return
         gateways = [name for name in self._wanted(plan) if name.startswith(_GATEWAY)]
@@ -130,7 +177,7 @@ class Steward:
         await asyncio.to_thread(peers.remove, self._site, name)
 
     async def _go_by(self, plan: Plan) -> None:
-        await asyncio.to_thread(peers.remember, self._site, _PLAN, plan)
+        await asyncio.to_thread(peers.remember, self._site, plan)
         self._plan = plan
 
     async def _look_after(self) -> None:
@@ -148,7 +195,10 @@ class Steward:
         self._nodes = await asyncio.to_thread(peers.nodes)
         names = self._wanted(plan)
         await asyncio.to_thread(self._create, plan)
-        await asyncio.gather(*(self._hear(name) for name in names))
+        for name in names:
+            # One that does not answer must not keep the others waiting.
+            if name not in self._hearing:
+                self._hearing[name] = asyncio.create_task(self._hear(name))
         for name in await asyncio.to_thread(peers.members, self._site) - {*names, STEWARD}:
             _log.info("%s is not wanted any more", name)
             if name.startswith(_GATEWAY):
@@ -156,7 +206,10 @@ class Steward:
                 await asyncio.to_thread(peers.remove, self._site, name)
             else:
                 await self._stopped(name)
+            if name in self._hearing:
+                self._hearing.pop(name).cancel()
             self._known.pop(name, None)
+            self._silent.pop(name, None)
         await self._end_the_hung(plan)
         await self._tell(plan)
         async with self._changing:
@@ -195,23 +248,33 @@ class Steward:
         return self._peers.setdefault(name, Peer(self._site, name))
 
     async def _hear(self, name: str) -> None:
-        with suppress(ServiceError):
+        asked = time.monotonic()
+        try:
             beat: Beat = await self._peer(name).ask("beat", timeout=ANSWER_SECONDS)
-            before = self._known.get(name)
-            if before is not None and before.beat.boot != beat.boot:
-                _log.warning("%s was started anew on %s", name, self._nodes.get(beat.node, "another machine"))
-            self._known[name] = Known(beat, time.monotonic())
+        except ServiceError:
+            # What is waited for, and not the time: the steward itself may have stood still meanwhile.
+            waited = min(time.monotonic() - asked, ANSWER_SECONDS)
+            self._silent[name] = self._silent.get(name, 0.0) + waited
+            return
+        finally:
+            self._hearing.pop(name, None)
+        self._silent.pop(name, None)
+        before = self._known.get(name)
+        if before is not None and before.beat.boot != beat.boot:
+            _log.warning("%s was started anew on %s", name, self._nodes.get(beat.node, "another machine"))
+        self._known[name] = Known(beat, time.monotonic())
 
     async def _end_the_hung(self, plan: Plan) -> None:
         patience = 3 * _fleet(plan.config).lease + ANSWER_SECONDS
-        for name, (beat, at) in list(self._known.items()):
-            if time.monotonic() - at <= patience or beat.node not in self._nodes or name.startswith(_GATEWAY):
+        for name, silent in list(self._silent.items()):
+            known = self._known.get(name)
+            if silent <= patience or known is None or known.beat.node not in self._nodes or name.startswith(_GATEWAY):
                 continue
-            _log.error("%s has not answered for %.0f s", name, time.monotonic() - at)
+            _log.error("%s has not answered for %.0f s", name, silent)
             with suppress(ServiceError):
-                await self._peer(f"{_GATEWAY}{beat.node[:8]}").ask("end", beat.pid, timeout=ANSWER_SECONDS)
+                await self._peer(f"{_GATEWAY}{known.beat.node[:8]}").ask("end", known.beat.pid, timeout=ANSWER_SECONDS)
             # Ray starts it anew; until then there is nobody to hear from.
-            self._known[name] = Known(beat, time.monotonic())
+            self._silent.pop(name, None)
 
     async def _tell(self, plan: Plan) -> None:
         """Tell the plan to every member that goes by another one. They come to it in any order: reader and shards do

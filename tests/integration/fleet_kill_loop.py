@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import os
 import random
@@ -107,8 +108,11 @@ def keep_ledger(urls: Path, key: str, zones: list[str], out: Path, stopping: Eve
 class Loop:
     """One run in `folder`."""
 
-    def __init__(self, folder: Path, kills: int, zones: int, shards: int, seed: int, pace: float) -> None:
-        self._folder, self._kills, self._random = folder, kills, random.Random(seed)
+    def __init__(
+        self, folder: Path, kills: int, zones: int, shards: int, seed: int, pace: float, seconds: float
+    ) -> None:
+        """`seconds` after which nothing more is killed."""
+        self._folder, self._kills, self._random, self._seconds = folder, kills, random.Random(seed), seconds
         self._rooms, self._shards, self._pace = rooms(zones), shards, pace
         self._done: Counter[str] = Counter()
         self._recovery: list[float] = []
@@ -155,6 +159,8 @@ class Loop:
             for number in range(self._kills):
                 what = self._strike(cluster, fleet)
                 print(f"{number + 1}: {what}, {self._recovery[-1]:.1f} s, {time.monotonic() - began:.0f} s", flush=True)
+                if time.monotonic() - began > self._seconds:
+                    break
         finally:
             self._stopping.set()
             posting.join()
@@ -297,12 +303,19 @@ def main() -> int:
     parser.add_argument("--zones", type=int, default=2000)
     parser.add_argument("--shards", type=int, default=4)
     parser.add_argument("--pace", type=float, default=600.0, help="multiple of real time")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="after which nothing more is killed")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="write the report here as JSON")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="thermogate-fleet-kills-") as folder:
         report = Loop(
-            Path(folder), arguments.kills, arguments.zones, arguments.shards, arguments.seed, arguments.pace
+            Path(folder),
+            arguments.kills,
+            arguments.zones,
+            arguments.shards,
+            arguments.seed,
+            arguments.pace,
+            60 * arguments.minutes,
         ).run()
     if arguments.out is not None:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import time
@@ -11,27 +12,54 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.campus import POSTED, rooms, write_recording, write_site
-from support.fleet import Cluster, Fleet, Machine, get, post_lines, until
-from support.harness import Daemon
-from support.postgres import Server
-
-from service.web.keys import create_key
+import zenoh
+from support.campus import POSTED, rooms, told_by_clients, write_recording, write_site
+from support.fleet import Cluster, Fleet, Machine, get, post, post_lines, until
+from support.harness import Daemon, thermogate
+from support.poison.sitecustomize import POISON
+from support.postgres import Server, server
+from support.zenoh_plant import endpoint
+from support.zenoh_plant import session as zenoh_session
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
+from service.fleet.gateways.gateway import SPARE_SECONDS
+from service.web.keys import create_key
+
+SITE = f"campus-{os.getpid()}"
 ROOMS = rooms(6)
-ROWS = 500
+ROWS = 900
 PACE = 2400.0
 LEASE = 2.0
+POISONED, LIVE = "poisoned", "live"
+MEASURED = {"T_i": 21.5, "T_out": 4.25, "u_heat": 900.0}
+LIVE_ZONES = f"""
+[sources.bms]
+kind = "zenoh"
+connect = ["PLACE"]
+
+{told_by_clients(POISONED, 4)}
+[[zones]]
+id = "{LIVE}"
+period = 2
+network = "tite"
+estimator = "ekf"
+[zones.channels]
+T_i    = {{ source = "bms", key = "plant/T_i", unit = "degC" }}
+T_out  = {{ source = "bms", key = "plant/T_out", unit = "degC" }}
+u_heat = {{ source = "bms", key = "plant/u_heat", unit = "W" }}
+"""
 LEARNED = ("history?limit=20000", "forecast?horizon=3h", "parameters")
 
 
 class Site:
     """The fleet and its surroundings, for all tests of this file, which come one after the other."""
 
-    def __init__(self, cluster: Cluster, fleet: Fleet, config: Path, key: str) -> None:
-        self.cluster, self.fleet, self.config, self.key = cluster, fleet, config, key
+    def __init__(
+        self, cluster: Cluster, fleet: Fleet, database: Server, session: zenoh.Session, config: Path, key: str
+    ) -> None:
+        self.cluster, self.fleet, self.database, self.session = cluster, fleet, database, session
+        self.config, self.key = config, key
 
     def url(self) -> str:
         """A gateway that answers."""
@@ -68,18 +96,19 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, postgres_server: Server) -> Iterator[Site]:
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     folder = tmp_path_factory.mktemp("campus")
     write_recording(folder / "recording.csv", len(ROOMS), ROWS)
-    database = f"postgresql://postgres@/postgres?host={postgres_server.folder}"
-    config = write_site(
-        folder, database, site=f"campus-{os.getpid()}", count=len(ROOMS), shards=2, pace=PACE, lease=LEASE, cpus=1.0
-    )
-    key = create_key(folder / "state" / "keys.json", "tester", "admin")
-    with Cluster() as cluster:
+    place = endpoint()
+    with server() as database, Cluster() as cluster, zenoh_session(listen=place) as session:
+        address = f"postgresql://postgres@/postgres?host={database.folder}"
+        config = write_site(folder, address, site=SITE, count=len(ROOMS), shards=2, pace=PACE, lease=LEASE, cpus=1.0)
+        text = config.read_text(encoding="utf-8") + LIVE_ZONES.replace("PLACE", place)
+        config.write_text(text.replace("enabled = false", f'listen = []\nconnect = ["{place}"]'), encoding="utf-8")
+        key = create_key(folder / "state" / "keys.json", "tester", "admin")
         cluster.add()
         with Fleet(config, cluster.address, folder / "fleet.log") as fleet:
-            yield Site(cluster, fleet, config, key)
+            yield Site(cluster, fleet, database, session, config, key)
 
 
 def test_every_room_is_served_on_every_machine(site: Site) -> None:
@@ -90,12 +119,28 @@ def test_every_room_is_served_on_every_machine(site: Site) -> None:
     }, "each machine has a shard"
     for url in urls:
         until(lambda url=url: all(site.zones(url)[room]["samples"] > 3 for room in ROOMS), "samples of every room")
-        assert set(site.zones(url)) == {*ROOMS, POSTED}
+        assert set(site.zones(url)) == {*ROOMS, POSTED, POISONED, LIVE}
         for room in ROOMS:
             status, forecast = site.get(f"/zones/{room}/forecast?horizon=1h", url)
             assert status == 200, forecast
             assert forecast["zone"] == room
     assert get(f"{urls[0]}/zones")[0] == 401, "keys hold as on one machine"
+
+
+def test_questions_on_zenoh_are_answered_for_a_zone_and_for_the_site(site: Site) -> None:
+    def asked(selector: str, body: object = None) -> list[dict[str, Any]]:
+        payload = None if body is None else json.dumps(body).encode()
+        replies = site.session.get(f"thermogate/{SITE}/{selector}", payload=payload, timeout=60)
+        return [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
+
+    for room in ROOMS:
+        (fan,) = until(lambda room=room: asked(f"{room}/fan?horizon=1h"), f"a fan of {room}")
+        assert (fan["zone"], bool(fan["fan"])) == (room, True)
+    # No shard knows all rooms.
+    body = {"horizon": "1h", "zones": ROOMS, "plans": [{"inputs": {"*": {"u_heat": 0.0}}}]}
+    (forecasts, *others) = until(lambda: asked("forecasts", body), "forecasts of every room")
+    assert {zone["zone"] for zone in forecasts["plans"][0]["zones"]} == set(ROOMS)
+    assert others == [], "one gateway answers for all"
 
 
 def test_what_was_accepted_of_a_post_survives_its_shard(site: Site) -> None:
@@ -148,7 +193,7 @@ def test_zones_move_to_another_number_of_shards_under_load(site: Site) -> None:
 
     def settled() -> bool:
         shards = site.shards().values()
-        return len(shards) == 3 and sum(shard["zones"] for shard in shards) == len(ROOMS) + 1
+        return len(shards) == 3 and sum(shard["zones"] for shard in shards) == len(ROOMS) + 3
 
     until(settled, "three shards with all zones")
     since = site.samples()
@@ -167,8 +212,8 @@ def test_a_frozen_machine_that_wakes_up_changes_nothing(site: Site) -> None:
     before = _boots(site)
     frozen.thaw()
     # Its members find out that they are others' now, and end.
-    workers = [pid for pid in frozen.frozen if _is_member(pid)]
-    until(lambda: not any(_is_member(pid) for pid in workers), "the members of the frozen machine to end")
+    workers = [pid for pid in frozen.frozen if _runs(pid, b"ray::Member")]
+    until(lambda: not any(_runs(pid, b"ray::Member") for pid in workers), "the members of the frozen machine to end")
     now = _boots(site)
     assert {name: now[name] for name in on_it} == {name: before[name] for name in on_it}
 
@@ -177,10 +222,113 @@ def _boots(site: Site) -> dict[str, str]:
     return {name: shard["boot"] for name, shard in site.shards().items()}
 
 
-def _is_member(pid: int) -> bool:
+def _runs(pid: int, word: bytes) -> bool:
     with suppress(OSError):
-        return b"ray::Member" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        return word in Path(f"/proc/{pid}/cmdline").read_bytes()
     return False
+
+
+def test_everything_goes_on_while_the_head_of_the_cluster_does_not_answer(site: Site) -> None:
+    (head,) = [pid for pid in site.cluster.head.pids() if _runs(pid, b"gcs_server")]
+    urls, since = site.fleet.urls(), site.samples()
+    os.kill(head, signal.SIGSTOP)
+    try:
+        # Longer than a gateway takes before it asks the head for anything.
+        time.sleep(SPARE_SECONDS + 1)
+        for url in urls:
+            assert set(site.zones(url)) >= set(ROOMS)
+        until(lambda: site.goes_on(since), "new samples of every room")
+    finally:
+        os.kill(head, signal.SIGCONT)
+
+
+def test_a_database_that_goes_away_is_waited_for(site: Site) -> None:
+    before, since = _boots(site), site.samples()
+    site.database.stop()
+    until(lambda: _posted(site, 20.5)[0] == 503, "a post that is not accepted")
+    # Until every lease is over: nobody else can take one without the database either.
+    time.sleep(1.5 * LEASE)
+    site.database.start()
+    until(lambda: _posted(site, 20.5)[0] == 200, "a post that is accepted")
+    until(lambda: site.goes_on(since), "new samples of every room")
+    assert _boots(site) == before, "no shard has to be started anew for it"
+
+
+def test_a_database_that_may_only_be_read_is_waited_for(site: Site) -> None:
+    before = _boots(site)
+    run = site.database.run
+    run("ALTER SYSTEM SET default_transaction_read_only = on", "SELECT pg_reload_conf()")
+    try:
+        until(lambda: _posted(site, 20.5)[0] == 503, "a post that is not accepted")
+        time.sleep(1.5 * LEASE)
+    finally:
+        run("SET default_transaction_read_only = off", "ALTER SYSTEM RESET default_transaction_read_only")
+        run("SELECT pg_reload_conf()")
+    since = site.samples()
+    until(lambda: _posted(site, 20.5)[0] == 200, "a post that is accepted")
+    until(lambda: site.goes_on(since), "new samples of every room")
+    assert _boots(site) == before, "no shard has to be started anew for it"
+
+
+def _posted(site: Site, temperature: float, zone: str = POSTED) -> tuple[int, Any]:
+    """The answer to readings of now."""
+    lines = f"{zone} T_i={temperature},T_out=4.25,u_heat=900 {time.time_ns()}\n"
+    return post_lines(f"{site.url()}/readings", lines, site.key)
+
+
+def test_a_sample_that_ends_processes_is_passed_over_in_quarantine(site: Site) -> None:
+    since = site.samples()
+    until(lambda: _posted(site, POISON, POISONED)[0] == 200, "the reading to be durable")
+    until(lambda: site.fleet.status()["quarantined_zones"] == [POISONED], "the quarantine")
+    # The others are free of it, whatever becomes of the poisoned zone.
+    until(lambda: len(site.shards()) == 3, "the shards")
+    boots = _boots(site)
+    until(lambda: site.goes_on(since), "new samples of every room")
+
+    def steps_again() -> bool:
+        _posted(site, 21.5, POISONED)
+        return site.zones().get(POISONED, {"samples": 0})["samples"] > 1
+
+    until(steps_again, "the quarantined zone to go on without the sample")
+    assert _boots(site) == boots
+    status, forecast = site.get(f"/zones/{POISONED}/forecast")
+    assert (status, forecast["zone"]) == (200, POISONED)
+
+
+def test_a_live_source_reaches_its_zone_through_the_reader(site: Site) -> None:
+    def samples() -> int:
+        for channel, value in MEASURED.items():
+            site.session.put(f"plant/{channel}", str(value))
+        return int(site.zones().get(LIVE, {"samples": 0})["samples"])
+
+    since = samples()
+    until(lambda: samples() > since + 1, "samples of the live zone")
+    (reader,) = site.fleet.members("reader")
+    # A new reader subscribes again.
+    os.kill(reader["pid"], signal.SIGKILL)
+    until(lambda: {one["boot"] for one in site.fleet.members("reader")} - {reader["boot"]}, "a new reader")
+    since = samples()
+    until(lambda: samples() > since + 1, "samples of the live zone")
+    status, forecast = site.get(f"/zones/{LIVE}/forecast")
+    assert status == 200, forecast
+    assert {one["channel"]: one["value"] for one in forecast["inputs"]} == {
+        name: MEASURED[name] for name in ("T_out", "u_heat")
+    }
+
+
+def test_a_gateway_has_the_configuration_read_again(site: Site) -> None:
+    def reload() -> tuple[int, Any]:
+        return post(f"{site.url()}/admin/reload", site.key)
+
+    text = site.config.read_text(encoding="utf-8")
+    site.config.write_text(f"{text}\nnonsense = 1\n", encoding="utf-8")
+    status, refused = reload()
+    assert (status, "nonsense" in refused["detail"]) == (409, True), refused
+    site.config.write_text(text.replace(f"pace = {PACE}", "pace = 1200.0"), encoding="utf-8")
+    status, done = reload()
+    assert (status, "changed" in done["done"]) == (200, True), done
+    site.config.write_text(text, encoding="utf-8")
+    assert reload()[0] == 200
 
 
 def test_at_the_end_everything_is_as_on_one_machine_that_was_never_disturbed(site: Site, tmp_path: Path) -> None:
@@ -203,6 +351,13 @@ def test_at_the_end_everything_is_as_on_one_machine_that_was_never_disturbed(sit
                 found = site.get(f"/zones/{room}/{path}")
                 assert found == (200, alone), f"{room}: {path}"
             assert len(alone) > 0
+
+
+def test_a_report_is_made_of_what_the_database_holds(site: Site, tmp_path: Path) -> None:
+    done = thermogate("report", "--fleet", "--config", site.config, "--zone", ROOMS[1], "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert ROOMS[1] in done.stdout
+    assert "bit for bit" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_it_stops_in_order(site: Site) -> None:

@@ -11,6 +11,21 @@ POSTED = "posted"
 """The room that clients post to."""
 
 
+def told_by_clients(zone: str, period: int) -> str:
+    """The table of a zone whose readings are posted, sampled every `period` s."""
+    return f"""
+[[zones]]
+id = "{zone}"
+period = {period}
+network = "tite"
+estimator = "ekf"
+[zones.channels]
+T_i    = {{ source = "clients", unit = "degC" }}
+T_out  = {{ source = "clients", unit = "degC" }}
+u_heat = {{ source = "clients", unit = "W" }}
+"""
+
+
 def rooms(count: int) -> list[str]:
     """The rooms of the recording."""
     return [f"room-{number:04d}" for number in range(count)]
@@ -75,16 +90,7 @@ timestamp = {{ column = "time", format = "epoch" }}
 [sources.clients]
 kind = "http"
 {zones}
-[[zones]]
-id = "{POSTED}"
-period = 3600
-network = "tite"
-estimator = "ekf"
-[zones.channels]
-T_i    = {{ source = "clients", unit = "degC" }}
-T_out  = {{ source = "clients", unit = "degC" }}
-u_heat = {{ source = "clients", unit = "W" }}
-""",
+{told_by_clients(POSTED, 3600)}""",
         encoding="utf-8",
     )
     return path

@@ -35,11 +35,14 @@ _ENVIRONMENT = {
     "RAY_health_check_period_ms": "500",
     "RAY_health_check_timeout_ms": "1000",
     "RAY_health_check_failure_threshold": "3",
+    "RAY_prestart_worker_first_driver": "0",
+    "RAY_num_workers_soft_limit": "4096",
     # A machine that Ray gave up must not linger.
-    "RAY_gcs_rpc_server_reconnect_timeout_s": "15",
+    "RAY_gcs_rpc_server_reconnect_timeout_s": "60",
     "RAY_AUTH_MODE": "token",
     "RAY_AUTH_TOKEN": secrets.token_hex(32),
-    "PYTHONPATH": str(ROOT),
+    # Machines on which a sample can be poisoned.
+    "PYTHONPATH": f"{ROOT}{os.pathsep}{Path(__file__).with_name('poison')}",
     "PYTHONUNBUFFERED": "1",
 }
 
@@ -230,6 +233,11 @@ class Fleet:
 def get(url: str, key: str = "", timeout: float = 20) -> tuple[int, Any]:
     """Status and JSON body; 0 where nobody answers."""
     return _answer(urllib.request.Request(url, headers=_headers(key)), timeout)
+
+
+def post(url: str, key: str, timeout: float = 60) -> tuple[int, Any]:
+    """The answer to a request without a body; 0 where nobody answers."""
+    return _answer(urllib.request.Request(url, b"", _headers(key)), timeout)
 
 
 def post_lines(url: str, lines: str, key: str, timeout: float = 60) -> tuple[int, Any]:

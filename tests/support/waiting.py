@@ -17,6 +17,11 @@ async def until(done: Callable[[], object]) -> None:
             await asyncio.sleep(0.01)
 
 
+def between(begin: float, moment: float | None, end: float) -> bool:
+    """Whether a moment lies between two others, UTC s; times on the wire are cut to less than a millisecond."""
+    return moment is not None and begin - 0.001 <= moment <= end + 0.001
+
+
 def wait_until(done: Callable[[], object]) -> None:
     """Wait in this thread until `done`; fails if that does not come."""
     deadline = time.monotonic() + PATIENCE

@@ -21,18 +21,25 @@ from service.errors import ReloadRefused, ServiceError
 from service.fleet.gateways.posts import Posts
 from service.fleet.gateways.scrape import FleetCollector
 from service.fleet.gateways.views import Mirror, ShardView
-from service.fleet.messages import Beat, News
-from service.fleet.peers import Peer, own_node
+from service.fleet.messages import Away, Beat, News
+from service.fleet.peers import STEWARD, Peer, keep_a_spare, own_node, remembered
 from service.fleet.plan import Plan
+from service.fleet.questions import answers
+from service.pauses import GrowingPause
 from service.publish.changes import Changes
 from service.publish.events import Streams
-from service.publish.sinks import Announcement
+from service.publish.sinks import Announcement, Sink
+from service.publish.zenoh import KIND as ZENOH_KIND
+from service.publish.zenoh import Publisher
 from service.web.app import create_app
 from service.web.keys import KeyRing
 from service.web.server.server import HttpServer
 
 AGAIN = 0.3
 """Pause before a shard that could not be reached is asked again, s."""
+
+SPARE_SECONDS, LONGEST_SPARE_SECONDS = 5.0, 300.0
+"""How often it is looked whether there is a process to spare, s."""
 
 _log = logging.getLogger(__name__)
 
@@ -51,11 +58,19 @@ class Gateway:
         self._server: HttpServer | None = None
         self._serving: asyncio.Task[None] | None = None
         self._watching: list[asyncio.Task[Any]] = []
+        self._waking: asyncio.Task[None] | None = None
+        self._adopting = asyncio.Lock()
         self._problem = ""
+        self._publisher: Sink | None = None
 
     async def wake(self) -> None:
-        """Nothing to do before the steward says what."""
+        """Go on with the plan of before, if there is one."""
         favour_the_event_loop()
+        self._waking = asyncio.create_task(self._go_on())
+
+    async def _go_on(self) -> None:
+        if (plan := await asyncio.to_thread(remembered, self._site)) is not None:
+            await self.adopt(plan)
 
     async def beat(self) -> Beat:
         """A sign of life."""
@@ -74,6 +89,10 @@ class Gateway:
 
     async def adopt(self, plan: Plan) -> None:
         """Serve the zones of `plan` from now on."""
+        async with self._adopting:
+            await self._adopt(plan)
+
+    async def _adopt(self, plan: Plan) -> None:
         before = self._plan
         if before is not None and plan.version <= before.version:
             return
@@ -109,6 +128,8 @@ class Gateway:
         if self._server is not None and self._serving is not None:
             await self._server.stop(self._serving)
             self._server.close()
+        if self._publisher is not None:
+            await asyncio.to_thread(self._publisher.close)
         await end(self._watching)
 
     async def _serve(self, config: Config) -> None:
@@ -123,7 +144,7 @@ class Gateway:
                 version=version("thermogate"),
                 keys=KeyRing(config.keys_file, required=config.http.exposed),
                 problems=self._problems,
-                reload=_not_here,
+                reload=self._reload,
                 http=config.http,
                 streams=self._streams,
                 take=self._posts.take,
@@ -138,8 +159,28 @@ class Gateway:
             _log.error("%s", error)
             self._problem, self._serving = str(error), None
             return
-        self._watching.append(asyncio.create_task(collect_garbage()))
+        self._watching += [asyncio.create_task(collect_garbage()), asyncio.create_task(_keep_a_spare())]
+        await self._answer(config)
         _log.info("%s serves %d zones on %s", self._name, len(self._zones), server.url)
+
+    async def _answer(self, config: Config) -> None:
+        """Answer on Zenoh what is asked of the whole site."""
+        table = config.table(ZENOH_KIND.name)
+        try:
+            self._publisher = await asyncio.to_thread(ZENOH_KIND.open, table, self._site)
+            if isinstance(self._publisher, Publisher):
+                await asyncio.to_thread(self._publisher.answer_with, answers(self._site, self._zones))
+        except ServiceError as error:
+            _log.error("%s", error)
+            self._problem = str(error)
+
+    async def _reload(self) -> str:
+        """Have the configuration read again; what that changed. Raises ReloadRefused."""
+        try:
+            done: str = await Peer(self._site, STEWARD).ask("reload")
+        except Away as error:
+            raise ReloadRefused([f"{error}; ask again in a moment"]) from error
+        return done
 
     def _problems(self) -> list[str]:
         silent = [view.peer.name for view, _ in self._shards.values() if view.silence() is not None]
@@ -168,5 +209,14 @@ class Gateway:
                 self._changes.publish(announcement)
 
 
-async def _not_here() -> str:
-    raise ReloadRefused(["a fleet is reloaded where `thermogate fleet run` runs: send it SIGHUP"])
+async def _keep_a_spare() -> None:
+    """See, for ever, that a shard that has to start on this machine finds a process that is ready for it."""
+    pause = GrowingPause(SPARE_SECONDS, LONGEST_SPARE_SECONDS)
+    while True:
+        await asyncio.sleep(pause.seconds)
+        # A machine that does not let the idle live is not kept busy with them.
+        with suppress(Away):
+            if await keep_a_spare():
+                pause.reset()
+            else:
+                pause.grow()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, ItemsView, Iterator, KeysView, Mapping, Sequence, ValuesView
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from estimator.arrays import Array
@@ -11,6 +11,7 @@ from estimator.statespace.simulate import Simulation
 from estimator.types import ParameterSummary
 from service.config.fitting import measured_outputs, surroundings
 from service.config.site import Config, ZoneConfig
+from service.daemon.zone_table import Zones
 from service.fleet.messages import News, ZoneNews
 from service.fleet.peers import Peer
 from service.records.asker import current_asker
@@ -149,37 +150,16 @@ class RemoteZone:
         return ZoneStatus(state, reason, None, 0, 0, {}, {}, channels=self.network.channels)
 
 
-class Mirror(Mapping[str, RemoteZone]):
-    """All zones of a site by id, in the order of its configuration; replaced in one go, as in the daemon."""
-
-    def __init__(self) -> None:
-        self._zones: dict[str, RemoteZone] = {}
+class Mirror(Zones[RemoteZone]):
+    """All zones of a site."""
 
     def adopt(self, config: Config, owner: Mapping[str, str], shard: Callable[[str], ShardView]) -> None:
         """These are the zones from now on; what is known of one that stays as it is, is kept."""
         zones, outputs = {}, measured_outputs(config)
         for table in config.zones:
             zone = RemoteZone(table, surroundings(config, table, outputs), shard(owner[table.id]))
-            before = self._zones.get(table.id)
+            before = self.get(table.id)
             if before is not None and before._news is not None and before.network == zone.network:
                 zone.heard(before._news)
             zones[table.id] = zone
-        self._zones = zones
-
-    def __getitem__(self, zone: str) -> RemoteZone:
-        return self._zones[zone]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._zones)
-
-    def __len__(self) -> int:
-        return len(self._zones)
-
-    def keys(self) -> KeysView[str]:
-        return self._zones.keys()
-
-    def values(self) -> ValuesView[RemoteZone]:
-        return self._zones.values()
-
-    def items(self) -> ItemsView[str, RemoteZone]:
-        return self._zones.items()
+        self.replace(zones)

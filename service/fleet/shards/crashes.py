@@ -69,9 +69,12 @@ class Crashes:
         innocent."""
         with self._alone if self._suspected else nullcontext():
             self._note(f"{zone} {time}")
-            yield
-            self._note("")
-            self._suspected.discard((zone, time))
+            try:
+                yield
+            finally:
+                # An error leaves the process alive.
+                self._note("")
+                self._suspected.discard((zone, time))
 
     def close(self) -> None:
         """The process ends in order; safe to call twice."""

@@ -26,11 +26,12 @@ from service.daemon.supply.feeds import Handed
 from service.daemon.supply.ingest import hand
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
-from service.errors import StateMismatch
+from service.errors import ServiceError, StateMismatch
 from service.fields.times import written_time
 from service.fleet.messages import Ack, Away, Beat, News
-from service.fleet.peers import end_process, own_node
+from service.fleet.peers import end_process, own_node, remembered
 from service.fleet.plan import QUARANTINE, narrowed
+from service.fleet.questions import answers
 from service.fleet.shards.crashes import Crashes, told
 from service.fleet.shards.herald import Herald
 from service.fleet.shards.inlets import Inlets
@@ -38,6 +39,7 @@ from service.fleet.shards.leasing import Leased, Vouched, take_lease
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
+from service.publish.zenoh import Publisher
 from service.records.asker import Asker, asked_by
 from service.records.outlook import WeatherBook
 from service.records.update import Update
@@ -57,6 +59,7 @@ class Shard:
         self._version = 0
         self._work: _Work | None = None
         self._adopting = asyncio.Lock()
+        self._waking: asyncio.Task[None] | None = None
         self._crashes = Crashes(site, name)
         for suspect in self._crashes.suspects:
             _log.error(
@@ -68,8 +71,17 @@ class Shard:
             )
 
     async def wake(self) -> None:
-        """Nothing to do before the steward says what."""
+        """Go on with the plan of before, if there is one with this shard; the steward tells all others."""
         favour_the_event_loop()
+        self._waking = asyncio.create_task(self._go_on())
+
+    async def _go_on(self) -> None:
+        try:
+            plan = await asyncio.to_thread(remembered, self._site)
+            if plan is not None and self._name in plan.all_shards:
+                await self.adopt(plan.version, plan.shares()[self._name])
+        except ServiceError as error:
+            _log.error("%s cannot go on yet: %s", self._name, error)
 
     async def beat(self) -> Beat:
         """A sign of life."""
@@ -233,6 +245,11 @@ class _Work:
         sound, refused = await _sound(config, name, leased, crashes)
         work = cls(site, name, boot, sound, leased, opened, crashes)
         work.herald.refused = refused
+        for sink in opened:
+            if isinstance(sink, Publisher):
+                # What concerns several zones the gateways answer, who know those of all shards.
+                answering = answers(site, work.zones, lambda: leased.held)
+                await asyncio.to_thread(sink.answer_with, answering, of_site=False)
         await work.runtime.declare()
         await work.runtime.restore()
         work.runtime.start_zones()
@@ -277,20 +294,22 @@ class _Work:
 
 async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) -> tuple[Config, dict[str, str]]:
     """`config` with the zones that the shard can run, and why it cannot run the others: one zone's mistake is not the
-    others'."""
-    refused = {}
-    await leased.store.take([zone.id for zone in config.zones])
-    for zone in config.zones:
-        suspect = crashes.guilty.get(zone.id)
-        if suspect is not None and name != QUARANTINE:
-            refused[zone.id] = f"{told(suspect)}; it goes on in quarantine"
-            continue
+    others'. The shard holds none of those that it refuses, so that another one can take them."""
+    guilty = {} if name == QUARANTINE else crashes.guilty
+    refused = {
+        zone.id: f"{told(guilty[zone.id])}; it goes on in quarantine" for zone in config.zones if zone.id in guilty
+    }
+    wanted = [zone for zone in config.zones if zone.id not in refused]
+    await leased.store.take([zone.id for zone in wanted])
+    for zone in wanted:
         try:
             await leased.store.claim(zone.id, fingerprint(zone))
         except StateMismatch as error:
             _log.error("%s", error)
             refused[zone.id] = str(error)
+            await leased.store.give_up(zone.id)
             continue
+        suspect = crashes.guilty.get(zone.id)
         if suspect is not None:
             _log.error("zone '%s' passes over its sample: %s", zone.id, told(suspect))
             await leased.store.skip(zone.id, suspect.time, told(suspect))

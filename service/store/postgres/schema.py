@@ -58,12 +58,12 @@ SCHEMA_VERSION = len(_MIGRATIONS)
 
 def prepare(database: Database) -> None:
     """Create the tables, or bring them up to the present version. JournalError for newer ones."""
-    applied = _applied(database)
-    if applied < SCHEMA_VERSION:
+    there = applied(database)
+    if there < SCHEMA_VERSION:
         database.transaction(lambda cursor: _upgrade(cursor, database))
-    elif applied > SCHEMA_VERSION:
+    elif there > SCHEMA_VERSION:
         raise JournalError(
-            f"the database {database.place} has version {applied} of a newer Thermogate (this one reads "
+            f"the database {database.place} has version {there} of a newer Thermogate (this one reads "
             f"{SCHEMA_VERSION}); upgrade Thermogate, or use another database"
         )
 
@@ -80,7 +80,7 @@ def warn_of_unsafe_commits(database: Database) -> None:
         )
 
 
-def _applied(database: Database) -> int:
+def applied(database: Database) -> int:
     """The version of the tables; 0 if there are none."""
     there = database.read("SELECT to_regclass(%s) IS NOT NULL", f'"{database.schema}".migrations')
     return int(database.read("SELECT max(version) FROM migrations")[0][0] or 0) if there[0][0] else 0

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from support.campus import write_recording, write_site
 
+from service.cli.main import main
 from service.config.load import load
 from service.config.written import effective_toml
 from service.errors import ConfigError
@@ -74,3 +75,10 @@ def test_a_site_without_the_table_is_no_fleet(tmp_path: Path) -> None:
     path.write_text(text[: text.index("[fleet]")] + text[text.index("[sources.log]") :], encoding="utf-8")
     with pytest.raises(ConfigError, match="fleet: is missing"):
         fleet_of(load(path))
+
+
+def test_a_backup_of_what_is_not_in_a_folder_names_the_tools_for_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["backup", str(site(tmp_path)), str(tmp_path / "out")]) == 1
+    assert "a fleet keeps it in the database that fleet.database names" in capsys.readouterr().err

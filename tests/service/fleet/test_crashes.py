@@ -71,3 +71,10 @@ def test_a_file_that_is_damaged_blames_nobody(tmp_path: Path, content: bytes) ->
     (tmp_path / "campus.shard-0.steps").write_bytes(content)
     (tmp_path / "campus.shard-0.crashes").write_bytes(content)
     assert Crashes("campus", "shard-0", tmp_path).suspects == ()
+
+
+def test_an_error_that_the_process_survives_is_no_crash(tmp_path: Path) -> None:
+    crashes = Crashes("campus", "shard-0", tmp_path)
+    with pytest.raises(ValueError, match="of its own"), crashes.stepping("cellar", 600):
+        raise ValueError("of its own")
+    assert Crashes("campus", "shard-0", tmp_path).suspects == ()

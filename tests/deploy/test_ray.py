@@ -1,0 +1,134 @@
+"""The files of deploy/ray: what Ray and the command line themselves make of what is in them, as far as that needs no
+cluster and no Kubernetes."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from support.harness import ROOT, THERMOGATE, thermogate
+
+ray = pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
+
+FOLDER = ROOT / "deploy" / "ray"
+CLUSTER = yaml.safe_load((FOLDER / "cluster.yaml").read_text(encoding="utf-8"))
+CAMPUS, SERVICE = yaml.safe_load_all((FOLDER / "kuberay.yaml").read_text(encoding="utf-8"))
+HEAD = CAMPUS["spec"]["headGroupSpec"]
+(WORKERS,) = CAMPUS["spec"]["workerGroupSpecs"]
+
+CLUSTER_FIELDS = {"gcsFaultToleranceOptions", "headGroupSpec", "workerGroupSpecs"}
+"""Of those of a RayCluster (ray.io/v1) that the manifest needs."""
+GROUP_FIELDS = {"groupName", "replicas", "minReplicas", "maxReplicas", "rayStartParams", "template"}
+CONTAINER_FIELDS = {"name", "image", "command", "env", "resources", "volumeMounts", "ports", "readinessProbe"}
+
+
+def options_of_start() -> set[str]:
+    from ray.scripts.scripts import start
+
+    return {option for parameter in start.params for option in parameter.opts}
+
+
+def programs() -> bytes:
+    """The programs of Ray that read its settings."""
+    folder = Path(ray.__file__).parent / "core" / "src" / "ray"
+    return b"".join((folder / name).read_bytes() for name in ("gcs/gcs_server", "raylet/raylet"))
+
+
+def settings(environment: dict[str, str]) -> None:
+    """Hold the settings of Ray to those that its programs know; one that is misspelled would have no effect."""
+    known = programs()
+    for name, value in environment.items():
+        if re.match(r"RAY_[a-z]", name):
+            assert name.removeprefix("RAY_").encode() in known, name
+            assert value.isdecimal(), name
+        else:
+            assert name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_USAGE_STATS_ENABLED"), name
+
+
+def containers() -> list[dict[str, Any]]:
+    return [one for group in (HEAD, WORKERS) for one in group["template"]["spec"]["containers"]]
+
+
+def test_the_cluster_file_is_what_ray_up_takes() -> None:
+    pytest.importorskip("jsonschema", reason="Ray checks a cluster file with jsonschema")
+    from ray.autoscaler._private.util import prepare_config, validate_config
+
+    prepared = prepare_config(CLUSTER)
+    validate_config(prepared)
+    assert CLUSTER["min_workers"] == CLUSTER["max_workers"] == len(CLUSTER["provider"]["worker_ips"])
+
+
+@pytest.mark.parametrize("commands", ["head_start_ray_commands", "worker_start_ray_commands"])
+def test_the_commands_of_the_cluster_file_are_those_of_ray(commands: str) -> None:
+    stop, start = CLUSTER[commands]
+    assert stop == "ray stop"
+    words = shlex.split(start)
+    begin = words.index("ray")
+    settings(dict(word.split("=", 1) for word in words[:begin]))
+    assert words[begin + 1] == "start"
+    assert {word.split("=")[0] for word in words[begin + 2 :]} <= options_of_start()
+    assert ("--head" in words) == (commands == "head_start_ray_commands")
+    assert "RAY_AUTH_MODE=token" in words, "nobody else may start anything on the machines"
+
+
+def test_machines_keep_a_process_to_spare_as_a_fleet_on_one_machine_does() -> None:
+    from service.fleet.joining import QUIET
+
+    wanted = {name: value for name, value in QUIET.items() if re.match(r"RAY_(num|prestart)", name)}
+    assert len(wanted) == 2
+    for commands in ("head_start_ray_commands", "worker_start_ray_commands"):
+        assert {f"{name}={value}" for name, value in wanted.items()} <= set(shlex.split(CLUSTER[commands][1]))
+    for container in containers():
+        assert {"name": "RAY_num_workers_soft_limit", "value": wanted["RAY_num_workers_soft_limit"]} in container["env"]
+    health = {name: value for name, value in QUIET.items() if name.startswith("RAY_health")}
+    assert len(health) == 4
+    assert {f"{name}={value}" for name, value in health.items()} <= set(
+        shlex.split(CLUSTER["head_start_ray_commands"][1])
+    )
+
+
+def test_the_manifest_has_the_fields_of_a_ray_cluster() -> None:
+    assert (CAMPUS["apiVersion"], CAMPUS["kind"]) == ("ray.io/v1", "RayCluster")
+    assert set(CAMPUS["spec"]) == CLUSTER_FIELDS
+    assert set(CAMPUS["spec"]["gcsFaultToleranceOptions"]) == {"redisAddress"}
+    for group in (HEAD, WORKERS):
+        assert set(group) <= GROUP_FIELDS
+        assert {f"--{name}" for name in group["rayStartParams"]} <= options_of_start()
+        assert all(isinstance(value, str) for value in group["rayStartParams"].values()), "KubeRay takes strings only"
+    assert WORKERS["minReplicas"] <= WORKERS["replicas"] <= WORKERS["maxReplicas"]
+    for container in containers():
+        assert set(container) <= CONTAINER_FIELDS
+        settings({one["name"]: one.get("value", "") for one in container["env"] if "value" in one})
+
+
+def test_every_mount_of_the_manifest_has_its_volume() -> None:
+    for group in (HEAD, WORKERS):
+        spec = group["template"]["spec"]
+        volumes = {volume["name"] for volume in spec["volumes"]}
+        for container in spec["containers"]:
+            assert {mount["name"] for mount in container["volumeMounts"]} == volumes
+            assert all(mount["readOnly"] for mount in container["volumeMounts"])
+
+
+def test_the_command_of_the_manifest_is_one_of_ours(tmp_path: Path) -> None:
+    (command,) = [container["command"] for container in containers() if "command" in container]
+    assert command[0] == THERMOGATE.name
+    # It reads the configuration first; that there is none here is all that is wrong.
+    done = thermogate(*(str(tmp_path / "site.toml") if word.startswith("/") else word for word in command[1:]))
+    assert done.returncode != 0
+    assert "site.toml" in done.stderr
+    assert "usage" not in done.stderr
+
+
+def test_the_service_finds_every_gateway() -> None:
+    selector = SERVICE["spec"]["selector"]
+    assert selector == {"ray.io/cluster": CAMPUS["metadata"]["name"], "ray.io/group": WORKERS["groupName"]}
+    (container,) = WORKERS["template"]["spec"]["containers"]
+    names = {port["name"] for port in container["ports"]}
+    assert {port["targetPort"] for port in SERVICE["spec"]["ports"]} <= names
+    probe = container["readinessProbe"]["httpGet"]
+    assert (probe["path"], probe["port"] in names) == ("/healthz", True)
