@@ -43,6 +43,8 @@ def main() -> int:
     port = free_port()
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "service", "demo", "--live", "--port", str(port), "--directory", folder]
+        # Zenoh's port belongs to whatever else runs here.
+        command += ["--set", "zenoh.enabled=false"]
         demo = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
             url = f"http://127.0.0.1:{port}"

@@ -148,6 +148,44 @@ def test_a_broken_connection_is_told_and_mended(visit: Any) -> None:
         eventually(page, "document.querySelector('tr[data-zone]').dataset.zone === 'room-1'")
 
 
+def test_a_room_that_is_chosen_without_a_connection_shows_once_there_is_one(visit: Any) -> None:
+    with building(many(3)) as served:
+        page = visit(served.url, quiet=False).page
+        page.wait_for_selector(".live")
+        served.offline()
+        page.locator('[data-zone="room-1"] a').click()
+        page.wait_for_selector("text=no connection to the daemon")
+        served.open()
+        page.wait_for_selector("h1:has-text('room-1')")
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
+def test_a_stream_is_resumed_after_sleep_and_not_because_the_page_was_busy(visit: Any) -> None:
+    with building(many(3)) as served:
+        watched = visit(served.url, before=lambda page: page.clock.install())
+        page = watched.page
+        page.wait_for_selector(".live")
+
+        def streams() -> int:
+            return [url.removeprefix(served.url) for url in watched.requests].count("/overview/stream")
+
+        # The daemon sends something every 15 s; a page that could not look for 46 s finds it when it looks again.
+        page.clock.fast_forward(46_000)
+        served.step("room-0", state="failed", reason="the estimator diverged")
+        page.wait_for_selector("text=the estimator diverged")
+        assert streams() == 1
+        # A connection that is silent whenever it is looked at is dead.
+        while streams() == 1:
+            page.clock.fast_forward(46_000)
+            page.wait_for_timeout(20)
+        page.wait_for_selector(".live")
+        served.step("room-0", reason="the estimator diverged again")
+        page.wait_for_selector("text=the estimator diverged again")
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
 def test_an_hour_of_a_thousand_rooms_leaves_memory_flat(visit: Any) -> None:
     """Twelve samples of every room: what an hour brings, as fast as it can be sent."""
     with building(many(1000)) as served:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -166,7 +168,7 @@ def test_set_point_and_unmeasured_heat_are_drawn_where_they_are_known(visit: Any
         assert {20.0, 21.0} <= set(drawn["set-point</extra>"])
         gain = [value for value in drawn["unmeasured heat</extra>"] if value is not None]
         assert (min(gain), max(gain)) == (100.0, 387.0)
-        titles = "Object.values(document.querySelector('.plot.history').layout).map((one) => one?.title?.text)"
+        titles = "document.querySelector('.plot.history').layout.annotations.map(({text}) => text)"
         assert "W unmeasured" in page.evaluate(titles)
         assert serious(page) == []
         page.goto(f"{house.url}/#/zone/none")
@@ -174,6 +176,33 @@ def test_set_point_and_unmeasured_heat_are_drawn_where_they_are_known(visit: Any
         eventually(page, f"{PLOTTED} >= 2")
         assert "set-point</extra>" not in str(series_of(page))
         assert "W unmeasured" not in page.evaluate(titles)
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
+def test_lines_are_named_and_hovering_tells_the_time_in_utc(visit: Any) -> None:
+    with building({"both": with_gain("both")}) as house:
+        page = opened(visit, house, "both").page
+        names = ["forecast before", "measured", "set-point", "T_out", "T_adj", "u_heat", "unmeasured heat"]
+        assert page.locator(".legend").first.locator("li").all_inner_texts() == names
+        page.locator(".expert summary").click()
+        eventually(page, "document.querySelector('.legend').textContent.endsWith('αgate')")
+        drawn = "document.querySelector('.plot.history .main-svg').getBoundingClientRect().height"
+        whole = "document.querySelector('.plot.history').getBoundingClientRect().height"
+        assert page.evaluate(f"{drawn} === {whole}"), "two panels more are higher"
+        page.locator(".plan-box button", has_text="Off", has_not_text="until").click()
+        eventually(page, "document.querySelectorAll('.legend')[1].textContent.endsWith('without the plan')")
+        assert serious(page) == []
+        for plot in (".plot.history", ".plot.fan"):
+            page.locator(plot).scroll_into_view_if_needed()
+            box = page.locator(plot).bounding_box()
+            page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 60)
+            text = f"[...document.querySelectorAll('{plot} .hoverlayer text')].map((one) => one.textContent).join(' ')"
+            eventually(page, f"{text}.includes('UTC')")
+            told = re.search(r"(\d\d):(\d\d) .* °C.* · 2025-05-\d\d (\d\d):(\d\d) UTC", page.evaluate(text))
+            assert told is not None, page.evaluate(text)
+            ahead = 60 * (int(told[1]) - int(told[3])) + int(told[2]) - int(told[4])
+            assert ahead % 1440 == 120, "Berlin's time, and UTC"
         # What is still being loaded is given up before the daemon goes.
         page.goto("about:blank")
 
@@ -198,6 +227,34 @@ def test_the_fan_says_where_its_inputs_come_from(visit: Any) -> None:
         page.wait_for_selector("text=u_heat: as planned")
         page.locator("#language").select_option("de")
         page.wait_for_selector("text=T_adj: wie gestern verlaufen")
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
+MEASURING = """() => {
+  window.measured = 0;
+  const count = (changes) => changes.forEach(({addedNodes}) => { window.measured += addedNodes.length; });
+  new MutationObserver(count).observe(document.getElementById("js-plotly-tester"), {childList: true});
+}"""
+
+
+def test_a_chart_that_moves_with_time_has_no_label_measured_anew(visit: Any) -> None:
+    """plotly.js keeps the size of every label that it measures, at every place where it measures it."""
+    with building({"living": running("living", 300)}) as house:
+        page = opened(visit, house).page
+        page.evaluate(MEASURING)
+        for _ in range(12):
+            house.step("living")
+            newest = house.zones["living"].updates[-1].time
+            eventually(page, f"Date.parse(document.querySelector('.figures time').dateTime) === {newest}000")
+            page.locator(".controls button", has_text="1 d").click()
+            # Two hours ahead of UTC, at the end of the interval.
+            end = f"{datetime.fromtimestamp(newest + 300 + 7200, UTC):%Y-%m-%dT%H:%M}"
+            eventually(page, f"document.querySelector('.plot.history').layout.xaxis.range[1].startsWith('{end}')")
+        assert page.evaluate("window.measured") == 0
+        # That it would have been noticed: an axis that turns its labels where they are long has to measure them.
+        page.evaluate("window.Plotly.relayout(document.querySelector('.plot.history'), {'xaxis.tickangle': 'auto'})")
+        eventually(page, "window.measured > 0")
         # What is still being loaded is given up before the daemon goes.
         page.goto("about:blank")
 
@@ -280,6 +337,29 @@ def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Buildin
     eventually(page, "document.querySelector('.plan g').getAttribute('aria-valuenow') === '2000'")
     page.locator(".plan-box button", has_text="As now").click()
     page.wait_for_selector("text=With everything as it is now")
+
+
+def test_a_plan_moves_on_with_the_time(visit: Any) -> None:
+    with building({"living": running("living", 300)}) as house:
+        page = opened(visit, house, before=lambda page: page.clock.install()).page
+        page.wait_for_selector("text=With everything as it is now, the lowest is")
+        first = ".plan g"
+        # The newest sample ends at 01:00 UTC, which is 03:00 at the site.
+        assert page.locator(first).first.get_attribute("aria-label") == "from Sun, May 4, 03:00"
+        page.locator(".plan-box input[type=time]").fill("07:00")
+        page.locator(".plan-box button", has_text="Off until").click()
+        page.wait_for_selector("text=Under this plan, the lowest is")
+        page.locator(first).nth(3).focus()
+        for _ in range(24):
+            house.step("living")
+        eventually(page, "document.querySelector('.figures time').dateTime.startsWith('2025-05-04T02:55')")
+        page.clock.fast_forward(31_000)
+        eventually(page, f"document.querySelector('{first}').getAttribute('aria-label') === 'from Sun, May 4, 05:00'")
+        heights = [one.get_attribute("aria-valuenow") for one in page.locator(first).all()]
+        assert heights == ["0", "0", *["6"] * 22], "still off until seven"
+        assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "from Sun, May 4, 06:00"
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
 
 
 def test_off_until_six(visit: Any, house: Building) -> None:

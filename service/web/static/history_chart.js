@@ -2,7 +2,7 @@
 
 import { get, zonePath } from "./api.js";
 import { element, paced, set } from "./dom.js";
-import { band, chartClock, chartConfig, colour, layout, line, loadPlotly, spanText, temperatureRange } from "./plotting.js";
+import { band, chartClock, chartConfig, colour, layout, legend, line, loadPlotly, spanText, temperatureRange } from "./plotting.js";
 import { t, unitText } from "./text.js";
 import { moment } from "./time.js";
 
@@ -20,12 +20,14 @@ export function historyChart(id, period, { expert, failed }) {
   const short = period < SHORT_PERIOD;
   const usual = short ? HOUR / 6 : 24 * HOUR;
   const plot = element("div", { className: "plot history", role: "img", tabIndex: -1 });
+  const lines = element("ul", { className: "legend muted", "aria-label": t("chart.lines") });
   const note = element("p", { className: "muted chart-note", role: "status" });
   const shown = { end: null, span: usual, follows: true };
   let newest = null;
   let drawn = null;
   let asked = null;
   let dragging = "zoom";
+  const coarse = window.matchMedia("(pointer: coarse)");
   const buttons = new Map();
   const controls = element("div", { className: "controls", role: "group", "aria-label": t("history.controls") });
   const button = (text, label, act) => {
@@ -57,7 +59,7 @@ export function historyChart(id, period, { expert, failed }) {
     }
   });
   controls.append(from);
-  const node = element("section", { className: "card" }, element("h2", { textContent: t("history.title") }), controls, plot, note);
+  const node = element("section", { className: "card" }, element("h2", { textContent: t("history.title") }), controls, plot, lines, note);
 
   function move(part) {
     const end = shown.end + part * shown.span;
@@ -100,18 +102,18 @@ export function historyChart(id, period, { expert, failed }) {
     if (!drawn || !node.isConnected) return;
     const { series, start, end } = drawn;
     const clock = chartClock(end);
-    const { traces, axes } = figure(series, clock, expert());
-    const height = 210 + 90 * (Object.keys(axes).length - 2);
+    const { traces, entries, axes, named, lowest } = figure(series, clock, expert());
+    const height = 120 + 90 * Object.keys(axes).length;
     plot.style.height = `${height}px`;
-    const wanted = layout(plot, { ...axes, xaxis: { type: "date", range: [clock.x(start), clock.x(end)], anchor: Object.values(axes).length > 1 ? axes.last : "y", nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) } });
-    delete wanted.last;
-    const coarse = window.matchMedia("(pointer: coarse)").matches;
-    await window.Plotly.react(plot, traces, { ...wanted, dragmode: coarse && dragging === "zoom" ? false : dragging }, chartConfig());
+    const xaxis = { type: "date", range: [clock.x(start), clock.x(end)], anchor: lowest, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) };
+    const wanted = layout({ ...axes, xaxis }, named);
+    await window.Plotly.react(plot, traces, { ...wanted, height, dragmode: coarse.matches && dragging === "zoom" ? false : dragging }, chartConfig());
     if (!listening) {
       listening = true;
       plot.on("plotly_relayout", dragged);
       plot.on("plotly_doubleclick", () => show({ end: newest, span: usual, follows: true }));
     }
+    legend(lines, entries);
     const span = spanText(series.y);
     const text = span
       ? t("history.summary", { from: moment(start), to: moment(end), ...span })
@@ -139,6 +141,7 @@ export function historyChart(id, period, { expert, failed }) {
       if (!first && time === newest) return;
       // A zone that was reset begins anew, earlier than what is shown.
       newest = time;
+      if (first) note.textContent = t("loading");
       if (first) show({ end: time, span: shown.span, follows: true });
       else follow();
     },
@@ -151,61 +154,66 @@ export function historyChart(id, period, { expert, failed }) {
   };
 }
 
-// Traces and axes: temperatures on top, then a panel for each unit of the inputs, then what experts want to see.
+// Traces and axes: temperatures on top, then a panel for each unit of the inputs, then what experts want to see. `entries` say
+// what the lines are.
 function figure(series, clock, expert) {
   const times = series.times.map((time) => Date.parse(time));
   const bucket = series.bucket_s * 1000;
-  const traces = [
-    band(clock, times, bucket, series.lower, series.upper, { fillcolor: colour("--band") }),
-    line(clock, times, bucket, series.mean, { name: t("series.forecast"), line: { color: colour("--accent"), width: 1.2 }, hovertemplate: `%{y:.2f} °C<extra>${t("series.forecast")}</extra>` }),
-  ];
-  if (series.bucket_s > series.period_s) {
-    traces.push(band(clock, times, bucket, series.y_low, series.y_high, { fillcolor: colour("--ink-band") }));
-  }
-  traces.push(line(clock, times, bucket, series.y, { name: t("series.measured"), line: { color: colour("--ink"), width: 1.5 }, hovertemplate: `%{y:.2f} °C<extra>${t("series.measured")}</extra>` }));
+  const traces = [];
+  const entries = [];
+  const panels = [];
+  const area = (low, high, fill) => traces.push(band(clock, times, bucket, low, high, { yaxis: axis(), fillcolor: colour(fill) }));
+  const drawn = (label, values, name, { hover, ...style }, own = {}) => {
+    entries.push({ label, colour: colour(name), dash: style.dash });
+    traces.push(line(clock, times, bucket, values, { yaxis: axis(), line: { color: colour(name), ...style }, hovertemplate: `${hover}<extra>${plain(label)}</extra>`, ...own }));
+  };
+  // The name of the axis whose panel is being filled.
+  const axis = () => (panels.length ? `y${panels.length + 1}` : "y");
   const meant = series.setpoint ?? [];
-  if (meant.length) traces.push(line(clock, times, bucket, meant, { name: t("series.setpoint"), line: { color: colour("--good"), width: 1.3, dash: "dash", shape: "hv" }, hovertemplate: `%{y:.1f} °C<extra>${t("series.setpoint")}</extra>` }));
-  const panels = [["°C", null, { range: temperatureRange([...series.y, ...meant], series.lower, series.upper) }]];
+
+  area(series.lower, series.upper, "--band");
+  drawn(t("series.forecast"), series.mean, "--accent", { width: 1.2, hover: "%{y:.2f} °C" });
+  if (series.bucket_s > series.period_s) area(series.y_low, series.y_high, "--ink-band");
+  drawn(t("series.measured"), series.y, "--ink", { width: 1.5, hover: "%{y:.2f} °C · %{text}" }, { utc: true });
+  if (meant.length) drawn(t("series.setpoint"), meant, "--good", { width: 1.3, dash: "dash", shape: "hv", hover: "%{y:.1f} °C" });
+  panels.push(["°C", { range: temperatureRange([...series.y, ...meant], series.lower, series.upper) }]);
   for (const unit of new Set(series.inputs.map((input) => input.unit))) {
-    const name = `y${panels.length + 1}`;
+    const palette = INPUT_COLOURS[unit] ?? INPUT_COLOURS.other;
+    const text = plain(unitText(unit));
     series.inputs.filter((input) => input.unit === unit).forEach((input, index) => {
-      const palette = INPUT_COLOURS[unit] ?? INPUT_COLOURS.other;
-      const own = colour(palette[index % palette.length]);
-      const label = plain(input.channel);
-      traces.push(line(clock, times, bucket, input.values, { yaxis: name, line: { color: own, width: 1.3, shape: unit === "degC" ? "linear" : "hv" }, hovertemplate: `%{y:.4~g} ${plain(unitText(unit))}<extra>${label}</extra>` }));
+      drawn(input.channel, input.values, palette[index % palette.length], { width: 1.3, shape: unit === "degC" ? "linear" : "hv", hover: `%{y:.4~g} ${text}` });
     });
-    panels.push([plain(unitText(unit)), null, { nticks: 4 }]);
+    panels.push([text, { nticks: 4 }]);
   }
   if (series.gain) {
-    const { lower, median, upper } = series.gain;
-    const name = `y${panels.length + 1}`;
-    traces.push(band(clock, times, bucket, lower, upper, { yaxis: name, fillcolor: colour("--gain-band") }));
-    traces.push(line(clock, times, bucket, median, { yaxis: name, line: { color: colour("--gain"), width: 1.3 }, hovertemplate: `%{y:.3~g} W<extra>${t("series.gain")}</extra>` }));
-    panels.push([t("series.gain_axis"), null, { nticks: 4, zeroline: true, zerolinecolor: colour("--line") }]);
+    area(series.gain.lower, series.gain.upper, "--gain-band");
+    drawn(t("series.gain"), series.gain.median, "--gain", { width: 1.3, hover: "%{y:.3~g} W" });
+    panels.push([t("series.gain_axis"), { nticks: 4, zeroline: true, zerolinecolor: colour("--line") }]);
   }
   if (expert && series.alpha.some((value) => value !== null)) {
-    traces.push(line(clock, times, bucket, series.alpha, { yaxis: `y${panels.length + 1}`, line: { color: colour("--alpha"), width: 1.3 }, hovertemplate: "%{y:.2f}<extra>α</extra>" }));
-    panels.push(["α", null, { type: "log", dtick: 1 }]);
-    traces.push(line(clock, times, bucket, series.gate, { yaxis: `y${panels.length + 1}`, line: { color: colour("--gate"), width: 1.3, shape: "hv" }, hovertemplate: "%{y:.2f}<extra>gate</extra>" }));
-    panels.push(["gate", null, { range: [-0.05, 1.05], tickvals: [0, 1] }]);
+    drawn("α", series.alpha, "--alpha", { width: 1.3, hover: "%{y:.2f}" });
+    panels.push(["α", { type: "log", dtick: 1 }]);
+    drawn("gate", series.gate, "--gate", { width: 1.3, shape: "hv", hover: "%{y:.2f}" });
+    panels.push(["gate", { range: [-0.05, 1.05], tickvals: [0, 1] }]);
   }
-  return { traces, axes: stacked(panels) };
+  return { traces, entries, ...stacked(panels) };
 }
 
-// Axes one below the other, the first twice as high as the others; `last` is the name of the lowest.
+// Axes one below the other, the first twice as high as the others, with the text beside each; `lowest` is the last in plotly's words.
 function stacked(panels) {
   const gap = 0.05;
   const part = (1 - gap * (panels.length - 1)) / (panels.length + 1.3);
   const axes = {};
+  const named = {};
   let top = 1;
-  panels.forEach(([text, , extra], index) => {
+  panels.forEach(([text, extra], index) => {
     const height = index === 0 ? (panels.length === 1 ? 1 : 2.3 * part) : part;
     const name = index === 0 ? "yaxis" : `yaxis${index + 1}`;
-    axes[name] = { title: { text, standoff: 4, font: { size: 12 } }, domain: [Math.max(0, top - height), top], ...extra };
+    axes[name] = { domain: [Math.max(0, top - height), top], ...extra };
+    named[name] = text;
     top -= height + gap;
   });
-  axes.last = panels.length === 1 ? "y" : `y${panels.length}`;
-  return axes;
+  return { axes, named, lowest: panels.length === 1 ? "y" : `y${panels.length}` };
 }
 
 // plotly.js reads a little HTML in labels; a name is text.

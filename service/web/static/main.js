@@ -5,6 +5,7 @@ import { element } from "./dom.js";
 import { showOverview } from "./overview.js";
 import { chooseLanguage, language, loadTexts, t } from "./text.js";
 
+const RETRY_MS = 2000;
 const view = document.getElementById("view");
 const connection = document.getElementById("connection");
 let end = () => {};
@@ -62,9 +63,15 @@ async function route(moved = false) {
   if (zone === null) end = showOverview(view, frame);
   else {
     view.replaceChildren(element("p", { className: "muted", textContent: t("loading") }));
-    const { showZone } = await import("./zone.js");
-    if (turn !== routes) return;
-    end = showZone(view, frame, zone);
+    try {
+      const { showZone } = await import("./zone.js");
+      if (turn !== routes) return;
+      end = showZone(view, frame, zone);
+    } catch (error) {
+      if (turn !== routes) return;
+      frame.lost(error);
+      setTimeout(() => turn === routes && route(), RETRY_MS);
+    }
   }
   if (moved) {
     window.scrollTo(0, 0);

@@ -3,9 +3,9 @@
 import { Refused, get, post, zonePath } from "./api.js";
 import { element, paced } from "./dom.js";
 import { planEditor } from "./plan_editor.js";
-import { chartClock, chartConfig, colour, fanRange, hoverTime, layout, line, loadPlotly } from "./plotting.js";
+import { chartClock, chartConfig, colour, fanRange, layout, legend, line, loadPlotly } from "./plotting.js";
 import { celsius, duration, t } from "./text.js";
-import { moment, offset } from "./time.js";
+import { moment, offset, utcText } from "./time.js";
 import { originText } from "./words.js";
 
 const HOUR = 3600_000;
@@ -21,6 +21,7 @@ const RENEW_MS = 30_000;
 // The card of zone `id` as `zone` describes it; `failed(error)` is told what went wrong.
 export function nextHours(id, zone, failed) {
   const plot = element("div", { className: "plot fan", role: "img", tabIndex: -1 });
+  const lines = element("ul", { className: "legend muted", "aria-label": t("chart.lines") });
   const result = element("p", { role: "status", className: "result" });
   const origins = element("ul", { className: "origins muted", "aria-label": t("origin.title") });
   const planPlace = element("div");
@@ -45,7 +46,7 @@ export function nextHours(id, zone, failed) {
     edit();
     draw();
   });
-  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, result, origins, choice, planPlace);
+  const node = element("section", { className: "card" }, element("h2", { textContent: t("fan.title", { hours: duration((steps * period) / 1000) }) }), plot, lines, result, origins, choice, planPlace);
 
   // The fan with everything held, which a newer sample has changed.
   const renew = paced(async () => {
@@ -54,6 +55,10 @@ export function nextHours(id, zone, failed) {
       held = fan;
       before = recent;
       if (editor === null) edit();
+      else {
+        edges = slots(Date.parse(held.valid_time));
+        editor.move(edges, heatNow());
+      }
       if (editor?.planned) await ask(editor.planned);
       else {
         planned = null;
@@ -82,13 +87,16 @@ export function nextHours(id, zone, failed) {
     return found;
   }
 
+  function heatNow() {
+    return Math.max(0, held.inputs.find((one) => one.channel === channel.channel)?.value ?? 0);
+  }
+
   function edit() {
     planPlace.replaceChildren();
     editor = null;
     if (!channel) return;
-    const used = held.inputs.find((one) => one.channel === channel.channel);
     const past = before.inputs.find((one) => one.channel === channel.channel)?.values.filter((value) => value !== null) ?? [];
-    const now = Math.max(0, used?.value ?? 0);
+    const now = heatNow();
     edges = slots(Date.parse(held.valid_time));
     editor = planEditor({
       channel: channel.channel,
@@ -156,13 +164,18 @@ export function nextHours(id, zone, failed) {
     const traces = [
       area(0.95, colour("--band")),
       area(0.5, colour("--band")),
-      { type: "scatter", mode: "lines", x, y: fan.mean, text: fan.times.map(hoverTime), line: { color: colour("--accent"), width: 2 }, customdata: fan.times.map((_, index) => [fan.bounds[0.95].lower[index], fan.bounds[0.95].upper[index]]), hovertemplate: `%{y:.1f} °C (%{customdata[0]:.1f} … %{customdata[1]:.1f})<extra>${t(planned ? "series.planned" : "series.expected")}</extra>` },
-      line(clock, times, before.bucket_s * 1000, measured, { line: { color: colour("--ink"), width: 1.5 }, hovertemplate: `%{y:.2f} °C<extra>${t("series.measured")}</extra>` }),
+      { type: "scatter", mode: "lines", x, y: fan.mean, text: fan.times.map(utcText), line: { color: colour("--accent"), width: 2 }, customdata: fan.times.map((_, index) => [fan.bounds[0.95].lower[index], fan.bounds[0.95].upper[index]]), hovertemplate: `%{y:.1f} °C (%{customdata[0]:.1f} … %{customdata[1]:.1f}) · %{text}<extra>${t(planned ? "series.planned" : "series.expected")}</extra>` },
+      line(clock, times, before.bucket_s * 1000, measured, { utc: true, line: { color: colour("--ink"), width: 1.5 }, hovertemplate: `%{y:.2f} °C · %{text}<extra>${t("series.measured")}</extra>` }),
     ];
     if (planned) traces.push({ type: "scatter", mode: "lines", x: base.times.map(clock.x), y: base.mean, line: { color: colour("--muted"), width: 1.5, dash: "dot" }, hovertemplate: `%{y:.1f} °C<extra>${t("series.held")}</extra>` });
     const drawn = [...measured, ...fan.mean, ...(planned ? base.mean : [])];
     const { range, cut } = fanRange(drawn, [...fan.bounds[0.5].lower, ...fan.bounds[0.5].upper], fan.bounds[0.95]);
-    await window.Plotly.react(plot, traces, { ...layout(plot, { xaxis: { type: "date", fixedrange: true, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) }, yaxis: { title: { text: "°C", standoff: 4, font: { size: 12 } }, range } }), dragmode: false }, chartConfig());
+    await window.Plotly.react(plot, traces, { ...layout({ xaxis: { type: "date", fixedrange: true, nticks: Math.max(3, Math.floor(plot.clientWidth / 90)) }, yaxis: { range } }, { yaxis: "°C" }), dragmode: false }, chartConfig());
+    legend(lines, [
+      { label: t("series.measured"), colour: colour("--ink") },
+      { label: t(planned ? "series.planned" : "series.expected"), colour: colour("--accent") },
+      ...(planned ? [{ label: t("series.held"), colour: colour("--muted"), dash: "dot" }] : []),
+    ]);
     origins.replaceChildren(...shown.origins.map((one) => element("li", { textContent: `${one.channel}: ${originText(one)}` })));
     const text = sentence(fan, planned ? base : null, shown.origins) + (cut ? ` ${t("fan.cut")}` : "");
     result.textContent = text;
@@ -174,6 +187,7 @@ export function nextHours(id, zone, failed) {
     redraw: draw,
     // There is a sample up to `time`.
     sample(time) {
+      if (newest === null) result.textContent = t("loading");
       newest = time;
       renew();
     },

@@ -17,7 +17,8 @@ const chosen = { filter: "all", search: "", sort: "worst", descending: false };
 // Shows the overview in `place`; `frame` shows the site's name and the connection. Returns what ends it.
 export function showOverview(place, frame) {
   const rows = new Map();
-  const head = element("h1", { textContent: t("overview.title") });
+  const order = element("span", { className: "order muted" });
+  const head = element("h1", {}, t("overview.title"), " ", order);
   const counts = element("div", { className: "filters", role: "group", "aria-label": t("overview.filter") });
   const search = element("input", { type: "search", id: "search", value: chosen.search, placeholder: t("overview.search"), autocomplete: "off", spellcheck: false, "aria-label": t("overview.search") });
   const found = element("p", { className: "muted hidden-text", role: "status" });
@@ -57,11 +58,12 @@ export function showOverview(place, frame) {
 
   function arrange() {
     countedFilters();
-    const order = ranked([...rows.values()], { ...chosen, words: rowText });
-    table.show(order);
-    empty.hidden = order.length > 0;
+    order.textContent = chosen.sort === "worst" && rows.size > 1 ? t("overview.worst") : "";
+    const shown = ranked([...rows.values()], { ...chosen, words: rowText });
+    table.show(shown);
+    empty.hidden = shown.length > 0;
     empty.textContent = rows.size ? t("overview.nothing") : t("overview.none");
-    found.textContent = t("overview.found", { shown: number(order.length), all: number(rows.size) });
+    found.textContent = t("overview.found", { shown: number(shown.length), all: number(rows.size) });
   }
   const rearrange = paced(arrange, SORT_MS);
 

@@ -8,21 +8,40 @@ const HEIGHT = 120;
 const STEPS = 20;
 
 // The editor of `channel` (with `unit`), whose `slots` begin at `times` (ms); `now` is its value now, `usual` its mean of late, `most` the largest.
-// `changed(values)` is called with the values of all slots, null for as it is now.
+// `changed(values)` is called with the values of all slots, null for as it is now. `move` takes it on to later slots.
 export function planEditor({ channel, unit, times, now, usual, most, changed }) {
   let largest = roundUp(most);
   let values = times.map(() => now);
   let touched = false;
-  const bars = [];
-  const area = svg("svg", { class: "plan", viewBox: `0 0 ${times.length * 10} ${HEIGHT}`, preserveAspectRatio: "none", role: "group", "aria-label": t("plan.label", { channel }) });
-  times.forEach((time, index) => {
-    const track = svg("rect", { x: index * 10, y: 0, width: 10, height: HEIGHT, class: "track" });
-    const bar = svg("rect", { x: index * 10 + 0.6, width: 8.8, class: "bar" });
-    const handle = svg("g", { tabindex: "0", role: "slider", "aria-label": t("plan.slot", { time: moment(time) }), "aria-valuemin": "0" }, track, bar);
-    handle.addEventListener("keydown", (event) => pressed(event, index));
-    area.append(handle);
-    bars.push({ handle, bar });
-  });
+  let bars = [];
+  const area = svg("svg", { class: "plan", preserveAspectRatio: "none", role: "group", "aria-label": t("plan.label", { channel }) });
+  const marks = element("div", { className: "plan-axis muted", "aria-hidden": "true" });
+
+  function lay() {
+    area.setAttribute("viewBox", `0 0 ${times.length * 10} ${HEIGHT}`);
+    bars = times.map((time, index) => {
+      const track = svg("rect", { x: index * 10, y: 0, width: 10, height: HEIGHT, class: "track" });
+      const bar = svg("rect", { x: index * 10 + 0.6, width: 8.8, class: "bar" });
+      const handle = svg("g", { tabindex: "0", role: "slider", "aria-label": t("plan.slot", { time: moment(time) }), "aria-valuemin": "0" }, track, bar);
+      handle.addEventListener("keydown", (event) => pressed(event, index));
+      return { handle, bar };
+    });
+    area.replaceChildren(...bars.map(({ handle }) => handle));
+    mark(marks, times);
+  }
+  function move(later, latest) {
+    if (later.length === times.length && later.every((time, index) => time === times[index])) return;
+    const held = later.map((time) => times.findLastIndex((one) => one <= time));
+    const focused = times[bars.findIndex(({ handle }) => handle === document.activeElement)];
+    values = touched ? held.map((at) => values[Math.max(0, at)]) : later.map(() => latest);
+    now = latest;
+    times = later;
+    last = null;
+    lay();
+    draw();
+    // Whoever is at a bar stays at that time, or at the next one if it has passed.
+    if (focused !== undefined) bars[Math.max(0, times.findIndex((time) => time >= focused))].handle.focus({ preventScroll: true });
+  }
 
   function draw() {
     bars.forEach(({ handle, bar }, index) => {
@@ -123,26 +142,28 @@ export function planEditor({ channel, unit, times, now, usual, most, changed }) 
     values = times.map((_, index) => (index < begins ? 0 : later));
     tell();
   }
-  const node = element("div", { className: "plan-box" }, element("div", { className: "plan-head" }, element("h3", { textContent: t("plan.title", { channel }) }), scale), area, axis(times), tools, then);
+  const node = element("div", { className: "plan-box" }, element("div", { className: "plan-head" }, element("h3", { textContent: t("plan.title", { channel }) }), scale), area, marks, tools, then);
+  lay();
   draw();
   return {
     node,
+    move,
     get planned() {
       return touched ? [...values] : null;
     },
   };
 }
 
-function axis(times) {
-  const node = element("div", { className: "plan-axis muted", "aria-hidden": "true" });
+function mark(place, times) {
   const every = Math.max(1, Math.round(times.length / 6));
-  times.forEach((time, index) => {
-    if (index % every || index > times.length - every / 2) return;
-    const mark = element("span", { textContent: clock(time) });
-    mark.style.left = `${(100 * index) / times.length}%`;
-    node.append(mark);
-  });
-  return node;
+  const shown = times.map((time, index) => [time, index]).filter(([, index]) => index % every === 0 && index <= times.length - every / 2);
+  place.replaceChildren(
+    ...shown.map(([time, index]) => {
+      const node = element("span", { textContent: clock(time) });
+      node.style.left = `${(100 * index) / times.length}%`;
+      return node;
+    }),
+  );
 }
 
 function roundUp(value) {

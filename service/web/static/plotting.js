@@ -1,7 +1,8 @@
 // plotly.js, loaded once when a zone is first looked at, and what all charts share: colours, gaps, the site's clock.
 
+import { element } from "./dom.js";
 import { LANGUAGES, celsius, language } from "./text.js";
-import { moment, offset, utcText } from "./time.js";
+import { offset, utcText } from "./time.js";
 
 let loading = null;
 
@@ -67,10 +68,6 @@ export function chartClock(end) {
   };
 }
 
-export function hoverTime(time) {
-  return `${moment(time)} · ${utcText(time)}`;
-}
-
 // Runs of neighbouring buckets that are wanted: nothing is drawn across a gap.
 export function runs(times, bucket, present) {
   const found = [];
@@ -87,7 +84,8 @@ export function runs(times, bucket, present) {
   return found;
 }
 
-export function line(clock, times, bucket, values, extra) {
+// A line that breaks at gaps; with `utc`, its hovertemplate may name the time in UTC by %{text}.
+export function line(clock, times, bucket, values, { utc = false, ...extra }) {
   const x = [];
   const y = [];
   const text = [];
@@ -95,20 +93,31 @@ export function line(clock, times, bucket, values, extra) {
     for (const index of run) {
       x.push(clock.x(times[index]));
       y.push(values[index]);
-      text.push(hoverTime(times[index]));
+      if (utc) text.push(utcText(times[index]));
     }
-    const end = clock.x(times[run.at(-1)] + bucket);
+    const end = times[run.at(-1)] + bucket;
     if (extra.line?.shape === "hv" || run.length === 1) {
       // A step lasts to the end of its bucket; so does a single sample between two gaps, which would not show.
-      x.push(end);
+      x.push(clock.x(end));
       y.push(values[run.at(-1)]);
-      text.push("");
+      if (utc) text.push(utcText(end));
     }
-    x.push(end);
+    x.push(clock.x(end));
     y.push(null);
-    text.push("");
+    if (utc) text.push("");
   }
-  return { type: "scatter", mode: "lines", connectgaps: false, x, y, text, ...extra };
+  return { type: "scatter", mode: "lines", connectgaps: false, x, y, ...(utc && { text }), ...extra };
+}
+
+// What the lines of a chart are; `entries` have a label, a colour, and whether the line is dashed.
+export function legend(place, entries) {
+  place.replaceChildren(
+    ...entries.map(({ label, colour: own, dash }) => {
+      const swatch = element("span", { className: `swatch ${dash ?? ""}`, "aria-hidden": "true" });
+      swatch.style.borderColor = own;
+      return element("li", {}, swatch, label);
+    }),
+  );
 }
 
 // The area between two bounds, one closed polygon for each run.
@@ -123,17 +132,27 @@ export function band(clock, times, bucket, lower, upper, extra) {
   return { type: "scatter", mode: "lines", x, y, fill: "toself", line: { width: 0 }, hoverinfo: "skip", ...extra };
 }
 
-export function layout(node, axes) {
-  const axis = { gridcolor: colour("--line"), linecolor: colour("--line"), zeroline: false, automargin: false };
+// plotly.js keeps the size of every label that it measures, by text and position: a chart that moves with time would fill its
+// memory with them. So labels keep their angle, may reach beyond the axis, and leave the axis's name to an annotation.
+const UNMEASURED = { automargin: false, tickangle: 0, ticklabeloverflow: "allow" };
+
+// The layout of a chart with these axes; `named` has the text beside the vertical ones, by their names.
+export function layout(axes, named) {
+  const axis = { gridcolor: colour("--line"), linecolor: colour("--line"), zeroline: false, ...UNMEASURED };
   const drawn = Object.fromEntries(Object.entries(axes).map(([name, own]) => [name, { ...axis, ...(name === "xaxis" ? {} : { fixedrange: true }), ...own }]));
+  const annotations = Object.entries(named).map(([name, text]) => {
+    const [low, high] = axes[name].domain ?? [0, 1];
+    return { text, textangle: -90, showarrow: false, xref: "paper", yref: "paper", x: 0, xshift: -45, y: (low + high) / 2, xanchor: "center", yanchor: "middle", font: { size: 12 } };
+  });
   return {
-    margin: { l: 52, r: 12, t: 10, b: 44 },
+    margin: { l: 56, r: 38, t: 10, b: 44 },
     showlegend: false,
     hovermode: "x unified",
     paper_bgcolor: "rgba(0,0,0,0)",
     plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: colour("--muted"), size: 12, family: "system-ui, sans-serif" },
     hoverlabel: { bgcolor: colour("--card"), bordercolor: colour("--line"), font: { color: colour("--ink"), family: "system-ui, sans-serif" } },
+    annotations,
     ...drawn,
   };
 }

@@ -74,8 +74,12 @@ export function follow(path, { opened, event, lost }) {
   function shown() {
     if (!document.hidden) look();
   }
+  // A page that was only busy finds what came meanwhile before it is asked a second time.
+  let silent = false;
   const watching = setInterval(() => {
-    if (performance.now() - heard > SILENCE_MS) attempt?.abort();
+    const late = performance.now() - heard > SILENCE_MS;
+    if (late && silent) attempt?.abort();
+    silent = late;
   }, 5000);
   document.addEventListener("visibilitychange", shown);
   window.addEventListener("online", look);
