@@ -45,6 +45,16 @@ class Edge:
         """Whether `value`, in the network's unit, is what one would expect."""
         return self.fault(value) is None and self.usual[0] <= value <= self.usual[1]
 
+    def doubt(self, value: float) -> str | None:
+        """What a person who sets the channel up should know of `value`, in the network's unit; None if it is usual."""
+        fault = self.fault(value)
+        if fault is not None:
+            lower, upper = self.valid
+            return "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
+        if self.is_usual(value):
+            return None
+        return f"doubtful: usually {self.usual[0]:g} to {self.usual[1]:g} here; if it is right, give valid"
+
 
 PLAIN = Edge()
 

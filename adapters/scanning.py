@@ -7,7 +7,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 class Scan(NamedTuple):
     """What is looked at: devices (Modbus: unit ids, BACnet: instances) and registers from the first to the last, both
-    as the operator numbers them, None for the source's own; and for how long answers to a broadcast are waited for, s.
+    as the operator numbers them, None for the source's own; and for how long answers to a broadcast, or messages of a
+    broker, are waited for, s.
     """
 
     devices: tuple[int, int] | None = None

@@ -57,6 +57,7 @@ from service.fields import zenoh_session as zenoh_session_models
 from service.publish import mqtt as publish_mqtt
 from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
+from service.publish.sinks import TOPICS
 from service.records.status import STATES
 from service.sources import (
     bacnet as bacnet_models,
@@ -546,6 +547,12 @@ def test_the_python_page_lists_the_whole_interface() -> None:
 def test_every_metric_is_documented() -> None:
     rows = tables(section("operations.md", "Metrics"))[0][1:]
     assert sorted((names(row[0])[0], row[1]) for row in rows) == sorted(exposed().items())
+
+
+@pytest.mark.parametrize(("page", "heading"), [("interfaces.md", "Zenoh"), ("mqtt.md", "Forecasts")])
+def test_every_topic_is_documented(page: str, heading: str) -> None:
+    described = {names(row[0])[0] for row in tables(section(page, heading))[0][1:]}
+    assert {f"thermogate/<site>/<zone>/{topic}" for topic in TOPICS} <= described
 
 
 def offered(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:

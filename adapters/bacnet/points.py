@@ -166,11 +166,4 @@ def probed(channel: BacnetChannel, seen: Seen, when: float, hints: Sequence[str]
         stand = f"the counter stands at {raw * edge.scale + edge.offset:g}"
         return Probe(channel.id, channel.place, shown, None, when, verdict.sentence, (stand, *hints))
     value = edge.value(raw)
-    sentence = verdict.sentence
-    fault = edge.fault(value)
-    if fault is not None:
-        lower, upper = edge.valid
-        sentence = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
-    elif not edge.is_usual(value):
-        sentence = f"doubtful: usually {edge.usual[0]:g} to {edge.usual[1]:g} here; if it is right, give valid"
-    return Probe(channel.id, channel.place, shown, value, when, sentence, tuple(hints))
+    return Probe(channel.id, channel.place, shown, value, when, edge.doubt(value) or verdict.sentence, tuple(hints))

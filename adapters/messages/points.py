@@ -198,8 +198,7 @@ def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming],
     refused = next((entry for entry in (*entries, dated) if isinstance(entry, Rejected)), None)
     if refused is not None or decoded is None or dated is None or isinstance(dated, Rejected):
         sentence = "holds nothing" if refused is None else refused.sentence
-        numbers = numbers_in(incoming.payload or b"") if channel.format.kind == "json" else []
-        hints = [f"numbers in it: {', '.join(f'{pointer} {number:g}' for pointer, number in numbers)}"][: len(numbers)]
+        hints = _numbers(channel, incoming)
         return Probe(channel.id, place, raw, None, None, f"refused: the payload {sentence}", tuple(hints))
     when, origin = dated
     moment = datetime.fromtimestamp(when, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
@@ -212,17 +211,20 @@ def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming],
         hints.append(f"the counter stands at {decoded.raw * channel.edge.scale + channel.edge.offset:g}")
         return Probe(channel.id, place, raw, None, known, hints=tuple(hints))
     value = channel.edge.value(decoded.raw)
-    verdict = _verdict(channel.edge, value, decoded.quality)
+    verdict = channel.edge.doubt(value)
+    if verdict is not None:
+        hints += _numbers(channel, incoming)
+    elif decoded.quality is not Quality.GOOD:
+        verdict = "uncertain: its quality says so, or is missing"
+    else:
+        verdict = "good"
     return Probe(channel.id, place, raw, value, known, verdict, tuple(hints))
 
 
 _ORIGINS = {"payload": "its payload", "zenoh": "Zenoh's time stamp", "arrival": "its arrival"}
 
 
-def _verdict(edge: Edge, value: float, quality: Quality) -> str:
-    fault = edge.fault(value)
-    if fault is Fault.NOT_FINITE:
-        return "not a number"
-    if fault is not None:
-        return f"implausible: not within {edge.valid[0]:g} to {edge.valid[1]:g}"
-    return "good" if quality is Quality.GOOD else "uncertain: its quality says so, or is missing"
+def _numbers(channel: MessageChannel, incoming: Incoming) -> list[str]:
+    """What else of a document might be meant."""
+    numbers = numbers_in(incoming.payload or b"") if channel.format.kind == "json" else []
+    return [f"numbers in it: {', '.join(f'{pointer} {number:g}' for pointer, number in numbers)}"] if numbers else []

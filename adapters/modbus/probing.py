@@ -10,7 +10,7 @@ from adapters.modbus.client import Answer, ModbusLink, NoAnswer, Refused
 from adapters.modbus.codec import Format, decode, is_available, other_orders, other_sign
 from adapters.modbus.plan import Point
 from adapters.modbus.points import ModbusChannel
-from adapters.reading import Fault, Probe
+from adapters.reading import Probe
 
 _NEARLY_NOTHING = 1e-6
 _SCALES = (0.1, 0.01, 0.001, 10.0)
@@ -75,17 +75,12 @@ def probed(channel: ModbusChannel, answer: Answer, later: Answer | None = None) 
         verdict, hints = _counted(channel, answer, later)
         return Probe(channel.id, place, raw, None, answer.time, verdict, tuple(hints))
     value = edge.value(number)
-    fault = edge.fault(value)
-    lower, upper = edge.valid
-    if fault is not None:
-        verdict = "not a number" if fault is Fault.NOT_FINITE else f"implausible: not within {lower:g} to {upper:g}"
-    elif 0 < abs(number) < _NEARLY_NOTHING:
-        verdict = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
-    elif not edge.is_usual(value):
-        verdict = f"doubtful: usually {edge.usual[0]:g} to {edge.usual[1]:g} here; if it is right, give valid"
-    else:
+    doubt = edge.doubt(value)
+    if edge.fault(value) is None and 0 < abs(number) < _NEARLY_NOTHING:
+        doubt = "doubtful: nearly but not quite 0, as numbers with swapped registers are"
+    if doubt is None:
         return Probe(channel.id, place, raw, value, answer.time)
-    return Probe(channel.id, place, raw, value, answer.time, verdict, tuple(_hints(channel, words)))
+    return Probe(channel.id, place, raw, value, answer.time, doubt, tuple(_hints(channel, words)))
 
 
 def _hints(channel: ModbusChannel, words: Sequence[int]) -> Iterator[str]:

@@ -18,8 +18,10 @@ from adapters.messages.takings import Takings
 from adapters.mqtt.background import Background
 from adapters.mqtt.broker import Broker, topic_problem
 from adapters.mqtt.client import Client, Will, connected
+from adapters.mqtt.scan import MOST_TOPICS, scanned
 from adapters.payload.payload import numbers_in, shown
 from adapters.reading import Batch, Probe
+from adapters.scanning import Scan, Scanned
 
 TIMES = ("payload", "arrival")
 """Where the time of a reading can come from."""
@@ -35,7 +37,6 @@ ONLINE, OFFLINE = b"online", b"offline"
 
 _LOOK = 1.0
 _CLOSE_SECONDS = 1.0
-_TOPICS_KEPT = 2000
 _TOPICS_SHOWN = 5
 
 _log = logging.getLogger(__name__)
@@ -126,27 +127,35 @@ class MqttSource:
     async def probe(self, seconds: float) -> list[Probe]:
         """What comes for every channel within `seconds`, or was retained; less if all have come."""
         topics = {channel.key for channel in self._listed}
-        inbox = Inbox([EVERYTHING], max(self._intake.queue, _TOPICS_KEPT))
+        heard = await self._listen(topics, seconds)
+        return [self._probed(channel, heard, seconds) for channel in self._listed]
+
+    async def scan(self, wanted: Scan) -> Scanned:
+        """Every topic on which something comes within the time of `wanted`, or was retained."""
+        return scanned(await self._listen(set(), wanted.seconds), wanted.seconds)
+
+    async def _listen(self, topics: set[str], seconds: float) -> dict[str, Incoming]:
+        """The newest message of every topic, MOST_TOPICS of them and those of `topics`, until all of the latter have
+        had one, `seconds` at most."""
+        inbox = Inbox([EVERYTHING], max(self._intake.queue, MOST_TOPICS))
         # Under its own name it would take the place of the daemon.
         broker = replace(self._broker, client_id=f"thermogate-probe-{secrets.token_hex(4)}")
         link = self._open(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0)
-        came: dict[str, list[Incoming]] = {topic: [] for topic in topics}
         heard: dict[str, Incoming] = {}
         try:
             await link.opened()
             end = time.monotonic() + seconds
-            while (left := end - time.monotonic()) > 0 and not all(came.values()):
+            while (left := end - time.monotonic()) > 0 and not (topics and topics <= heard.keys()):
                 for share in (await inbox.take(min(left, _LOOK))).values():
                     for incoming in share.samples:
-                        came.get(incoming.key, []).append(incoming)
-                        if incoming.key in heard or len(heard) < _TOPICS_KEPT:
+                        if incoming.key in topics or incoming.key in heard or len(heard) < MOST_TOPICS:
                             heard[incoming.key] = incoming
                 link.check()
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error
         finally:
             await link.close()
-        return [self._probed(channel, came[channel.key], heard, seconds) for channel in self._listed]
+        return heard
 
     async def close(self) -> None:
         """Disconnect; safe to call twice."""
@@ -189,9 +198,8 @@ class MqttSource:
                 "sources.%s: nothing has come for %s so far; check its topic with thermogate probe", self.name, channel
             )
 
-    def _probed(
-        self, channel: MessageChannel, samples: list[Incoming], heard: Mapping[str, Incoming], seconds: float
-    ) -> Probe:
+    def _probed(self, channel: MessageChannel, heard: Mapping[str, Incoming], seconds: float) -> Probe:
+        samples = [heard[channel.key]] if channel.key in heard else []
         nothing = f"nothing came within {seconds:g} s, and nothing was retained; check topic, and that it is published"
         probe = probed(channel, self._intake.dating, samples, nothing)
         if samples or not heard:

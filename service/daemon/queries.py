@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
-from http import HTTPStatus
-from urllib.parse import quote, urlencode
+from urllib.parse import urlencode
 
-from starlette.types import ASGIApp, Message
+from starlette.types import ASGIApp
 
 from service.publish.zenoh import Question, Reply
 from service.web.access import Caller
+from service.web.server.in_process import ask
 
 ROUTES = {
     "fan": ("GET", "/zones/{zone}/forecast"),
@@ -59,30 +59,12 @@ class Queries:
         method, pattern = ROUTES[question.topic]
         if len(question.payload) > LONGEST:
             return Reply(False, b'{"detail": "the payload has more than %d bytes; send less"}' % LONGEST)
-        path = pattern.format(zone=question.zone)
-        status, parts = int(HTTPStatus.INTERNAL_SERVER_ERROR), list[bytes]()
-        body: list[Message] = [{"type": "http.request", "body": question.payload, "more_body": False}]
-
-        async def receive() -> Message:
-            return body.pop() if body else {"type": "http.disconnect"}
-
-        async def send(message: Message) -> None:
-            nonlocal status
-            status = message.get("status", status)
-            parts.append(message.get("body", b""))
-
-        scope = {
-            "type": "http",
-            "asgi": {"version": "3.0"},
-            "http_version": "1.1",
-            "method": method,
-            "scheme": "zenoh",
-            "path": path,
-            "raw_path": quote(path).encode(),
-            "root_path": "",
-            "query_string": urlencode(question.parameters).encode(),
-            "headers": [(b"content-type", b"application/json")],
-            "state": {"caller": _CALLER, "client": "zenoh"},
-        }
-        await self._routes(scope, receive, send)
-        return Reply(status < HTTPStatus.MULTIPLE_CHOICES, b"".join(parts))
+        answered = await ask(
+            self._routes,
+            method,
+            pattern.format(zone=question.zone),
+            query=urlencode(question.parameters),
+            body=question.payload,
+            state={"caller": _CALLER, "client": "zenoh"},
+        )
+        return Reply(answered.good, answered.body)

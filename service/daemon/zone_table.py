@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import ItemsView, Iterator, KeysView, Mapping, ValuesView
+from typing import TypeVar
 
 from service.zone.zone import Zone
 
+AnyZone = TypeVar("AnyZone")
 
-class ZoneTable(Mapping[str, Zone]):
+
+class Zones(Mapping[str, AnyZone]):
     """Zones by id, in the order to list them.
 
     A reload replaces them all in one go, so that another thread sees those before or those after, and never a
@@ -15,13 +18,13 @@ class ZoneTable(Mapping[str, Zone]):
     """
 
     def __init__(self) -> None:
-        self._zones: dict[str, Zone] = {}
+        self._zones: dict[str, AnyZone] = {}
 
-    def replace(self, zones: Mapping[str, Zone]) -> None:
+    def replace(self, zones: Mapping[str, AnyZone]) -> None:
         """From now on these are the zones."""
         self._zones = dict(zones)
 
-    def __getitem__(self, zone: str) -> Zone:
+    def __getitem__(self, zone: str) -> AnyZone:
         return self._zones[zone]
 
     def __iter__(self) -> Iterator[str]:
@@ -33,8 +36,12 @@ class ZoneTable(Mapping[str, Zone]):
     def keys(self) -> KeysView[str]:
         return self._zones.keys()
 
-    def values(self) -> ValuesView[Zone]:
+    def values(self) -> ValuesView[AnyZone]:
         return self._zones.values()
 
-    def items(self) -> ItemsView[str, Zone]:
+    def items(self) -> ItemsView[str, AnyZone]:
         return self._zones.items()
+
+
+class ZoneTable(Zones[Zone]):
+    """The zones of this process."""

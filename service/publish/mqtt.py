@@ -1,4 +1,4 @@
-"""Forecasts, volatility, gate, gain, skill and status of every zone on a broker, for Home Assistant too if wanted.
+"""Forecasts, volatility, gate, gain, skill, trust and status of every zone on a broker, for Home Assistant too.
 
 Each zone has the topics `thermogate/<site>/<zone>/{forecast,volatility,...}`. All are retained, so that who comes later
 has the newest at once; `thermogate/<site>/availability` is "online" while the daemon is connected, and the broker turns

@@ -6,6 +6,7 @@ Numbers are written in full, so that reading one back gives the very same float6
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
@@ -270,3 +271,9 @@ class StatusPayload(Envelope):
 def to_json(payload: Payload) -> bytes:
     """Strict JSON, UTF-8."""
     return payload.model_dump_json(by_alias=True).encode()
+
+
+def to_json_with(payload: Payload, items: Iterable[bytes]) -> bytes:
+    """The same of `payload`, whose last field is an empty list, with `items` in it, each of them JSON: for lists that
+    would take much memory, and the interpreter for long, in one piece."""
+    return to_json(payload).removesuffix(b"]}") + b",".join(items) + b"]}"

@@ -119,10 +119,11 @@ class Publisher:
         except zenoh.ZError as error:
             raise ServiceError(_opening_failed(connection, first_line(error))) from error
 
-    def answer_with(self, answering: Answering) -> None:
-        """Answer questions from now on; ServiceError if the key of the site's question cannot be declared."""
+    def answer_with(self, answering: Answering, of_site: bool = True) -> None:
+        """Answer questions from now on, and that of the site as well unless others know all its zones; ServiceError if
+        its key cannot be declared."""
         declared, self._answering = self._answering is not None, answering
-        if declared:
+        if declared or not of_site:
             return
         key = f"thermogate/{self._site}/{SITE_QUESTION}"
         try:
@@ -247,7 +248,10 @@ class Publisher:
             # Zenoh's thread is not kept waiting: the query is answered when there is an answer.
             self._ask(query, key, zone, topic)
 
-        declared: _Declared = self._session.declare_queryable(key, zenoh.handlers.Callback(asked, indirect=False))
+        # Of several that know all of it, such as the gateways of a fleet, the nearest answers.
+        declared: _Declared = self._session.declare_queryable(
+            key, zenoh.handlers.Callback(asked, indirect=False), complete=True
+        )
         return declared
 
     def _ask(self, query: zenoh.Query, key: str, zone: str | None, topic: str) -> None:

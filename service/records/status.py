@@ -29,7 +29,7 @@ class ZoneStatus(NamedTuple):
     last_good: Mapping[str, float]
     now: float | None = None
     channels: tuple[str, ...] = ()
-    """All channels of the network, also those that never had a good reading."""
+    """All channels of the network, also those that never had a good reading, and the set-point if one is configured."""
     overruns: int = 0
     """Forecasts since the start that were published after the next sample was due."""
     delay: float | None = None

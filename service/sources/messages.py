@@ -14,7 +14,7 @@ from adapters.payload.times import TIME_FORMATS
 from service.fields.tables import TABLE
 from service.fields.values import Duration, PositiveDuration, Text, TimeZone, choice, whole
 from service.fields.words import shown
-from service.sources.channel import ChannelConfig, edge_of
+from service.sources.channel import Binding, ChannelConfig, edge_of
 
 _INHERITED = ("format", "time_format", "time_zone", "good", "uncertain", "stuck_after")
 _POINTERS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
@@ -123,6 +123,8 @@ class MessageChannelConfig(ChannelConfig):
         return self.model_copy(update=taken)
 
 
-def message_channel(id: str, channel: MessageChannelConfig, unit: str) -> MessageChannel:
-    """What the adapters need of `channel`, whose readings are called `id` and are in the network's `unit`."""
-    return MessageChannel(id, channel.place, channel.payload_format, edge_of(channel, unit), channel.stuck_after)
+def message_channel(binding: Binding) -> MessageChannel:
+    """What the adapters need of a channel of such a source."""
+    channel: MessageChannelConfig = binding.channel
+    edge = edge_of(channel, binding.unit, usual=binding.usual)
+    return MessageChannel(binding.id, channel.place, channel.payload_format, edge, channel.stuck_after)

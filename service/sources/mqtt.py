@@ -56,7 +56,7 @@ def _build(name: str, table: MqttSourceConfig, bindings: Sequence[Binding]) -> M
     return MqttSource(
         name,
         table.broker(f"thermogate-{name}"),
-        [message_channel(binding.id, binding.channel, binding.unit) for binding in bindings],
+        [message_channel(binding) for binding in bindings],
         Intake(
             Dating(table.times, table.max_ahead),
             table.session,
@@ -69,7 +69,7 @@ def _build(name: str, table: MqttSourceConfig, bindings: Sequence[Binding]) -> M
 
 
 def _rebind(source: MqttSource, table: MqttSourceConfig, bindings: Sequence[Binding]) -> None:
-    source.rebind([message_channel(binding.id, binding.channel, binding.unit) for binding in bindings])
+    source.rebind([message_channel(binding) for binding in bindings])
 
 
 KIND = SourceKind("mqtt", MqttSourceConfig, MqttChannelConfig, True, 'topic = "..."', _build, _rebind)

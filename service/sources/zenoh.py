@@ -93,13 +93,13 @@ def _build(name: str, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> 
     return ZenohSource(
         name,
         table.connection,
-        [message_channel(binding.id, binding.channel, binding.unit) for binding in bindings],
+        [message_channel(binding) for binding in bindings],
         Intake(Dating(table.times, table.max_ahead), table.recover, table.queue, table.longest_stretch),
     )
 
 
 def _rebind(source: ZenohSource, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> None:
-    source.rebind([message_channel(binding.id, binding.channel, binding.unit) for binding in bindings])
+    source.rebind([message_channel(binding) for binding in bindings])
 
 
 KIND = SourceKind("zenoh", ZenohSourceConfig, ZenohChannelConfig, True, 'key = "..."', _build, _rebind)

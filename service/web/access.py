@@ -39,6 +39,9 @@ FORECASTS_PATH = "/forecasts"
 READINGS = "readings"
 """How every path ends where readings are posted; it needs a key, even where reading does not."""
 
+MOST_NAMES = 20
+"""Zones that an answer names at most; how many there are is told too."""
+
 HOLD_SECONDS = 1.0
 """How long a wrong key waits for its answer where there were too many."""
 
@@ -230,8 +233,10 @@ def find_zone(zones: Mapping[str, ZoneView], zone: str, caller: Caller) -> ZoneV
 
 def _unknown_zone(zone: str, known: list[str]) -> RequestRefused:
     """A zone that does not exist, or not for this caller: the answer is the same, so that it tells nothing."""
-    sentence = f"there is no zone '{zone}'; the zones are {', '.join(known)}"
-    return RequestRefused(HTTPStatus.NOT_FOUND, [sentence], zones=known)
+    named, left = known[:MOST_NAMES], len(known) - MOST_NAMES
+    more = f" and {left} more, which GET /zones lists" if left > 0 else ""
+    sentence = f"there is no zone '{zone}'; the zones are {', '.join(named)}{more}"
+    return RequestRefused(HTTPStatus.NOT_FOUND, [sentence], zones=named, zone_count=len(known))
 
 
 def _lacking(scope: str) -> RequestRefused:

@@ -1,17 +1,19 @@
-"""What one client may take of the daemon: streams, and wrong keys."""
+"""What one client may take of the daemon: streams, large answers, and wrong keys."""
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import math
 import time
 from collections import Counter, OrderedDict
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from http import HTTPStatus
 
 from fastapi import Request
 
+from service.records.asker import Asker, current_asker
 from service.web.server.refusal import RequestRefused
 
 STREAM_RETRY_SECONDS = 10
@@ -20,6 +22,9 @@ FAILURES = 10
 """Wrong keys that a peer may send at once, and then per FAILURE_SECONDS."""
 
 FAILURE_SECONDS = 60.0
+
+LARGE_AT_ONCE = 2
+"""Large answers of a kind that are made at a time, of one client one."""
 
 _PEERS = 1024
 _log = logging.getLogger(__name__)
@@ -71,6 +76,29 @@ async def stream_slot(request: Request) -> AsyncIterator[None]:
     limits: StreamLimits = request.app.state.stream_limits
     with limits.admitted(request.scope["state"]["client"]):
         yield
+
+
+class LargeAnswers:
+    """Few answers that take much memory are made at a time; the clients take turns."""
+
+    def __init__(self) -> None:
+        self._room = asyncio.Semaphore(LARGE_AT_ONCE)
+        self._turns: dict[str, asyncio.Semaphore] = {}
+        self._open: Counter[str] = Counter()
+
+    @asynccontextmanager
+    async def turn(self) -> AsyncIterator[None]:
+        """The time in which an answer for the client of this task is made."""
+        client = (current_asker() or Asker()).name
+        turn = self._turns.setdefault(client, asyncio.Semaphore(1))
+        self._open[client] += 1
+        try:
+            async with turn, self._room:
+                yield
+        finally:
+            self._open[client] -= 1
+            if not self._open[client]:
+                del self._open[client], self._turns[client]
 
 
 class FailedAttempts:

@@ -29,6 +29,13 @@ def http_measures(server: HttpServer, app: FastAPI) -> list[Measure]:
             "thermogate_http_answers", "counter", "Answers by status", ("status",), lambda: counted(app.state.answers)
         ),
         Measure(
+            "thermogate_http_malformed_posts",
+            "counter",
+            "Posted readings that could not be read, by kind",
+            ("kind",),
+            lambda: counted(app.state.malformed_posts),
+        ),
+        Measure(
             "thermogate_http_cut_off",
             "counter",
             "Connections ended because of their client, by reason",

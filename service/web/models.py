@@ -346,7 +346,8 @@ class ReadyPayload(Payload):
     """Every zone is fed and fresh."""
 
     status: Literal["ready"] = "ready"
-    zones: list[ZoneReadiness]
+    zones: list[ZoneReadiness] = Field(description="the first 20; GET /zones lists all")
+    zone_count: int = Field(description="how many zones there are")
 
 
 class ReloadPayload(Payload):

@@ -15,11 +15,12 @@ from prometheus_client.exposition import choose_encoder, gzip_accepted
 from service.errors import ReloadRefused
 from service.publish.payloads import to_json
 from service.publish.rendering import status_payload
+from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
-from service.web.access import Administrator
+from service.web.access import MOST_NAMES, Administrator
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
 from service.web.problems import RETRY_SECONDS, documented
-from service.web.server.refusal import RequestRefused
+from service.web.server.refusal import RequestRefused, few
 
 _log = logging.getLogger(__name__)
 
@@ -61,16 +62,20 @@ def operation_routes(
         summary="Every zone is fed and fresh, and how old what each knows is",
     )
     def readyz() -> Response:
-        every = [_readiness(site, zone) for zone in zones.values()]
-        behind = [zone for zone in every if zone.state != "running"]
+        every = [(zone, zone.status()) for zone in zones.values()]
+        behind = [(zone, status) for zone, status in every if status.state != "running"]
         if behind:
+            # Those that failed come first, then those that are stalled.
+            behind.sort(key=lambda each: -STATES.index(each[1].state))
             raise RequestRefused(
                 HTTPStatus.SERVICE_UNAVAILABLE,
-                [f"zone '{zone.id}' is {zone.state}: {zone.reason}" for zone in behind],
+                few(behind, lambda each: f"zone '{each[0].id}' is {each[1].state}: {each[1].reason}"),
                 retry_after=RETRY_SECONDS,
-                zones=[zone.model_dump(mode="json") for zone in behind],
+                zones=[_readiness(site, *each).model_dump(mode="json") for each in behind[:MOST_NAMES]],
+                zone_count=len(behind),
             )
-        return Response(to_json(ReadyPayload(zones=every)), media_type="application/json")
+        shown = [_readiness(site, *each) for each in every[:MOST_NAMES]]
+        return Response(to_json(ReadyPayload(zones=shown, zone_count=len(every))), media_type="application/json")
 
     @router.get(
         "/metrics",
@@ -107,13 +112,13 @@ def operation_routes(
     return router
 
 
-def _readiness(site: str, zone: ZoneView) -> ZoneReadiness:
-    status = status_payload(site, zone.id, zone.status(), None)
+def _readiness(site: str, zone: ZoneView, status: ZoneStatus) -> ZoneReadiness:
+    payload = status_payload(site, zone.id, status, None)
     return ZoneReadiness(
         id=zone.id,
-        state=status.state,
-        reason=status.reason,
+        state=payload.state,
+        reason=payload.reason,
         period_s=zone.period,
-        age_s=status.age_s,
-        channels={channel.channel: channel.age_s for channel in status.channels},
+        age_s=payload.age_s,
+        channels={channel.channel: channel.age_s for channel in payload.channels},
     )

@@ -38,6 +38,7 @@ class Problem(BaseModel):
                     "status": 404,
                     "detail": "there is no zone 'attic'; the zones are living, bedroom",
                     "zones": ["living", "bedroom"],
+                    "zone_count": 2,
                 }
             ]
         }
@@ -48,7 +49,10 @@ class Problem(BaseModel):
     status: int
     detail: str = Field(description="what is wrong, and what to do about it")
     errors: list[str] | None = Field(default=None, description="422 and 409: one sentence per mistake")
-    zones: list[Any] | None = Field(default=None, description="404: the known zones; 503 of /readyz: those not ready")
+    zones: list[Any] | None = Field(
+        default=None, description="404: known zones; 503 of /readyz: zones that are not ready; 20 at most"
+    )
+    zone_count: int | None = Field(default=None, description="how many such zones there are, beside `zones`")
 
 
 def invalid(sentences: Sequence[str]) -> RequestRefused:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import time
 import zlib
+from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from http import HTTPStatus
@@ -20,7 +22,7 @@ from adapters.reading import Fault, Quality
 from service.publish.payloads import to_json
 from service.records.receipt import Receipt
 from service.records.view import ZoneView
-from service.web.access import Writer, find_zone
+from service.web.access import Caller, Writer, find_zone
 from service.web.models import PostedReading, PostedReadings, ReadingsPayload, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
@@ -33,11 +35,22 @@ AT_ONCE = 8
 
 RETRY_SECONDS = 1
 
+REPEAT = 600.0
+"""What is wrong with posts of a kind is said again after this time at the earliest, in s."""
+
 _LONGEST = 300
 """Characters of a sentence about what somebody wrote."""
 
 _JSON, _SENML, _LINES = "application/json", "application/senml+json", "text/plain"
+_FORMATS = {_JSON: "json", _SENML: "senml", _LINES: "line_protocol"}
+_KINDS = {
+    HTTPStatus.BAD_REQUEST: "encoding",
+    HTTPStatus.REQUEST_ENTITY_TOO_LARGE: "size",
+    HTTPStatus.UNSUPPORTED_MEDIA_TYPE: "media_type",
+}
 _ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
+
+_log = logging.getLogger(__name__)
 
 
 class Taken(NamedTuple):
@@ -52,13 +65,15 @@ Take = Callable[[Sequence[Posted], str | None], Awaitable[Taken]]
 """Takes what was posted, for all zones or one; what is accepted is durable on return. Raises ServiceError."""
 
 
-def reading_routes(site: str, zones: Mapping[str, ZoneView], take: Take | None, limit: int) -> APIRouter:
+def reading_routes(
+    site: str, zones: Mapping[str, ZoneView], take: Take | None, limit: int, malformed: Counter[str]
+) -> APIRouter:
     """Routes that take readings through `take` (None: there is nobody to take them). A packed body may have `limit`
-    bytes when it is unpacked, as any other has."""
+    bytes when it is unpacked, as any other has. Posts that cannot be read are counted in `malformed` by kind."""
     router = APIRouter(tags=["readings"])
     responses = documented(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
     body = {"requestBody": _documented_body()}
-    slots = _Slots()
+    slots, complaints = _Slots(), _Complaints(malformed)
 
     @router.post(
         "/readings",
@@ -68,7 +83,7 @@ def reading_routes(site: str, zones: Mapping[str, ZoneView], take: Take | None, 
         summary="Readings for the channels of all zones",
     )
     async def take_readings(request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]) -> Response:
-        return await answered(request, query, None)
+        return await answered(request, query, caller, None)
 
     @router.post(
         "/zones/{zone}/readings",
@@ -80,15 +95,19 @@ def reading_routes(site: str, zones: Mapping[str, ZoneView], take: Take | None, 
     async def take_readings_of_zone(
         zone: str, request: Request, caller: Writer, query: Annotated[ReadingsQuery, Query()]
     ) -> Response:
-        return await answered(request, query, find_zone(zones, zone, caller).id)
+        return await answered(request, query, caller, find_zone(zones, zone, caller).id)
 
-    async def answered(request: Request, query: ReadingsQuery, zone: str | None) -> Response:
+    async def answered(request: Request, query: ReadingsQuery, caller: Caller, zone: str | None) -> Response:
         if take is None:
             raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
         with slots.one():
             body = await request.body()
             # A large body takes its time, for which the event loop must not wait.
-            posted = await asyncio.to_thread(read, body, request.headers, query.precision, limit)
+            try:
+                posted = await asyncio.to_thread(read, body, request.headers, query.precision, limit)
+            except RequestRefused as error:
+                complaints.note(error, request.headers, caller.name)
+                raise
             taken = await take(posted, zone)
         receipt = taken.receipt
         payload = ReadingsPayload(
@@ -124,9 +143,34 @@ class _Slots:
             self._taken -= 1
 
 
+class _Complaints:
+    """Counts posts that cannot be read, by kind, and logs each kind now and then."""
+
+    def __init__(self, counts: Counter[str]) -> None:
+        self._counts = counts
+        self._say_at: dict[str, float] = {}
+
+    def note(self, error: RequestRefused, headers: Mapping[str, str], client: str) -> None:
+        """Note why a post with `headers` was refused, which came with the key called `client`."""
+        kind = _KINDS.get(HTTPStatus(error.status)) or _FORMATS[_media_type(headers)]
+        self._counts[kind] += 1
+        now = time.monotonic()
+        if now >= self._say_at.get(kind, float("-inf")):
+            self._say_at[kind] = now + REPEAT
+            count = self._counts[kind]
+            sentence = str(error)[:_LONGEST]
+            _log.warning(
+                "a post with the API key '%s' cannot be read: %s (%s: %d so far)", client, sentence, kind, count
+            )
+
+
+def _media_type(headers: Mapping[str, str]) -> str:
+    return headers.get("content-type", "").partition(";")[0].strip().lower()
+
+
 def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) -> list[Posted]:
     """The values in the body of a request with `headers`. RequestRefused if it cannot be read as a whole."""
-    media_type = headers.get("content-type", "").partition(";")[0].strip().lower()
+    media_type = _media_type(headers)
     readers: dict[str, Callable[[str], Iterator[Posted]]] = {
         _JSON: lambda text: _from_json(_document(text)),
         _SENML: lambda text: from_senml(_document(text), time.time()),

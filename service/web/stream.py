@@ -16,9 +16,10 @@ from service.publish.payloads import to_json
 from service.publish.sinks import Announcement
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
+from service.web.history import history_payload
 from service.web.limits import stream_slot
 from service.web.problems import documented
-from service.web.zones import epoch, history_payload
+from service.web.zones import epoch
 
 _MEDIA_TYPE = "text/event-stream"
 

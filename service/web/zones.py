@@ -9,7 +9,6 @@ from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
-from fastapi.concurrency import run_in_threadpool
 
 from estimator.types import ParameterSummary
 from service.fields.times import utc
@@ -25,17 +24,16 @@ from service.publish.rendering import (
     vouched,
 )
 from service.records.fan import Fan
-from service.records.history import HistoryRow
 from service.records.update import Update
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
+from service.web.history import Histories
 from service.web.models import (
     ChannelPayload,
     ForecastQuery,
     ForecastRequest,
     HistoryPayload,
     HistoryQuery,
-    HistoryRowPayload,
     ParametersPayload,
     ParametersQuery,
     PriorPayload,
@@ -56,6 +54,7 @@ _HOUR = 3600.0
 def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
+    histories = Histories(site)
 
     @router.get(
         "", response_model=ZonesPayload, responses=documented(422, 500), summary="Every zone and how it is doing"
@@ -157,9 +156,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        rows = await view.history(epoch(query.start), epoch(query.end), query.limit)
-        # Thousands of rows would hold the event loop.
-        return await run_in_threadpool(lambda: _json(history_payload(site, view, rows)))
+        content = await histories.answer(view, epoch(query.start), epoch(query.end), query.limit)
+        return Response(content, media_type="application/json")
 
     return router
 
@@ -173,17 +171,6 @@ def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:
             raise RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, [sentence])
         first = names.index(query.after) + 1
     return names[first:] if query.limit is None else names[first : first + query.limit]
-
-
-def history_payload(site: str, zone: ZoneView, rows: Sequence[HistoryRow]) -> HistoryPayload:
-    """`rows` of the history of `zone`."""
-    return HistoryPayload(
-        site=site,
-        zone=zone.id,
-        output=zone.network.measured[0],
-        period_s=zone.period,
-        rows=[HistoryRowPayload(**row._asdict() | {"time": utc(row.time)}) for row in rows],
-    )
 
 
 def _json(payload: Payload) -> Response:

@@ -105,20 +105,21 @@ class Alignment:
         """UTC time of the newest reading of each channel that entered a sample so far."""
         self.refusing: set[str] = set()
         """Channels that their device has refused since then."""
-        self._channels = channels
+        self.channels = channels
+        """Those of the network in its order, then the set-point if somebody tells it."""
         self._width = len(network.channels)
         self._outputs = len(network.measured)
         self._rules: list[Aggregate] = [
             aggregate(aggregates.get(channel, default_aggregate(unit_of(network, channel))))
-            for channel in self._channels
+            for channel in self.channels
         ]
         # Amounts of energy have no range of their own; the power that they amount to has.
         self._believable = [
             default_valid_range(unit_of(network, channel)) if aggregates.get(channel) == "energy" else (-inf, inf)
-            for channel in self._channels
+            for channel in self.channels
         ]
         prefix = "" if zone is None else f"{zone}/"
-        self._slots = {prefix + channel: slot for slot, channel in enumerate(self._channels)}
+        self._slots = {prefix + channel: slot for slot, channel in enumerate(self.channels)}
         self._period = int(period)
         self._lateness = lateness
         self._live = live
@@ -144,7 +145,7 @@ class Alignment:
                 index = self._accept(time, value, quality, fault)
                 if index is None:
                     if fault is Fault.REFUSED_BY_DEVICE:
-                        self.refusing.add(self._channels[self._slots[channel]])
+                        self.refusing.add(self.channels[self._slots[channel]])
                     continue
                 interval = self._interval(index)
                 rows = interval.readings
@@ -238,7 +239,7 @@ class Alignment:
 
     def _interval(self, index: int) -> _Interval:
         if index not in self._open:
-            self._open[index] = _Interval([{} for _ in self._channels], set())
+            self._open[index] = _Interval([{} for _ in self.channels], set())
         return self._open[index]
 
     def _advance(self) -> list[Sample]:
@@ -319,7 +320,7 @@ class Alignment:
         if not lower <= value <= upper:
             self.faults[Fault.OUT_OF_RANGE] += 1
             return nan, Quality.BAD
-        channel = self._channels[slot]
+        channel = self.channels[slot]
         self.last_good[channel] = times[-1]
         self.refusing.discard(channel)
         doubtful = bool(uncertain) and any((slot, time) in uncertain for time in used)

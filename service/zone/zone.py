@@ -119,7 +119,7 @@ class Zone:
             segment=progress.segment,
             faults={str(fault): count for fault, count in dict(alignment.faults).items()} if alignment else {},
             last_good=dict(alignment.last_good) if alignment else {},
-            channels=self.network.channels,
+            channels=alignment.channels if alignment else self.network.channels,
             now=min(clocks, default=None),
             overruns=self._timeliness.overruns,
             delay=self._timeliness.delay,

@@ -31,6 +31,19 @@ def test_what_cannot_be_believed_is_bad(raw, fault):
     assert (reading.quality, reading.fault, math.isnan(reading.value)) == (Quality.BAD, fault, True)
 
 
+@pytest.mark.parametrize(
+    ("value", "doubt"),
+    [
+        (21.5, None),
+        (1.8, "doubtful: usually 5 to 40 here; if it is right, give valid"),
+        (81.0, "implausible: not within -60 to 80"),
+        (math.inf, "not a number"),
+    ],
+)
+def test_what_is_unusual_is_doubted(value, doubt):
+    assert Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0)).doubt(value) == doubt
+
+
 def test_a_counter_becomes_the_mean_power_of_every_stretch():
     nothing, first, second = powers(KWH, [(0.0, 100.0), (900.0, 100.5), (1800.0, 100.5)])
     assert nothing is None, "one stand of a counter is no power"

@@ -14,6 +14,7 @@ from pymodbus.constants import ExcCodes
 from support.harness import EXAMPLES, Daemon, thermogate
 from support.live_modbus import WORDS, configuration, running
 from support.modbus_plant import plant
+from support.waiting import PATIENCE
 
 RECORDED = EXAMPLES / "building-67.toml"
 ZONE = "building-67"
@@ -27,11 +28,11 @@ def _settings(folder: Path, pace: object = 36000) -> dict[str, object]:
     }
 
 
-def _until(done: Callable[[], bool], seconds: float, what: str) -> float:
-    """Seconds until `done`."""
+def _until(done: Callable[[], bool], what: str) -> float:
+    """Seconds until `done`; `what` gave way if that does not come at all."""
     begun = time.monotonic()
     while not done():
-        assert time.monotonic() - begun < seconds, what
+        assert time.monotonic() - begun < PATIENCE, what
         time.sleep(0.1)
     return time.monotonic() - begun
 
@@ -113,7 +114,7 @@ def passing_failure(folder: Path) -> str:
                 channels = daemon.get("/zones/zone-one")[1]["status"]["channels"]
                 return all(channel["age_s"] is not None and channel["age_s"] < 2 for channel in channels)
 
-            seconds = _until(is_read, 60, "the zone stays blind")
+            seconds = _until(is_read, "the zone stays blind")
     return f"read again after {seconds:.1f} s"
 
 
@@ -124,9 +125,9 @@ def deleted_state(folder: Path) -> str:
         with Daemon(path, folder / "log", {}) as daemon:
             daemon.wait(lambda zones: zones["zone-one"]["state"] == "running")
             shutil.rmtree(folder / "state")
-            seconds = _until(lambda: daemon.get("/healthz")[0] == 503, 60, "nobody noticed")
+            seconds = _until(lambda: daemon.get("/healthz")[0] == 503, "nobody noticed")
             assert "has been deleted or replaced" in daemon.log(), daemon.log()
-            _until(lambda: daemon.get("/zones")[1]["zones"][0]["state"] == "failed", 60, "samples are acknowledged")
+            _until(lambda: daemon.get("/zones")[1]["zones"][0]["state"] == "failed", "samples are acknowledged")
             daemon.terminate()
     return f"noticed after {seconds:.1f} s; nothing is accepted"
 

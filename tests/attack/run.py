@@ -5,7 +5,8 @@
 The daemon reads a Modbus device, a sample a second, and has no keys. Judged are: no answer of /healthz takes longer
 than HEALTH_SECONDS in 99 of 100 cases under sixty connections of tiny chunks; no client holds the event loop for more
 than HOLD_SECONDS; memory stays within MEMORY_MB of what it is at rest; no live interval is lost. The attackers take
-processors as well: on a machine with few of them, or a busy one, times are those of the machine.
+processors as well: on a machine with few of them, or a busy one, times are those of the machine. "wait s" tells how
+long the event loop was ready to run and got no processor: where that is much of "s", the machine was late.
 """
 
 from __future__ import annotations
@@ -50,11 +51,14 @@ def main() -> int:
 def over_http(folder: Path, only: list[str], encrypted: bool) -> int:
     """The attacks of `web`, each on a daemon of its own; how many succeeded."""
     failed = 0
-    columns = f"{'attack':40} {'s':>5} {'p99 ms':>7} {'max ms':>7} {'holds':>5} {'MB':>6} {'lost':>4}  seen"
+    columns = (
+        f"{'attack':40} {'s':>5} {'wait s':>6} {'p99 ms':>7} {'max ms':>7} {'holds':>5} {'MB':>6} {'lost':>4}  seen"
+    )
     print(columns)
     for index, (name, attack) in enumerate(_chosen(web.ATTACKS, only)):
         place = folder / f"web-{index}"
         place.mkdir()
+        web.BEFORE.get(attack, lambda folder: None)(place)
         pair = make_pair(place)
         settings: dict[str, object] = {}
         if encrypted:
@@ -79,9 +83,11 @@ def over_http(folder: Path, only: list[str], encrypted: bool) -> int:
                     if is_bad
                 ]
                 p99, longest = 1000 * cost.p99, 1000 * max(cost.latencies, default=float("nan"))
-                figures = f"{cost.seconds:5.1f} {p99:7.0f} {longest:7.0f} {cost.holds:5} "
+                figures = f"{cost.seconds:5.1f} {cost.waited:6.1f} {p99:7.0f} {longest:7.0f} {cost.holds:5} "
                 figures += f"{cost.memory:6.0f} {cost.lost:4}"
                 verdict = f"GAVE WAY: {', '.join(bad)}; " if bad else ""
+                if "traceback" in bad:
+                    note += daemon.log().partition("Traceback")[2]
                 print(f"{name:40} {figures}  {verdict}{note}", flush=True)
                 failed += bool(bad)
             except (AssertionError, OSError) as error:

@@ -87,6 +87,8 @@ class Cost:
     """Peak beyond rest, MB."""
     lost: int = 0
     """Live intervals without a reading."""
+    waited: float = 0.0
+    """How long the thread of the event loop was ready to run and got no processor, s."""
 
     @property
     def p99(self) -> float:
@@ -121,7 +123,7 @@ class Victim:
         """What `attack` has to report, and what it cost."""
         process = self.daemon.process.pid
         Path(f"/proc/{process}/clear_refs").write_text("5")
-        holds, (mine, other) = self._holds(), multiprocessing.Pipe()
+        holds, waited, (mine, other) = self._holds(), self._waited(), multiprocessing.Pipe()
         context = multiprocessing.get_context("fork")
         watch = context.Process(target=_watch, args=(self.target, other))
         watch.start()
@@ -133,9 +135,15 @@ class Victim:
             mine.send(None)
             latencies = mine.recv()
             watch.join()
-        cost = Cost(seconds, latencies, self._holds() - holds, self._memory("VmHWM") - self.rest)
+        waited = self._waited() - waited
+        cost = Cost(seconds, latencies, self._holds() - holds, self._memory("VmHWM") - self.rest, waited=waited)
         cost.lost = self._lost(wall, wall + seconds)
         return note, cost
+
+    def _waited(self) -> float:
+        # The kernel counts the time on a processor, that in the queue for one, and the turns.
+        process = self.daemon.process.pid
+        return int(Path(f"/proc/{process}/task/{process}/schedstat").read_text().split()[1]) / 1e9
 
     def _memory(self, what: str) -> float:
         status = Path(f"/proc/{self.daemon.process.pid}/status").read_text()

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import itertools
 import json
+import multiprocessing
 import socket
 import time
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
-from attack.victim import Target
+from attack.victim import Answer, Target
+from support.fake_zones import make_update
+
+from service.store.store import Store
 
 SECONDS = 15.0
+ROWS = 20_000
+"""As many rows of the history as one request may ask for."""
+
 CHUNKED = b"POST /zones/zone-one/forecast HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
 HEAD = "Host: localhost\r\nContent-Type: application/json\r\n"
 
@@ -158,12 +170,71 @@ def abandoned_fans(target: Target) -> str:
     return f"another client waited {seconds:.2f} s"
 
 
+def fill_history(folder: Path) -> None:
+    """Give the zone of a daemon that is to come in `folder` a history of ROWS rows."""
+
+    async def fill() -> None:
+        store = Store(folder / "state")
+        for step in range(ROWS):
+            store.record("zone-one", make_update(step))
+        await store.flush()
+        store.close()
+
+    asyncio.run(fill())
+
+
+def _at_once(target: Target, request: Callable[[Target], Answer], seconds: float) -> str:
+    """`request` again and again on eight connections; the answers by status, and how large the largest was. In a
+    process of its own, for this one is the device that the daemon reads."""
+    mine, other = multiprocessing.Pipe()
+
+    def attack() -> None:
+        seen: Counter[int] = Counter()
+        sizes = [0]
+        end = time.monotonic() + seconds
+
+        def ask() -> None:
+            while time.monotonic() < end:
+                answer = request(target)
+                seen[answer.status] += 1
+                sizes.append(len(answer.body))
+
+        with ThreadPoolExecutor(8) as pool:
+            for done in [pool.submit(ask) for _ in range(8)]:
+                done.result()
+        other.send((seen, max(sizes)))
+
+    process = multiprocessing.get_context("fork").Process(target=attack)
+    process.start()
+    while not mine.poll(0.1):
+        assert process.is_alive(), "the attacker has failed"
+    seen, largest = mine.recv()
+    process.join()
+    # 0: there was no answer within a minute, which on a slow machine says nothing.
+    assert seen.keys() <= {0, 200, 429, 503}, seen
+    told = ", ".join(f"{count} times {status}" for status, count in sorted(seen.items()))
+    return f"{told}; up to {largest / 2**20:.1f} MB each"
+
+
 def much_history(target: Target) -> str:
-    """All of the history, again and again, on eight connections."""
-    end, count = time.monotonic() + 8, 0
-    while time.monotonic() < end:
-        count += target.get("/zones/zone-one/history?limit=20000").status == 200
-    return f"{count} answers"
+    """All of a long history, again and again, on eight connections."""
+    answer = target.get(f"/zones/zone-one/history?limit={ROWS}")
+    assert len(json.loads(answer.body)["rows"]) == ROWS
+    return _at_once(target, lambda one: one.get(f"/zones/zone-one/history?limit={ROWS}"), 10.0)
+
+
+def large_plans(target: Target) -> str:
+    """Forecasts of a zone under plans, as many steps and scenarios as one request may ask for."""
+    plans = [{"name": f"plan {k}"} for k in range(10)]
+    body = {"horizon": "2016s", "zones": ["zone-one"], "levels": [0.5, 0.95], "scenarios": 17, "plans": plans}
+    content = json.dumps(body).encode()
+    return _at_once(target, lambda one: one.post("/forecasts", content), 10.0)
+
+
+def models_and_charts(target: Target) -> str:
+    """Models with all their draws, charts with all their points, and the overview."""
+    paths = itertools.cycle(["/zones/zone-one/model?draws=1000", "/zones/zone-one/series?points=2000", "/overview"])
+    return _at_once(target, lambda one: one.get(next(paths)), 10.0)
 
 
 def odd_requests(target: Target) -> str:
@@ -207,6 +278,9 @@ def silent_connections(target: Target) -> str:
     return f"{len(held)} connections"
 
 
+BEFORE = {much_history: fill_history}
+"""What an attack needs to find; called with the folder of the daemon before it starts."""
+
 ATTACKS = {
     "1 one connection of tiny chunks": one_tiny_chunk_connection,
     "1 sixty connections of tiny chunks": sixty_tiny_chunk_connections,
@@ -218,6 +292,8 @@ ATTACKS = {
     "3 bodies of mistakes": many_mistakes,
     "5 abandoned forecasts": abandoned_fans,
     "13, 19, 20, 21 odd requests": odd_requests,
-    "17 much history": much_history,
+    "17 a long history": much_history,
+    "large plans": large_plans,
+    "models and charts": models_and_charts,
     "silent connections": silent_connections,
 }

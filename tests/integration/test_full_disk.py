@@ -79,6 +79,7 @@ def test_a_start_on_a_full_disk_is_one_sentence_or_waits_for_space(disk: Path, t
         assert daemon.process.wait(180) == 1
         (sentence,) = [line for line in daemon.log().splitlines() if line.startswith("thermogate:")]
         assert str(disk) in sentence
+        assert "free space on its disk: what was set aside" in sentence
         assert "Traceback" not in daemon.log()
     ballast.unlink()
     with Daemon(CONFIG, tmp_path / "log", settings(disk, "max")) as daemon:

@@ -126,6 +126,10 @@ def test_probe_finds_what_is_published_elsewhere(tmp_path: Path) -> None:
         assert "nothing came within 3 s, and nothing was retained" in done.stdout
         assert "heard meanwhile: home/room with 20.5" in done.stdout
         assert "heard meanwhile: home/kitchen with /temperature 21.5" in done.stdout
+        cold = ("--set", 'zones.0.channels.T_i.topic="home/outside"')
+        doubted = thermogate("probe", config, "--seconds", 3, *cold)
+        assert doubted.returncode == 1
+        assert "doubtful: usually 5 to 40 here" in doubted.stdout
         away = thermogate("probe", config, "--set", f"sources.calm.port={free_port()}")
         assert away.returncode == 1
         assert "thermogate: sources.calm: no MQTT broker answers at mqtt://127.0.0.1:" in away.stderr

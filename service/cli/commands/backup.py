@@ -17,9 +17,17 @@ def add_to(add: AddCommand) -> None:
 
 def _backup(arguments: argparse.Namespace) -> int:
     from service.cli.progress import bytes_done
+    from service.errors import BackupError
     from service.store.backup import write_backup
+    from service.store.store import JOURNAL
 
-    site = load_config(arguments).site
+    config = load_config(arguments)
+    site = config.site
+    if config.fleet is not None and not (site.state_dir / JOURNAL).exists():
+        raise BackupError(
+            f"there is no state in {site.state_dir}: a fleet keeps it in the database that fleet.database names; back "
+            "that up with the tools of PostgreSQL, such as pg_dump"
+        )
     with bytes_done("backup") as tick:
         made = write_backup(site.state_dir, site.id, arguments.out, tick)
     print(f"{made.path}: site {made.site}, {made.size / 1e6:.1f} MB, zones with a checkpoint: {made.zones}")

@@ -91,7 +91,9 @@ def _life(answer: _Answer) -> tuple[int, str]:
 
 def _zones(answer: _Answer) -> tuple[int, str]:
     if answer.status == HTTPStatus.OK:
-        return OK, f"zones running: {len(answer.document['zones'])}"
+        # A daemon of an earlier version lists all zones, and does not count them.
+        count = answer.document.get("zone_count", len(answer.document["zones"]))
+        return OK, f"zones running: {count}"
     behind = answer.document.get("zones")
     if answer.status != HTTPStatus.SERVICE_UNAVAILABLE or not behind:
         return UNKNOWN, answer.document["detail"]

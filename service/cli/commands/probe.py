@@ -36,8 +36,10 @@ def add_to(add: AddCommand) -> None:
         metavar="S",
         help=f"how long to listen to a source that publishes by itself, at most (default: {LISTEN_SECONDS:g})",
     )
-    scan = parser.add_argument_group("scan", "list what the devices have, reading only; needs no zones yet")
-    scan.add_argument("--scan", action="store_true", help="list registers (Modbus) or devices and objects (BACnet)")
+    scan = parser.add_argument_group("scan", "list what there is to read, reading only; needs no zones yet")
+    scan.add_argument(
+        "--scan", action="store_true", help="list registers (Modbus), devices and objects (BACnet) or topics (MQTT)"
+    )
     scan.add_argument(
         "--devices",
         type=whole_range(0, _LARGEST_DEVICE),
@@ -130,6 +132,7 @@ async def _scan_all(sources: Mapping[str, SourceConfig], wanted: Scan, *, asked:
     from adapters.errors import SourceError
     from adapters.scanning import Scannable
     from service.cli.tables import aligned
+    from service.errors import one_line
     from service.sources.kinds import SOURCE_KINDS
 
     good, scanned = True, False
@@ -150,9 +153,9 @@ async def _scan_all(sources: Mapping[str, SourceConfig], wanted: Scan, *, asked:
         finally:
             await source.close()
         lines = aligned(found.rows) if len(found.rows) > 1 else []
-        print("\n".join([f"source {name}: {table.described}", *lines, *found.remarks]))
+        print("\n".join([f"source {name}: {table.described}", *lines, *map(one_line, found.remarks)]))
     if not scanned and not asked:
-        kinds = "there is no source that can be scanned; those of kind modbus and bacnet can"
+        kinds = "there is no source that can be scanned; those of kind modbus, bacnet and mqtt can"
         print(f"thermogate: {kinds}", file=sys.stderr)
     return 0 if good and scanned else 1
 
@@ -163,6 +166,7 @@ def probe_table(probes: Iterable[Probe], units: Mapping[str, str], now: float) -
     `units` are the network's, by channel; `now` is UTC s.
     """
     from service.cli.tables import aligned
+    from service.errors import one_line
 
     rows = [("channel", "where", "raw", "value", "unit", "age", "verdict")]
     below: list[tuple[str, ...]] = [()]
@@ -172,7 +176,7 @@ def probe_table(probes: Iterable[Probe], units: Mapping[str, str], now: float) -
         rows.append((probe.channel, probe.place, probe.raw, value, units[probe.channel], age, probe.verdict))
         below.append(probe.hints)
     lines = zip(aligned(rows), below, strict=True)
-    return [line for row, hints in lines for line in (row, *(f"    {hint}" for hint in hints))]
+    return [line for row, hints in lines for line in (row, *(f"    {one_line(hint)}" for hint in hints))]
 
 
 def _age(seconds: float) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from support.broker import Mosquitto, Party, broker, flood, program
-from support.waiting import until
+from support.waiting import between, until
 from support.zenoh_plant import certificates, listening
 
 import adapters.mqtt.broker
@@ -30,6 +30,7 @@ from adapters.mqtt.source import TIMES, Intake, MqttSource
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import PayloadFormat
 from adapters.reading import Quality
+from adapters.scanning import Scan, Scannable
 
 TOPIC = "home/room/T"
 T = MessageChannel("room/T", TOPIC, edge=Edge(valid=(-60.0, 80.0)))
@@ -75,12 +76,13 @@ def test_every_format_arrives(
     running: Mosquitto, party: Party, form: PayloadFormat, payload: str, version: str
 ) -> None:
     async def run() -> None:
+        begun = time.time()
         async with listening(source(running.port, replace(T, format=form), version=version)) as heard:
             await heard.until(heard.values, lambda: party.put(TOPIC, payload))
             assert set(heard.values()) == {21.5}
-            assert heard.readings[-1].time == pytest.approx(time.time(), abs=10)
+            assert between(begun, heard.readings[-1].time, time.time())
             assert heard.readings[-1].quality is Quality.GOOD
-            assert heard.batches[-1].now == pytest.approx(time.time() - 1.0, abs=10)
+            assert between(begun - 1.0, heard.batches[-1].now, time.time() - 1.0)
 
     asyncio.run(run())
 
@@ -137,12 +139,13 @@ def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mos
 
 
 def test_a_retained_value_with_a_time_is_as_old_as_it_says(running: Mosquitto, party: Party) -> None:
-    party.put(TOPIC, json.dumps({"value": 18, "time": iso(time.time() - 7200)}), retain=True, qos=1)
+    when = time.time() - 7200
+    party.put(TOPIC, json.dumps({"value": 18, "time": iso(when)}), retain=True, qos=1)
 
     async def run() -> None:
         async with listening(source(running.port, DATED)) as heard:
             await heard.until(heard.values)
-            assert heard.readings[0].time == pytest.approx(time.time() - 7200, abs=10)
+            assert heard.readings[0].time == pytest.approx(when, abs=0.001)
             assert heard.readings[0].quality is Quality.GOOD
 
     asyncio.run(run())
@@ -325,6 +328,53 @@ def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, par
     asyncio.run(run())
 
 
+def test_probe_doubts_what_is_unusual_and_shows_what_else_is_there(running: Mosquitto, party: Party) -> None:
+    usual = Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0))
+    frost = MessageChannel("room/T", TOPIC, edge=usual)
+    wrong = MessageChannel("room/w", "home/other", PayloadFormat("json", parse("/battery")), edge=usual)
+
+    async def run() -> None:
+        party.put(TOPIC, "1.8", retain=True, qos=1)
+        party.put("home/other", '{"battery": 90, "temperature": 19.5}', retain=True, qos=1)
+        cold, battery = await source(running.port, frost, wrong).probe(5.0)
+        assert (cold.value, cold.verdict) == (1.8, "doubtful: usually 5 to 40 here; if it is right, give valid")
+        assert battery.verdict == "implausible: not within -60 to 80"
+        assert battery.hints[-1] == "numbers in it: /battery 90, /temperature 19.5"
+
+    asyncio.run(run())
+
+
+def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, party: Party) -> None:
+    async def run() -> None:
+        party.put(TOPIC, "20.5", retain=True, qos=1)
+        party.put("home/other", '{"temperature": 19.5, "state": {"battery": 80}}', retain=True, qos=1)
+        party.put("home/meter", "on", retain=True, qos=1)
+        # A scan is for a person who does not know the topics yet.
+        searching = MqttSource("bms", Broker("127.0.0.1", running.port, timeout=2.0), (), Intake())
+        assert isinstance(searching, Scannable)
+        found = await searching.scan(Scan(seconds=1.0))
+        assert found.rows == [
+            ("topic", "pointer", "number", "came"),
+            ("home/other", "/temperature", "19.5", "retained"),
+            ("home/other", "/state/battery", "80", "retained"),
+            (TOPIC, "-", "20.5", "retained"),
+        ]
+        assert found.remarks == ["topics without a number: 1 (home/meter)"]
+
+    asyncio.run(run())
+
+
+def test_a_scan_of_a_silent_broker_says_so(tmp_path: Path) -> None:
+    async def run() -> None:
+        with broker(tmp_path) as silent:
+            searching = MqttSource("bms", Broker("127.0.0.1", silent.port, timeout=2.0), (), Intake())
+            found = await searching.scan(Scan(seconds=0.5))
+            assert found.rows == [("topic", "pointer", "number", "came")]
+            assert found.remarks == ["nothing came within 0.5 s, and nothing was retained; listen for longer"]
+
+    asyncio.run(run())
+
+
 def test_the_status_of_the_source_is_told_where_it_is_wanted(running: Mosquitto) -> None:
     async def run() -> None:
         with Party(running.port, "home/thermogate") as watching:
@@ -431,12 +481,12 @@ def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_the_order_of_times_is_that_of_the_intake(running: Mosquitto, party: Party) -> None:
     async def run() -> None:
-        watched = source(running.port, DATED, intake=Intake(dating=Dating(("arrival",))))
+        watched, begun = source(running.port, DATED, intake=Intake(dating=Dating(("arrival",)))), time.time()
         async with listening(watched) as heard:
             await heard.until(
                 heard.values, lambda: party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time() - 1000)}))
             )
-            assert heard.readings[0].time == pytest.approx(time.time(), abs=10)
+            assert between(begun, heard.readings[0].time, time.time())
 
     asyncio.run(run())
     assert TIMES == ("payload", "arrival")

@@ -58,6 +58,7 @@ def behind(*states):
     ("ready", "expected"),
     [
         ((200, {"status": "ready", "zones": [{}, {}]}), (0, "OK - zones running: 2")),
+        ((200, {"status": "ready", "zones": [{}] * 20, "zone_count": 5000}), (0, "OK - zones running: 5000")),
         (behind("stalled", "waiting"), (1, "WARNING - zone 'z0' is behind")),
         (behind("stalled", "failed"), (2, "CRITICAL - zone 'z0' is behind")),
         ((401, {"detail": "this needs an API key"}), (3, "UNKNOWN - this needs an API key")),

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from support.broker import Party, broker
 from support.live_modbus import running
 from support.modbus_plant import plant
 
+from adapters.reading import Probe
+from service.cli.commands.probe import probe_table
 from service.cli.main import main
 
 LOG = '[sources.log]\nkind = "csv"\nfiles = ["a.csv"]\ntimestamp = { column = "t" }\n'
@@ -66,6 +69,22 @@ def test_a_source_that_cannot_be_scanned_says_so(tmp_path: Path, capsys: pytest.
     assert capsys.readouterr().err == "thermogate: a source of kind csv cannot be scanned\n"
     assert main(["probe", path, "--scan"]) == 1
     assert "there is no source that can be scanned" in capsys.readouterr().err
+
+
+def test_topics_are_listed_without_any_zone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with broker(tmp_path) as site, Party(site.port) as party:
+        party.put("home/living", '{"temperature": 21.5}', retain=True, qos=1)
+        text = f'[sources.home]\nkind = "mqtt"\nhost = "127.0.0.1"\nport = {site.port}\n'
+        assert main(["probe", written(tmp_path, text), "--scan", "--seconds", "1"]) == 0
+    title, headings, row = capsys.readouterr().out.splitlines()
+    assert title == f"source home: mqtt://127.0.0.1:{site.port}, MQTT 5"
+    assert headings.split() == ["topic", "pointer", "number", "came"]
+    assert row.split() == ["home/living", "/temperature", "21.5", "retained"]
+
+
+def test_what_a_source_calls_its_things_does_not_steer_the_terminal() -> None:
+    probe = Probe("room/T", "home/T", "-", None, None, "nothing came", ("heard meanwhile: home/\x1b[2J",))
+    assert probe_table([probe], {"room/T": "degC"}, 0.0)[-1] == "    heard meanwhile: home/\\x1b[2J"
 
 
 def test_a_device_that_is_not_there_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -76,6 +76,31 @@ def test_not_ready_names_the_zones_and_reasons(app: FastAPI, zones: dict[str, Fa
     assert "retry-after" in answer.headers
 
 
+def test_a_large_site_is_ready_in_a_short_answer() -> None:
+    zones = {f"room-{k}": running(f"room-{k}") for k in range(500)}
+    app = create_app("htwg", zones, Metrics({}).registry)
+    document = get(app, "/readyz").json()
+    assert [zone["id"] for zone in document["zones"]] == [f"room-{k}" for k in range(20)]
+    assert document["zone_count"] == 500
+
+
+def test_of_many_zones_that_are_not_ready_the_worst_are_named() -> None:
+    zones = {f"room-{k}": running(f"room-{k}") for k in range(500)}
+    for k, zone in enumerate(zones.values()):
+        if k >= 100:
+            zone.state, zone.reason = "waiting", "no complete sample yet"
+    zones["room-450"].state, zones["room-499"].state = "stalled", "failed"
+    document = problem(get(create_app("htwg", zones, Metrics({}).registry), "/readyz"), 503)
+    assert [(zone["id"], zone["state"]) for zone in document["zones"][:3]] == [
+        ("room-499", "failed"),
+        ("room-450", "stalled"),
+        ("room-100", "waiting"),
+    ]
+    assert (len(document["zones"]), document["zone_count"]) == (20, 400)
+    assert document["detail"].startswith("zone 'room-499' is failed: no complete sample yet; zone 'room-450' is ")
+    assert document["detail"].endswith("; and 380 more")
+
+
 def test_metrics_in_both_formats(app: FastAPI) -> None:
     plain = get(app, "/metrics")
     assert plain.headers["content-type"].startswith("text/plain")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +15,6 @@ from support.http_client import get, post, problem, request
 
 from service.config.http import HttpConfig
 from service.publish.metrics import Metrics
-from service.web import zones as zone_module
 from service.web.app import create_app
 from service.web.server import bodies
 from service.web.server.bodies import GatherBody
@@ -171,17 +169,6 @@ def test_the_description_allows_no_level_and_no_horizon_that_is_refused(app: Fas
     level = schemas["level"]["items"]
     assert (level["exclusiveMinimum"], level["exclusiveMaximum"], schemas["level"]["maxItems"]) == (0, 1, 32)
     assert "pattern" in json.dumps(schemas["horizon"])
-
-
-def test_rows_are_written_on_another_thread(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
-    threads = []
-    own = zone_module.history_payload
-    monkeypatch.setattr(
-        zone_module, "history_payload", lambda *a: threads.append(threading.current_thread()) or own(*a)
-    )
-    assert get(app, "/zones/living/history").status_code == 200
-    assert threading.main_thread() not in threads
-    assert len(threads) == 1
 
 
 def test_the_end_of_time_is_no_failure() -> None:

@@ -22,7 +22,7 @@ from service.web.server import door as http_door
 from service.web.server import turns
 from service.web.server.parser import FREE_CHUNKS, Parser
 from service.web.server.peers import peer_of
-from service.web.server.protocol import PIECE
+from service.web.server.protocol import PIECE, READ_BYTES
 from service.web.server.turns import Account, Turns
 
 QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
@@ -438,6 +438,31 @@ def test_a_quiet_client_comes_before_those_that_send_much() -> None:
 
     run(scenario())
     assert served == ["greedy", "greedy", "quiet", "greedy"]
+
+
+def test_what_waits_for_its_turn_stays_in_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine turns come seldom, and hundreds of clients may send a megabyte each meanwhile."""
+    asked: list[Any] = []
+    own = Turns.ask
+    monkeypatch.setattr(Turns, "ask", lambda self, taker: asked.append((self, taker)))
+
+    async def scenario() -> None:
+        async with serving(small_app(), config(limits={"receive_timeout": 170})) as server:
+            client = await Client.to(server)
+            body = b"x" * 900_000
+            sending = asyncio.create_task(
+                client.send(b"POST /size HTTP/1.1\r\nHost: localhost\r\nContent-Length: 900000\r\n\r\n" + body)
+            )
+            await until(lambda: asked and not asked[0][1].transport.is_reading())
+            (connection,) = server.open_connections
+            assert len(connection.conn.trailing_data[0]) < 2 * READ_BYTES
+            monkeypatch.setattr(Turns, "ask", own)
+            own(*asked[0])
+            await sending
+            assert (await client.answer()).body == b"900000"
+            await client.close()
+
+    run(scenario())
 
 
 def test_the_parser_stops_at_its_deadline_and_goes_on_there() -> None:

@@ -193,6 +193,24 @@ def test_what_cannot_be_read_is_refused_as_a_whole(
     assert not desk.taken
 
 
+def test_what_cannot_be_read_is_counted_by_kind_and_logged_once(
+    app: FastAPI, key: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(3):
+        post(app, b"a b=1\nc d", key)
+        post(app, b"{", key, JSON)
+        post(app, b"[1]", key, SENML)
+        post(app, b"\xff", key)
+        post(app, b"a b=1", key, "application/xml")
+        post(app, b"a b=1\n" * (MAX_VALUES + 1), key)
+    kinds = ("line_protocol", "json", "senml", "encoding", "media_type", "size")
+    assert app.state.malformed_posts == dict.fromkeys(kinds, 3)
+    said = [record.getMessage() for record in caplog.records]
+    assert len(said) == len(kinds), said
+    assert said[0].startswith("a post with the API key 'telegraf' cannot be read: line 2: a field is key=value")
+    assert said[0].endswith("(line_protocol: 1 so far)")
+
+
 def test_an_answer_lists_few_mistakes(app: FastAPI, desk: Desk, key: str) -> None:
     wrong = [{"channel": "", "value": "x"} for _ in range(1000)]
     document = problem(post(app, entries({"channel": "a", "value": 1}, *wrong), key, JSON), 422)

@@ -195,7 +195,22 @@ def test_an_unknown_zone_is_404_with_the_known_ones(app: FastAPI, method: str, p
     body = {"json": {"horizon": "1h"}} if method == "POST" else {}
     document = problem(request(app, method, f"/zones/livin{path}", **body), 404)
     assert document["zones"] == ["living", "attic", "cellar"]
+    assert document["zone_count"] == 3
     assert document["detail"] == "there is no zone 'livin'; the zones are living, attic, cellar"
+
+
+def test_of_many_zones_a_404_names_few() -> None:
+    zones = {f"room-{k}": running(f"room-{k}") for k in range(500)}
+    app = create_app("htwg", zones, CollectorRegistry())
+    for answer in (
+        get(app, "/zones/room"),
+        request(app, "POST", "/forecasts", json={"horizon": "1h", "zones": ["room"], "plans": [{}]}),
+    ):
+        document = problem(answer, 404)
+        assert document["zones"] == [f"room-{k}" for k in range(20)]
+        assert document["zone_count"] == 500
+        assert document["detail"].endswith("room-18, room-19 and 480 more, which GET /zones lists")
+        assert len(document["detail"]) < 500
 
 
 @pytest.mark.parametrize(

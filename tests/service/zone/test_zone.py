@@ -12,7 +12,9 @@ from support.zone_samples import PERIOD, comparable, sample
 
 import service.zone.intake
 import service.zone.zone
+from adapters.reading import Reading
 from service.errors import JournalError, ServiceError, StateMismatch
+from service.publish.rendering import status_payload
 from service.zone.alignment import Alignment
 from service.zone.zone import ATTEMPTS
 
@@ -289,6 +291,22 @@ def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tmp_path
             await zone.deliver("bms", [], 0.0)
             await finished(zone, running)
             assert zone.status().state == "running"
+
+    asyncio.run(scenario())
+
+
+def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
+    async def scenario():
+        async with plumbing(tmp_path) as shared:
+            zone = make(shared)
+            running = await fed(zone, [sample(0)])
+            zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z"))
+            assert zone.status().channels == zone.network.channels
+            zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z", setpoint_age=3600.0))
+            await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
+            *_, last = status_payload("site", "z", zone.status(), None).channels
+            assert (last.channel, last.last_good.timestamp(), last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
+            await finished(zone, running)
 
     asyncio.run(scenario())
 

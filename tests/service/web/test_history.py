@@ -1,0 +1,113 @@
+"""Long histories: page by page, the same answer as in one piece, and few of them at a time."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import Any
+
+import pytest
+from fastapi import FastAPI
+from prometheus_client import CollectorRegistry
+from support.fake_zones import PERIOD, START, FakeZone, make_update, running
+from support.http_client import get
+from support.waiting import until
+
+from service.errors import ServiceError
+from service.publish.payloads import to_json
+from service.records.asker import Asker, asked_by
+from service.records.history import HistoryRow
+from service.web import history as module
+from service.web.app import create_app
+from service.web.history import PAGE, Histories, history_payload
+from service.web.limits import LARGE_AT_ONCE
+
+ROWS = 2 * PAGE + 300
+
+
+@pytest.fixture(scope="module")
+def zone() -> FakeZone:
+    long = running("living")
+    long.updates = [make_update(step) for step in range(ROWS)]
+    return long
+
+
+@pytest.fixture
+def app(zone: FakeZone) -> FastAPI:
+    return create_app("htwg", {"living": zone}, CollectorRegistry())
+
+
+@pytest.mark.parametrize("limit", [1, PAGE, PAGE + 1, ROWS, 20_000])
+@pytest.mark.parametrize("start", [None, START + 500 * PERIOD])
+def test_pages_make_the_answer_of_one_piece(app: FastAPI, zone: FakeZone, limit: int, start: int | None) -> None:
+    zone.asked.clear()
+    query = f"limit={limit}" + ("" if start is None else "&start=2025-05-04T17:40:00Z")
+    answer = get(app, f"/zones/living/history?{query}")
+    assert answer.status_code == 200
+    rows = [row for row in map(HistoryRow.of, zone.updates) if start is None or row.time >= start][-limit:]
+    assert answer.content == to_json(history_payload("htwg", zone, rows))
+    assert all(asked[3] <= PAGE for asked in zone.asked), "a page leaves the journal to the zones"
+
+
+def test_a_zone_without_history_has_an_empty_list() -> None:
+    app = create_app("htwg", {"new": FakeZone("new")}, CollectorRegistry())
+    assert get(app, "/zones/new/history?limit=20000").json()["rows"] == []
+
+
+def test_rows_are_written_on_another_thread(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
+    threads = []
+    own = module._listed
+    monkeypatch.setattr(module, "_listed", lambda rows: threads.append(threading.current_thread()) or own(rows))
+    assert get(app, "/zones/living/history?limit=20000").status_code == 200
+    assert threading.main_thread() not in threads
+    assert len(threads) == 3
+
+
+class Slow:
+    """A zone whose history is read when `open` is set; who has asked for it is noted."""
+
+    def __init__(self, zone: FakeZone) -> None:
+        self.network, self.period, self.id = zone.network, zone.period, zone.id
+        self.open, self.reading = asyncio.Event(), list[int]()
+
+    async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        self.reading.append(limit)
+        await self.open.wait()
+        return []
+
+
+def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zone: FakeZone) -> None:
+    async def scenario() -> None:
+        histories, slow = Histories("htwg"), Slow(zone)
+
+        async def ask(name: str, limit: int) -> bytes:
+            asked_by(Asker(name))
+            view: Any = slow
+            return await histories.answer(view, None, None, limit)
+
+        greedy = [asyncio.create_task(ask("greedy", 20_000)) for _ in range(5)]
+        await until(lambda: slow.reading)
+        others = [asyncio.create_task(ask(f"client {k}", 20_000)) for k in range(5)]
+        await until(lambda: len(slow.reading) == LARGE_AT_ONCE)
+        short = asyncio.create_task(ask("greedy", PAGE))
+        await until(lambda: len(slow.reading) == LARGE_AT_ONCE + 1)
+        slow.open.set()
+        await asyncio.gather(*greedy, *others, short)
+        assert len(slow.reading) == 11
+        assert not histories._large._open
+        assert not histories._large._turns
+
+    asyncio.run(scenario())
+
+
+def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> None:
+    async def scenario() -> None:
+        asker, slow = Asker("gone"), Slow(zone)
+        asker.gone.set()
+        asked_by(asker)
+        view: Any = slow
+        with pytest.raises(ServiceError, match="nobody waits for it"):
+            await Histories("htwg").answer(view, None, None, 20_000)
+        assert slow.reading == []
+
+    asyncio.run(scenario())
