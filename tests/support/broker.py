@@ -127,3 +127,5 @@ class Party:
     def __exit__(self, *_: object) -> None:
         self._client.disconnect()
         self._client.loop_stop()
+        # Closes the pair of sockets that woke its thread, which would otherwise be left to the garbage collector.
+        self._client.reinitialise()

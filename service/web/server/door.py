@@ -94,6 +94,13 @@ class Door:
                 greeting.cancel()
             await asyncio.gather(sweeping, *self._greetings, return_exceptions=True)
 
+    async def close(self) -> None:
+        """Drop the connections that there still are, with what waits for their clients."""
+        for connection in self.open_connections:
+            connection.transport.abort()
+        while self.open_connections:
+            await asyncio.sleep(0)
+
     def _admit(self, connection: socket.socket, address: tuple[str, int] | Literal[""]) -> None:
         connection.setblocking(False)
         # A UNIX socket has no addresses.

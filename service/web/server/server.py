@@ -109,6 +109,7 @@ class HttpServer:
             self._server.should_exit = True
             self.close()
             await serving
+            await self._door.close()
         for result in results:
             if isinstance(result, Exception):
                 raise result
@@ -134,7 +135,7 @@ class HttpServer:
         self._socket.close()
 
     async def stop(self, serving: asyncio.Task[None]) -> None:
-        """Finish open requests, for a second at most, and close."""
+        """Finish open requests, for a second at most, and close; what a client has not taken by then is dropped."""
         self._server.should_exit = True
         await serving
 

@@ -206,6 +206,21 @@ def test_a_large_answer_is_given_to_the_transport_in_pieces() -> None:
     run(scenario())
 
 
+def test_what_a_client_has_not_taken_when_the_server_stops_is_dropped() -> None:
+    """The connection would otherwise stay open until the garbage collector finds it, in whatever runs then."""
+
+    async def scenario() -> None:
+        async with serving(small_app(), config()) as server:
+            deaf = await Client.to(server, limit=1024)
+            await deaf.send(b"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+            await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
+        assert not server.open_connections
+        assert server.connections == 0
+        await deaf.close()
+
+    run(scenario())
+
+
 def test_room_for_answers_is_made_before_the_next_one_is_taken_in() -> None:
     """Between two sweeps a thousand answers could begin to wait."""
 
