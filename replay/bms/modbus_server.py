@@ -23,6 +23,8 @@ from replay.errors import ReplayError
 
 _READS = {1: "coil", 2: "discrete", 3: "holding", 4: "input"}
 _BITS_PER_WORD = 16
+_ACCEPTING = 4
+"""After so many passes of the event loop a connection that was being accepted has come about."""
 
 
 class ModbusServer:
@@ -49,7 +51,22 @@ class ModbusServer:
 
     async def stop(self) -> None:
         """Close the port and every connection."""
-        await self._server.shutdown()
+        await shut_down(self._server)
+
+
+async def shut_down(server: ModbusTcpServer) -> None:
+    """Close the port of `server` and every connection.
+
+    asyncio loses the socket of a connection that it has accepted for a server which is closed before it gets to it, and
+    pymodbus that of one which has not come about: so the port stops accepting first.
+    """
+    loop = asyncio.get_running_loop()
+    for listening in server.transport.sockets:  # type: ignore[attr-defined]
+        loop.remove_reader(listening)
+    for _ in range(_ACCEPTING):
+        await asyncio.sleep(0)
+    await server.shutdown()
+    await asyncio.sleep(0)
 
 
 class _Server(ModbusTcpServer):

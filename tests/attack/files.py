@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import shutil
 import signal
+import socketserver
+import struct
 import subprocess
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pymodbus.constants import ExcCodes
-from support.harness import EXAMPLES, Daemon, thermogate
+from support.harness import EXAMPLES, THERMOGATE, Daemon, overrides, thermogate
 from support.live_modbus import WORDS, configuration, running
 from support.modbus_plant import plant
 from support.waiting import PATIENCE
 
 RECORDED = EXAMPLES / "building-67.toml"
 ZONE = "building-67"
+EXPORT = EXAMPLES / "generic-csv.toml"
 
 
 def _settings(folder: Path, pace: object = 36000) -> dict[str, object]:
@@ -35,6 +41,20 @@ def _until(done: Callable[[], bool], what: str) -> float:
         assert time.monotonic() - begun < PATIENCE, what
         time.sleep(0.1)
     return time.monotonic() - begun
+
+
+@contextmanager
+def _small_disk(folder: Path, size: str) -> Iterator[Path]:
+    """A disk of its own; PermissionError where it cannot be mounted."""
+    disk = folder / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "thermogate-attack", str(disk)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        raise PermissionError("mounting a small disk needs root")
+    try:
+        yield disk
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
 
 
 def damaged_kernel_cache(folder: Path) -> str:
@@ -61,20 +81,15 @@ def damaged_kernel_cache(folder: Path) -> str:
 
 def full_kernel_cache(folder: Path) -> str:
     """The cache of kernels on a full disk."""
-    disk = folder / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "thermogate-attack", str(disk)]
-    if subprocess.run(mount, capture_output=True, check=False).returncode:
-        return "left out: mounting a small disk needs root"
-    os.environ["NUMBA_CACHE_DIR"] = str(disk)
-    try:
-        with Daemon(RECORDED, folder / "log", _settings(folder)) as daemon:
-            daemon.wait(lambda zones: zones[ZONE]["samples"] >= 20)
-            assert "passes over" not in daemon.log(), daemon.log()
-            assert "cannot be kept" in daemon.log(), daemon.log()
-    finally:
-        del os.environ["NUMBA_CACHE_DIR"]
-        subprocess.run(["umount", str(disk)], check=True)
+    with _small_disk(folder, "64k") as disk:
+        os.environ["NUMBA_CACHE_DIR"] = str(disk)
+        try:
+            with Daemon(RECORDED, folder / "log", _settings(folder)) as daemon:
+                daemon.wait(lambda zones: zones[ZONE]["samples"] >= 20)
+                assert "passes over" not in daemon.log(), daemon.log()
+                assert "cannot be kept" in daemon.log(), daemon.log()
+        finally:
+            del os.environ["NUMBA_CACHE_DIR"]
     return "compiled all the same, nothing skipped"
 
 
@@ -171,12 +186,166 @@ def made_up_archive(folder: Path) -> str:
     return done.stderr.strip().rpartition(": ")[2]
 
 
+class _Confused(socketserver.BaseRequestHandler):
+    """A device that answers every request for registers as if others had been asked for, with 21.5 degC in each."""
+
+    def handle(self) -> None:
+        with suppress(OSError):
+            while len(request := self.request.recv(12)) == 12:
+                transaction, _, _, unit, code, _, count = struct.unpack(">HHHBBHH", request)
+                pdu = struct.pack(">BBB", unit, 7 - code, 2 * count) + struct.pack(">H", 215) * count
+                self.request.sendall(struct.pack(">HHH", transaction, 0, len(pdu)) + pdu)
+
+
+def another_function_code(folder: Path) -> str:
+    """Answers with another function code than was asked for: registers of another table."""
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), _Confused) as device:
+        device.daemon_threads = True
+        threading.Thread(target=device.serve_forever).start()
+        try:
+            path = configuration(folder, {"one": device.server_address[1]})
+            with Daemon(path, folder / "log", {"sources.one.timeout": 0.5}) as daemon:
+                _until(lambda: "function code" in daemon.log(), "nobody said so")
+                channels = daemon.get("/zones/zone-one")[1]["status"]["channels"]
+        finally:
+            device.shutdown()
+    assert all(channel["last_good"] is None for channel in channels), channels
+    return "none was taken for a temperature, and the log says so"
+
+
+def swapped_checkpoints(folder: Path) -> str:
+    """The checkpoint of one zone in the folder of another one with the same network."""
+    settings = {"site.checkpoint_every": 0.5}
+    with running(plant(holding=WORDS)) as site:
+        path = configuration(folder, {"one": site.port, "two": site.port})
+        with Daemon(path, folder / "first.log", settings) as daemon:
+            daemon.wait(lambda zones: all(zone["samples"] >= 5 for zone in zones.values()))
+            daemon.terminate()
+        others = sorted(folder.rglob("zone-two/*.npz"))
+        shutil.copy(others[-1], folder / "state" / "checkpoints" / "zone-one" / "999999999999.npz")
+        with Daemon(path, folder / "second.log", settings) as daemon:
+            daemon.wait(lambda zones: zones["zone-one"]["state"] == "running")
+            assert "it is of zone 'zone-two'" in daemon.log(), daemon.log()
+    return "not taken, and said"
+
+
+def open_folders(folder: Path) -> str:
+    """A state folder that every account can look into, and backups."""
+    state = folder / "state"
+    state.mkdir(mode=0o755)
+    state.chmod(0o755)
+    with Daemon(RECORDED, folder / "log", _settings(folder)) as daemon:
+        daemon.wait(lambda zones: zones[ZONE]["samples"] >= 5)
+        assert f"say: chmod o= {state}" in daemon.log(), daemon.log()
+        options = overrides({"site.state_dir": str(state)})
+        done = thermogate("backup", RECORDED, folder / "backup.tar", *options)
+        assert done.returncode == 0, done.stderr
+    for file in (folder / "backup.tar", state / "lock"):
+        assert file.stat().st_mode & 0o077 == 0, file
+    return "the folder is warned of; lock and backup are the owner's alone"
+
+
+def secrets_in_mistakes(folder: Path) -> str:
+    """A private key, and a password, where a path or an address belongs."""
+    secret = "THERMOGATE-SECRET"
+    pem = f"-----BEGIN PRIVATE KEY-----\n{secret}\n-----END PRIVATE KEY-----\n"
+    mistakes: list[dict[str, object]] = [
+        {"http.certificate": "c.pem", "http.private_key": pem},
+        {"zenoh.connect": [f"tcp/thermogate:{secret}@127.0.0.1:7447"], "zenoh.enabled": True},
+    ]
+    for mistake in mistakes:
+        for command in ("check", "run"):
+            done = thermogate(command, RECORDED, *overrides(_settings(folder) | mistake))
+            assert done.returncode != 0, done
+            assert done.stderr, done
+            assert secret not in done.stdout + done.stderr, done
+    return f"{2 * len(mistakes)} refusals without it"
+
+
+def stray_quote(folder: Path) -> str:
+    """One quote that is not closed, in the middle of an export."""
+    lines = (EXAMPLES / "data" / "generic.csv").read_text(encoding="utf-8").splitlines()
+    half = len(lines) // 2
+    lines[half] = lines[half].replace(";", ';"', 1)
+    spoilt = folder / "spoilt.csv"
+    spoilt.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    samples = []
+    for name, options in (("sound", {}), ("spoilt", {"sources.export.files": [str(spoilt)]})):
+        done = thermogate("replay", EXPORT, "--out", folder / name, *overrides(options))
+        assert done.returncode == 0, done.stderr
+        updates = folder / name / "room-1" / "updates.csv"
+        samples.append(updates.read_text().count("\n") - 1)
+    assert samples[0] - samples[1] <= 1, samples
+    return f"{samples[1]} of {samples[0]} samples"
+
+
+def line_without_end(folder: Path) -> str:
+    """A packed file of 1 MB that is one line of 1 GB."""
+    giant = folder / "giant.csv.gz"
+    with gzip.open(giant, "wb", compresslevel=1) as file:
+        for _ in range(1024):
+            file.write(b"x" * 2**20)
+    peak, samples = 0, ([], [str(giant)])
+    for files in samples:
+        options = overrides({"sources.export.files": files} if files else {})
+        with (folder / "log").open("w") as log:
+            process = subprocess.Popen(
+                [str(THERMOGATE), "replay", str(EXPORT), "--out", str(folder / "out"), *options], stdout=log, stderr=log
+            )
+            _, code, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(code)
+        rest, peak = peak, usage.ru_maxrss
+    said = (folder / "log").read_text()
+    assert process.returncode == 2, said
+    assert peak < rest + 50 * 1024, (rest, peak)
+    return f"refused: {said.strip().rpartition('giant.csv.gz')[2]}; {(peak - rest) / 1024:+.0f} MB beside a good one"
+
+
+def journal_cut_off(folder: Path) -> str:
+    """A journal of which half is missing."""
+    with Daemon(RECORDED, folder / "first.log", _settings(folder)) as daemon:
+        daemon.wait(lambda zones: zones[ZONE]["samples"] >= 50)
+        daemon.terminate()
+    journal = folder / "state" / "journal.sqlite3"
+    os.truncate(journal, journal.stat().st_size // 2)
+    with Daemon(RECORDED, folder / "second.log", _settings(folder)) as daemon:
+        assert daemon.process.wait(PATIENCE) == 1, daemon.log()
+        (sentence,) = [line for line in daemon.log().splitlines() if line.startswith("thermogate:")]
+        assert "has been cut off" in sentence, sentence
+    return "refused at the start, with what to restore"
+
+
+def start_on_a_full_disk(folder: Path) -> str:
+    """A start where there is no space for anything."""
+    with _small_disk(folder, "1m") as disk:
+        with (disk / "ballast").open("wb", buffering=0) as file:
+            for size in (2**16, 2**12, 1):
+                try:
+                    while True:
+                        file.write(bytes(size))
+                except OSError:
+                    continue
+        with Daemon(RECORDED, folder / "log", _settings(disk)) as daemon:
+            assert daemon.process.wait(PATIENCE) == 1, daemon.log()
+            (sentence,) = [line for line in daemon.log().splitlines() if line.startswith("thermogate:")]
+    assert "free space on its disk" in sentence, sentence
+    return "refused, with what would free space"
+
+
 ATTACKS = {
     "4 kernel cache cut in half": damaged_kernel_cache,
     "4 kernel cache on a full disk": full_kernel_cache,
     "6 key file half written": unreadable_keys,
     "7 exception 4 for 2.5 s": passing_failure,
     "8 state folder deleted": deleted_state,
+    "9 another function code": another_function_code,
+    "10 checkpoint of another zone": swapped_checkpoints,
+    "11 folders open to everybody": open_folders,
+    "12 secrets in mistakes": secrets_in_mistakes,
     "14 backup that would fill the disk": made_up_archive,
+    "15 a quote that is not closed": stray_quote,
+    "15 a line without an end": line_without_end,
+    "16 journal cut off": journal_cut_off,
     "18 reload of a pipe": blocked_reload,
+    "22 start on a full disk": start_on_a_full_disk,
 }

@@ -105,6 +105,8 @@ def on_files(folder: Path, only: list[str]) -> int:
         begun = time.monotonic()
         try:
             note = attack(place)
+        except PermissionError as error:
+            note = f"left out: {error}"
         except AssertionError as error:
             note, failed = f"GAVE WAY: {error}", failed + 1
         print(f"{name:40} {time.monotonic() - begun:5.1f}  {note}", flush=True)

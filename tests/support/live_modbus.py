@@ -28,7 +28,11 @@ def running(site: Plant, port: int = 0) -> Iterator[Plant]:
             ready.set()
             await stop.wait()
 
-    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
+    def work() -> None:
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            runner.run(serve())
+
+    thread = threading.Thread(target=work)
     thread.start()
     try:
         assert ready.wait(180)
@@ -36,7 +40,6 @@ def running(site: Plant, port: int = 0) -> Iterator[Plant]:
     finally:
         loop.call_soon_threadsafe(stop.set)
         thread.join()
-        loop.close()
 
 
 def configuration(folder: Path, ports: dict[str, int]) -> Path:
@@ -50,7 +53,7 @@ def configuration(folder: Path, ports: dict[str, int]) -> Path:
                 "host": "127.0.0.1",
                 "port": port,
                 "poll": 0.2,
-                "timeout": 0.5,
+                "timeout": 30.0,
                 "retries": 0,
                 "first_register": 0,
                 "fill_gaps": 0,

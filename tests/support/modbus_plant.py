@@ -13,6 +13,8 @@ from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from replay.bms.modbus_server import shut_down
+
 READS = {1, 2, 3, 4}
 """The function codes that change nothing in a device."""
 
@@ -88,7 +90,7 @@ async def serving(plant: Plant, framer: FramerType = FramerType.SOCKET, port: in
     try:
         yield plant
     finally:
-        await server.shutdown()
+        await shut_down(server)
     assert {code for _, code, _, _ in plant.asked} | plant.codes <= READS, "a source of telemetry only reads, ever"
 
 
