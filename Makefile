@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream clean help
+.PHONY: run test lint unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -21,13 +21,16 @@ lint: $(VENV)/.ready
 	$(BIN)/mypy
 
 unit: $(VENV)/.ready
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
 
 coverage: $(VENV)/.ready  ## the tests with line coverage of the packages, daemon processes included
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -m "not slow"
 	$(BIN)/coverage combine -q
 	$(BIN)/coverage report
+
+faults: $(VENV)/.ready  ## the store with every single operation failing, and a bit flipped in every hundredth byte; minutes
+	FAULTS=all $(BIN)/python -m pytest tests/service/store/test_faults.py tests/service/store/test_damage.py
 
 replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's 20,000 particles, minutes each
 	$(BIN)/python -m replay.simulated.ecolar var/ecolar

@@ -1,6 +1,7 @@
 """What all tests share: a database server, and the daemon's choice of a kernel cache, made before Numba is imported."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from support import postgres
@@ -8,6 +9,13 @@ from support import postgres
 from service.daemon.process import prepare_process
 
 prepare_process()
+
+LONG = [Path(__file__).parent / name for name in ("integration", "browser")]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that take minutes come first: behind the others, all processes but one would wait for the last of them."""
+    items.sort(key=lambda item: not any(item.path.is_relative_to(folder) for folder in LONG))
 
 
 @pytest.fixture(scope="session")

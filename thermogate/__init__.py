@@ -31,7 +31,7 @@ def __getattr__(name: str) -> Any:
     """What needs the estimator, imported when it is asked for: the kernel cache is chosen before Numba is imported."""
     if name not in _LATER:
         raise AttributeError(f"module 'thermogate' has no attribute '{name}'")
-    prepare_process()
+    prepare_process(shared=True)
     fitting = import_module("thermogate.fitting")
     globals().update({later: getattr(fitting, later) for later in _LATER})
     return globals()[name]

@@ -34,8 +34,13 @@ _NICENESS = 5
 """Of the threads that compute; Linux keeps it per thread."""
 
 
-def prepare_process() -> None:
-    """What every entry point calls first, before anything imports Numba."""
+def prepare_process(shared: bool = False) -> None:
+    """What every entry point calls first, before anything imports NumPy or Numba.
+
+    `shared`: the process is not ours, but a notebook's, whose linear algebra keeps its threads.
+    """
+    if not shared:
+        _calculate_in_one_thread()
     _give_numba_a_cache()
     _keep_freed_memory()
 
@@ -58,6 +63,16 @@ async def collect_garbage() -> None:
     while True:
         await asyncio.sleep(_COLLECT_SECONDS)
         gc.collect()
+
+
+def _calculate_in_one_thread() -> None:
+    """Keep linear algebra to the thread that asks for it, unless OPENBLAS_NUM_THREADS says otherwise.
+
+    Our matrices are small, and zones or runs are spread over threads and processes already. OpenBLAS would start a
+    thread per processor in each, which wait for each other by turning round: three fits beside each other on two
+    processors took four times as long.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _give_numba_a_cache() -> None:

@@ -148,12 +148,14 @@ class Trial:
                     raise AssertionError(f"power failure behind operation {number}, {case.name}: {error}") from error
 
 
-def try_everything(shim: Shim, name: str, folder: Path) -> dict[str, int]:
-    """All positions and faults of a workload; how many there were of each outcome."""
+def try_everything(shim: Shim, name: str, folder: Path, stride: int) -> dict[str, int]:
+    """All faults at every `stride`-th position of a workload and at its last, and power failures at all of them; how
+    many there were of each outcome."""
     trial = Trial(shim, WORKLOADS[name], folder / name)
-    positions = trial.operations()
+    operations = trial.operations()
     trial.power_failures()
-    for position in range(positions):
+    positions = sorted({*range(0, operations, stride), operations - 1})
+    for position in positions:
         try:
             for fault, number in PASSING:
                 trial.survives(position, fault, number, lasting=False)
@@ -163,11 +165,12 @@ def try_everything(shim: Shim, name: str, folder: Path) -> dict[str, int]:
                 trial.killed(position, fault)
             trial.dropped(position)
         except Exception as error:
-            raise AssertionError(f"{name}, operation {position} of {positions}: {error!r}") from error
-    return {"positions": positions, "tries": sum(trial.counts.values()), **trial.counts}
+            raise AssertionError(f"{name}, operation {position} of {operations}: {error!r}") from error
+    return {"operations": operations, "positions": len(positions), "tries": sum(trial.counts.values()), **trial.counts}
 
 
 if __name__ == "__main__":
     # What the log says of torn ends is right, and many times a second.
     logging.disable(logging.CRITICAL)
-    print(json.dumps({name: try_everything(Shim(), name, Path(sys.argv[1])) for name in sys.argv[2:]}))
+    folder, stride, *names = sys.argv[1:]
+    print(json.dumps({name: try_everything(Shim(), name, Path(folder), int(stride)) for name in names}))

@@ -29,7 +29,7 @@ def test_a_recorded_period_streams_through_the_daemon(case, tmp_path):
         "sources.recording.files": [str(path)],
         "site.state_dir": str(tmp_path / "state"),
         # The paper's 20,000 particles take minutes; `make replay-ecolar` runs them.
-        "zones.0.estimator_options.particles": 1000,
+        "zones.0.estimator_options.particles": 300,
     }
     with Daemon(EXAMPLES / "ecolar.toml", tmp_path / "log", settings) as daemon:
         daemon.wait_until_ended()

@@ -1,0 +1,30 @@
+"""What a process of ours is set to before it computes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+THREADS = "import os, numpy, scipy.linalg; print(len(os.listdir('/proc/self/task')))"
+
+
+def threads(prepare: str, **environment: str) -> int:
+    """How many threads a process has that has imported what computes."""
+    clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", f"from service.daemon.process import prepare_process; {prepare}; {THREADS}"]
+    done = subprocess.run(command, env=clean | environment, capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc")
+def test_linear_algebra_starts_no_threads_of_its_own() -> None:
+    assert threads("prepare_process()") == 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux") or os.cpu_count() == 1, reason="there is nothing to start")
+def test_whoever_wants_threads_or_owns_the_process_has_them() -> None:
+    assert threads("prepare_process()", OPENBLAS_NUM_THREADS="2") > 1
+    assert threads("prepare_process(shared=True)") > 1
