@@ -79,7 +79,7 @@ overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 mi
 soak: $(VENV)/.bench  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
 	$(BIN)/python -m replay.measuring.soak --picture var/soak/soak.svg $(SOAK)
 
-attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; ten minutes
+attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py
 
 fuzz: $(VENV)/.fuzz  ## a million inputs for everything that reads what others write, into var/fuzz; FUZZ_INPUTS=100000 changes it

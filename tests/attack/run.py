@@ -51,10 +51,8 @@ def main() -> int:
 def over_http(folder: Path, only: list[str], encrypted: bool) -> int:
     """The attacks of `web`, each on a daemon of its own; how many succeeded."""
     failed = 0
-    columns = (
-        f"{'attack':40} {'s':>5} {'wait s':>6} {'p99 ms':>7} {'max ms':>7} {'holds':>5} {'MB':>6} {'lost':>4}  seen"
-    )
-    print(columns)
+    costs = ("s", 5), ("wait s", 6), ("p99 ms", 7), ("max ms", 7), ("503", 3), ("holds", 5), ("MB", 6), ("lost", 4)
+    print(f"{'attack':40}", *(f"{cost:>{width}}" for cost, width in costs), " seen")
     for index, (name, attack) in enumerate(_chosen(web.ATTACKS, only)):
         place = folder / f"web-{index}"
         place.mkdir()
@@ -82,8 +80,8 @@ def over_http(folder: Path, only: list[str], encrypted: bool) -> int:
                     )
                     if is_bad
                 ]
-                p99, longest = 1000 * cost.p99, 1000 * max(cost.latencies, default=float("nan"))
-                figures = f"{cost.seconds:5.1f} {cost.waited:6.1f} {p99:7.0f} {longest:7.0f} {cost.holds:5} "
+                figures = f"{cost.seconds:5.1f} {cost.waited:6.1f} {1000 * cost.p99:7.0f} {1000 * cost.longest:7.0f} "
+                figures += f"{cost.refused:3} {cost.holds:5} "
                 figures += f"{cost.memory:6.0f} {cost.lost:4}"
                 verdict = f"GAVE WAY: {', '.join(bad)}; " if bad else ""
                 if "traceback" in bad:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import re
 import socket
@@ -81,6 +82,7 @@ class Cost:
 
     seconds: float = 0.0
     latencies: list[float] = field(default_factory=list)
+    """Of /healthz, s; infinite where it was refused."""
     holds: int = 0
     """How often the loop was late by more than HOLD_SECONDS."""
     memory: float = 0.0
@@ -91,6 +93,16 @@ class Cost:
     """How long the thread of the event loop was ready to run and got no processor, s."""
 
     @property
+    def refused(self) -> int:
+        """How often /healthz was."""
+        return sum(map(math.isinf, self.latencies))
+
+    @property
+    def longest(self) -> float:
+        """Of the answers of /healthz, s."""
+        return max((one for one in self.latencies if not math.isinf(one)), default=math.nan)
+
+    @property
     def p99(self) -> float:
         """Of /healthz, s."""
         ordered = sorted(self.latencies)
@@ -98,7 +110,7 @@ class Cost:
 
 
 def _watch(target: Target, stop: Connection) -> None:
-    """In a process of its own: how long /healthz takes, twenty times a second."""
+    """In a process of its own: how long /healthz takes, twenty times a second; infinitely long if it is refused."""
     latencies = []
     while not stop.poll(0.05):
         begun = time.monotonic()
@@ -106,7 +118,7 @@ def _watch(target: Target, stop: Connection) -> None:
             answered = target.get("/healthz").status == 200
         except OSError:
             answered = False
-        latencies.append(time.monotonic() - begun if answered else 60.0)
+        latencies.append(time.monotonic() - begun if answered else math.inf)
     stop.send(latencies)
 
 
