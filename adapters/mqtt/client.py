@@ -122,11 +122,17 @@ async def connected(
     )
     # Its warning about them is for those who wait for each message in turn.
     client.pending_calls_threshold = 2 * IN_FLIGHT
+    connecting = asyncio.create_task(client.__aenter__())
     try:
-        await client.__aenter__()
+        await asyncio.shield(connecting)
     except (aiomqtt.MqttError, OSError, ValueError) as error:
         _shut(client)
         raise SourceUnavailable(_refused(broker, error)) from error
+    except asyncio.CancelledError:
+        # The thread that connects cannot be called off, and nobody would close the socket that it opens.
+        await asyncio.gather(connecting, return_exceptions=True)
+        _shut(client)
+        raise
     try:
         yield Client(client, broker)
     finally:

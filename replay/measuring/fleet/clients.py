@@ -51,6 +51,8 @@ class Clients:
         self._process = context.Process(target=_run, args=(url, zones, count, pause, theirs), daemon=True)
         self._process.start()
         theirs.close()
+        # What is measured begins when the process has imported what it needs, and everybody has had an answer.
+        self._ours.recv()
 
     def __enter__(self) -> Self:
         return self
@@ -83,6 +85,10 @@ async def _ask(url: str, zones: list[str], count: int, pause: float, pipe: Conne
         ]
         heavy = _client(client, HEAVY_ENDPOINTS, zones, _HEAVY_PAUSE, random.Random(count), answers)
         tasks.append(asyncio.create_task(heavy))
+        while len(answers) <= count and not any(task.done() for task in tasks):
+            await asyncio.sleep(0.01)
+        answers.clear()
+        pipe.send("asking")
         while not pipe.poll():
             await asyncio.sleep(0.05)
         for task in tasks:
