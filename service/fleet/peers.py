@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -179,6 +179,12 @@ def remembered(site: str) -> Plan | None:
     kept = _internal_kv_get(_PLAN.encode(), namespace=namespace(site).encode())
     plan: Plan | None = None if kept is None else cloudpickle.loads(kept)
     return plan
+
+
+async def go_on(site: str, adopt: Callable[[Plan], Awaitable[None]]) -> None:
+    """`adopt` the plan that was kept last, if one was."""
+    if (plan := await asyncio.to_thread(remembered, site)) is not None:
+        await adopt(plan)
 
 
 def forget(site: str) -> None:

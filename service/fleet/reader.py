@@ -15,7 +15,7 @@ from service.daemon.logs import configure_logging
 from service.daemon.tasks import end
 from service.fleet.lines import Line
 from service.fleet.messages import Beat
-from service.fleet.peers import Peer, own_node, remembered
+from service.fleet.peers import Peer, go_on, own_node
 from service.fleet.plan import Plan
 from service.sources.http import KIND as HTTP_KIND
 
@@ -35,11 +35,7 @@ class Reader:
 
     async def wake(self) -> None:
         """Go on with the plan of before, if there is one."""
-        self._waking = asyncio.create_task(self._go_on())
-
-    async def _go_on(self) -> None:
-        if (plan := await asyncio.to_thread(remembered, self._site)) is not None:
-            await self.adopt(plan)
+        self._waking = asyncio.create_task(go_on(self._site, self.adopt))
 
     async def beat(self) -> Beat:
         """A sign of life."""

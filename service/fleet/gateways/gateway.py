@@ -22,7 +22,7 @@ from service.fleet.gateways.posts import Posts
 from service.fleet.gateways.scrape import FleetCollector
 from service.fleet.gateways.views import Mirror, ShardView
 from service.fleet.messages import Away, Beat, News
-from service.fleet.peers import STEWARD, Peer, keep_a_spare, own_node, remembered
+from service.fleet.peers import STEWARD, Peer, go_on, keep_a_spare, own_node
 from service.fleet.plan import Plan
 from service.fleet.questions import answers
 from service.pauses import GrowingPause
@@ -66,11 +66,7 @@ class Gateway:
     async def wake(self) -> None:
         """Go on with the plan of before, if there is one."""
         favour_the_event_loop()
-        self._waking = asyncio.create_task(self._go_on())
-
-    async def _go_on(self) -> None:
-        if (plan := await asyncio.to_thread(remembered, self._site)) is not None:
-            await self.adopt(plan)
+        self._waking = asyncio.create_task(go_on(self._site, self.adopt))
 
     async def beat(self) -> Beat:
         """A sign of life."""

@@ -23,6 +23,7 @@ from service.web.server import turns
 from service.web.server.parser import FREE_CHUNKS, Parser
 from service.web.server.peers import peer_of
 from service.web.server.protocol import PIECE, READ_BYTES
+from service.web.server.server import HttpServer
 from service.web.server.turns import Account, Turns
 
 QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
@@ -190,14 +191,20 @@ def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
     run(scenario())
 
 
+async def deaf_client(server: HttpServer, headers: str = "") -> Client:
+    """A client for whom much of a large answer waits, none of which it reads."""
+    deaf = await Client.to(server, limit=1024)
+    await deaf.send(f"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
+    await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
+    return deaf
+
+
 def test_a_large_answer_is_given_to_the_transport_in_pieces() -> None:
     """The transport copies what it is given, and a TLS transport twice."""
 
     async def scenario() -> None:
         async with serving(small_app(), config()) as server:
-            deaf = await Client.to(server, limit=1024)
-            await deaf.send(b"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
+            deaf = await deaf_client(server)
             (waiting,) = server.open_connections
             assert waiting.transport.get_write_buffer_size() <= 3 * PIECE
             await deaf.close()
@@ -211,9 +218,7 @@ def test_what_a_client_has_not_taken_when_the_server_stops_is_dropped() -> None:
 
     async def scenario() -> None:
         async with serving(small_app(), config()) as server:
-            deaf = await Client.to(server, limit=1024)
-            await deaf.send(b"GET /large?megabytes=32 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-            await until(lambda: any(one.unsent > 2**20 for one in server.open_connections))
+            deaf = await deaf_client(server, "Connection: close\r\n")
         assert not server.open_connections
         assert server.connections == 0
         await deaf.close()
