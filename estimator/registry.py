@@ -13,8 +13,8 @@ from estimator.blackbox.arx import ARX
 from estimator.blackbox.daily import Daily
 from estimator.errors import OptionsError
 from estimator.gaussian import options as gaussian_options
-from estimator.gaussian.ekf import ekf
-from estimator.gaussian.ukf import ukf
+from estimator.gaussian.ekf import EKF
+from estimator.gaussian.ukf import UKF
 from estimator.mixture import options as mkf_options
 from estimator.mixture.mkf import MKF
 from estimator.network.network import Network
@@ -48,8 +48,8 @@ ESTIMATORS: dict[str, EstimatorKind] = {
         RBPF,
         ("particles", "coordinates", "volatility_blocks", "alpha_min", "alpha_max", "histogram_bins"),
     ),
-    "ekf": EstimatorKind(gaussian_options.resolve_ekf, ekf),
-    "ukf": EstimatorKind(gaussian_options.resolve_ukf, ukf),
+    "ekf": EstimatorKind(gaussian_options.resolve_ekf, EKF),
+    "ukf": EstimatorKind(gaussian_options.resolve_ukf, UKF),
     "mkf": EstimatorKind(
         mkf_options.resolve,
         MKF,

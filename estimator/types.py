@@ -46,6 +46,41 @@ class Mixture(NamedTuple):
         return np.asarray((rows * self.weights).sum(axis=1), dtype=np.float64)
 
 
+class Mixtures(NamedTuple):
+    """One Gaussian mixture for each of L successive times: `weights` (L, N), `means` and `sds` (L, n_y, N)."""
+
+    weights: Array
+    means: Array
+    sds: Array
+
+    @classmethod
+    def of_gaussians(cls, means: Array, sds: Array) -> Mixtures:
+        """Mixtures of one: `means` and `sds` (L, n_y)."""
+        return cls(np.ones((len(means), 1)), means[..., None], sds[..., None])
+
+    def at(self, place: int) -> Mixture:
+        """The mixture of one time."""
+        return Mixture(self.weights[place], self.means[place], self.sds[place])
+
+    def each(self) -> Iterator[Mixture]:
+        """The mixtures, the earliest first."""
+        return map(Mixture, self.weights, self.means, self.sds)
+
+    def after(self, first: Mixture) -> Mixtures:
+        """These with `first` before them; who has fewer components gets some that weigh nothing."""
+        count = max(len(first.weights), self.weights.shape[1])
+        return Mixtures(
+            np.concatenate([_filled(first.weights[None], count, 0.0), _filled(self.weights, count, 0.0)]),
+            np.concatenate([_filled(first.means[None], count, 0.0), _filled(self.means, count, 0.0)]),
+            np.concatenate([_filled(first.sds[None], count, 1.0), _filled(self.sds, count, 1.0)]),
+        )
+
+
+def _filled(rows: Array, count: int, value: float) -> Array:
+    missing = np.full((*rows.shape[:-1], count - rows.shape[-1]), value)
+    return np.concatenate([rows, missing], axis=-1) if missing.size else rows
+
+
 def mixture_moments(weights: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
     """Mean (n,) and covariance (n, n) of a mixture of N Gaussians: `weights` (N,), `means` (n, N), `covariances`
     (N, n, n)."""
@@ -204,8 +239,8 @@ class Estimator(Protocol):
     def issue(self, state: Any, count: int) -> Any:
         """What is needed to forecast from `state` later on: an `issue_type` that stands for at most `count` draws."""
 
-    def unfold(self, issue: Any, plan: Array) -> Iterator[Mixture]:
-        """What `issue` forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
+    def unfold(self, issue: Any, plan: Array) -> Mixtures:
+        """What `issue` forecasts, at its state's time and then after each row of `plan` (h, n_u): L = h + 1."""
 
     def draws(self, state: Any, count: int) -> ModelDraws | None:
         """At most `count` linear models that `state` stands for; None for an estimator without physics.

@@ -23,7 +23,7 @@ from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.particle.gate import weighted_quantiles
-from estimator.types import Estimator, Mixture, ModelDraws, Outcome, ParameterSummary, Posterior, Verified
+from estimator.types import Estimator, Mixture, Mixtures, ModelDraws, Outcome, ParameterSummary, Posterior, Verified
 from estimator.verification.hindsight import Due, Hindsight, Pending
 from estimator.verification.scores import distribution, reduced
 
@@ -147,18 +147,8 @@ class Bank:
     def forecast(self, state: BankState, plan: Array) -> Iterator[Mixture]:
         """The outputs at the state's time and then after each row of `plan` (h, n_u): h + 1 mixtures."""
         yield self.predictive(state)
-        if not len(plan):
-            return
-        leads = np.arange(2, len(plan) + 2, dtype=np.float64)
-        shares = between(self._weights(state), self.leads, leads)
-        chosen = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE)
-        shares = shares[chosen] / shares[chosen].sum(axis=0)
-        futures = []
-        for place in chosen.tolist():
-            member = self.members[place]
-            issue = member.issue(state.members[place], self.options.scenarios)
-            futures.append(list(member.unfold(issue, plan))[1:])
-        yield from mixed_futures(futures, shares, np.exp(between(state.widths.log_scale, self.leads, leads)))
+        if len(plan):
+            yield from self._futures(state, plan).each()
 
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
         """Quantiles over draws from all physical members, each with the weight that it has a few hours ahead.
@@ -200,9 +190,12 @@ class Bank:
         """The state itself."""
         return state
 
-    def unfold(self, issue: BankState, plan: Array) -> Iterator[Mixture]:
-        """What the issue forecasts under `plan` (h, n_u)."""
-        return self.forecast(issue, plan)
+    def unfold(self, issue: BankState, plan: Array) -> Mixtures:
+        """What `forecast` makes of the issue under `plan` (h, n_u)."""
+        now = self.predictive(issue)
+        if not len(plan):
+            return Mixtures(*(rows[None] for rows in now))
+        return self._futures(issue, plan).after(now)
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
         """Those of the physical member that is trusted most a few hours ahead; None where no member has physics."""
@@ -241,6 +234,19 @@ class Bank:
             lost=arrays["lost"],
             phase=arrays["phase"],
         )
+
+    def _futures(self, state: BankState, plan: Array) -> Mixtures:
+        """The mixtures of the members' futures after each row of `plan` (h, n_u), h > 0."""
+        leads = np.arange(2, len(plan) + 2, dtype=np.float64)
+        shares = between(self._weights(state), self.leads, leads)
+        chosen = np.flatnonzero(shares.max(axis=1) >= _NEGLIGIBLE)
+        shares = shares[chosen] / shares[chosen].sum(axis=0)
+        futures = []
+        for place in chosen.tolist():
+            member = self.members[place]
+            issue = member.issue(state.members[place], self.options.scenarios)
+            futures.append(Mixtures(*(rows[1:] for rows in member.unfold(issue, plan))))
+        return mixed_futures(futures, shares, np.exp(between(state.widths.log_scale, self.leads, leads)))
 
     def _parts(self, state: BankState) -> list[Mixture]:
         """The members' distributions of the sample at the state's time."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.types import Mixture
+from estimator.types import Mixture, Mixtures
 
 
 def mixed(parts: Sequence[Mixture], shares: Array, scale: float) -> Mixture:
@@ -22,18 +22,17 @@ def mixed(parts: Sequence[Mixture], shares: Array, scale: float) -> Mixture:
     return mixture._replace(means=centre + scale * (mixture.means - centre), sds=scale * mixture.sds)
 
 
-def mixed_futures(futures: Sequence[Sequence[Mixture]], shares: Array, scales: Array) -> Iterator[Mixture]:
+def mixed_futures(futures: Sequence[Mixtures], shares: Array, scales: Array) -> Mixtures:
     """The same lead by lead: `futures` of each member over L leads, `shares` (E, L), `scales` (L,)."""
-    weights, means, sds = [], [], []
-    for parts, own in zip(futures, shares, strict=True):
-        member = np.array([part.weights for part in parts])
-        weights.append(own[:, None] / member.sum(axis=1, keepdims=True) * member)
-        means.append(np.array([part.means for part in parts]))
-        sds.append(np.broadcast_to(np.array([part.sds for part in parts]), means[-1].shape))
-    weight, mean, sd = (np.concatenate(rows, axis=-1) for rows in (weights, means, sds))
-    centre = (weight[:, None] * mean).sum(axis=-1, keepdims=True)
-    mean -= centre
-    mean *= scales[:, None, None]
-    mean += centre
-    sd *= scales[:, None, None]
-    yield from (Mixture(*of_lead) for of_lead in zip(weight, mean, sd, strict=True))
+    each = list(zip(futures, shares, strict=True))
+    weights = np.concatenate(
+        [own[:, None] / one.weights.sum(axis=1, keepdims=True) * one.weights for one, own in each], axis=1
+    )
+    means = np.concatenate([one.means for one in futures], axis=2)
+    sds = np.concatenate([one.sds for one in futures], axis=2)
+    centre = (weights[:, None] * means).sum(axis=2, keepdims=True)
+    means -= centre
+    means *= scales[:, None, None]
+    means += centre
+    sds *= scales[:, None, None]
+    return Mixtures(weights, means, sds)

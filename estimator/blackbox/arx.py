@@ -21,7 +21,7 @@ from scipy.special import ndtri
 from estimator.arrays import Array
 from estimator.blackbox.options import ARXOptions
 from estimator.network.network import Network
-from estimator.types import Mixture, Outcome, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, Outcome, ParameterSummary, Posterior
 
 _SCALE = {"degC": 10.0, "W": 1000.0, "W/m2": 100.0}
 """What a channel of this unit varies by: inputs are divided by it, so that one prior suits all."""
@@ -166,9 +166,7 @@ class ARX:
 
     def forecast(self, state: ARXState, plan: Array) -> Iterator[Mixture]:
         """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        means, sds = self.futures(state, plan)
-        for mean, sd in zip(means, sds, strict=True):
-            yield Mixture(np.ones(1), mean[:, None], sd[:, None])
+        return self.unfold(state, plan).each()
 
     def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
         """Means and standard deviations (h + 1, n_y) at the state's time and after each row of `plan` (h, n_u)."""
@@ -183,9 +181,9 @@ class ARX:
         """The state itself: one forecast."""
         return state
 
-    def unfold(self, issue: ARXState, plan: Array) -> Iterator[Mixture]:
+    def unfold(self, issue: ARXState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
-        return self.forecast(issue, plan)
+        return Mixtures.of_gaussians(*self.futures(issue, plan))
 
     def verified(self, state: ARXState, lead: int, errors: Array) -> ARXState:
         """Learn from the errors (n_y,) [K] of a forecast `lead` steps ahead whose time has come; NaN where unknown."""

@@ -16,7 +16,7 @@ from estimator.arrays import Array
 from estimator.blackbox.arx import ARX, LEVEL, ARXState
 from estimator.blackbox.options import ARXOptions
 from estimator.network.network import Network
-from estimator.types import Mixture, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, ParameterSummary, Posterior
 
 _DAY = 86400.0
 
@@ -105,20 +105,22 @@ class Daily:
 
     def forecast(self, state: DailyState, plan: Array) -> Iterator[Mixture]:
         """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        yesterday = np.concatenate([state.day_inputs, plan])[: len(plan)]
-        changes, sds = self._arx.futures(state.differences(), plan - yesterday + self._arx.level)
-        means = changes - LEVEL
-        for ahead, sd in enumerate(sds):
-            means[ahead] += state.day_outputs[:, ahead] if ahead < self._steps else means[ahead - self._steps]
-            yield Mixture(np.ones(1), means[ahead][:, None], sd[:, None])
+        return self.unfold(state, plan).each()
 
     def issue(self, state: DailyState, count: int) -> DailyState:
         """The state itself: one forecast."""
         return state
 
-    def unfold(self, issue: DailyState, plan: Array) -> Iterator[Mixture]:
+    def unfold(self, issue: DailyState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
-        return self.forecast(issue, plan)
+        yesterday = np.concatenate([issue.day_inputs, plan])[: len(plan)]
+        changes, sds = self._arx.futures(issue.differences(), plan - yesterday + self._arx.level)
+        means = changes - LEVEL
+        for first in range(0, len(means), self._steps):
+            day = slice(first, first + self._steps)
+            before = means[first - self._steps : first] if first else issue.day_outputs.T
+            means[day] += before[: len(means[day])]
+        return Mixtures.of_gaussians(means, sds)
 
     def verified(self, state: DailyState, lead: int, errors: Array) -> DailyState:
         """Learn from the errors (n_y,) [K] of a forecast `lead` steps ahead whose time has come; NaN where unknown."""

@@ -56,5 +56,5 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
 
 
 def _means(estimator: Estimator, issue: Any, plan: Array) -> Iterator[Array]:
-    for mixture in estimator.unfold(issue, plan):
+    for mixture in estimator.unfold(issue, plan).each():
         yield mixture.mean()

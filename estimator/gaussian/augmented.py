@@ -1,8 +1,8 @@
 """Joint estimation of states and parameters in one Gaussian (paper 3.3, (14)-(16)): what EKF and UKF share.
 
 The augmented state is s = [x; phi], phi = log theta of the free parameters, with a random walk (15). The filters differ
-in one thing, the move of s over a step, which they bring as a `Move`. The measurement is linear in s, so the update is
-the same: for it the sigma points of the unscented transform give exactly the Kalman update.
+in one thing, the move of s over a step. The measurement is linear in s, so the update is the same: for it the sigma
+points of the unscented transform give exactly the Kalman update.
 
 These filters have no volatility and no particles: they name no blocks, and their updates leave out alpha, the gate and
 N_eff.
@@ -11,7 +11,8 @@ N_eff.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -27,16 +28,13 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
-from estimator.types import Mixture, ModelDraws, Outcome, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, ModelDraws, Outcome, ParameterSummary, Posterior
 
 _LOG_SMALLEST = float(np.log(np.finfo(float).tiny))
 """Below this log likelihood a measurement is one that the filter cannot explain at all, as for the particle filter."""
 
 _SUMMARY_DRAWS = 2000
 """Draws from the posterior of phi for the quantiles of what is no monotone function of one parameter."""
-
-Move = Callable[[Gaussian, Array], Gaussian]
-"""N(s_k) and inputs (n_u,) to N(s_(k+1)), noise included."""
 
 
 class AugmentedState(NamedTuple):
@@ -48,21 +46,19 @@ class AugmentedState(NamedTuple):
     """(n, n): L with L L^T the covariance."""
 
 
-class AugmentedFilter:
+class AugmentedFilter(ABC):
     """An EKF or UKF of one zone. See `estimator.types.Estimator` for the methods."""
 
     blocks: tuple[str, ...] = ()
 
-    def __init__(
-        self, network: Network, period: float, options: AugmentedOptions, move: Move, *, mean_is_simulated: bool
-    ) -> None:
-        """`network` is validated; `move` is over one `period` of it, with `options`' noise. `mean_is_simulated` says
-        that it moves the mean as the network at the mean parameters moves."""
-        self.network = network
+    mean_is_simulated: bool
+    """Whether the mean moves as the network at the mean parameters moves."""
+
+    def __init__(self, network: Network, period: float, options: AugmentedOptions) -> None:
+        self.network = network.validate()
         self.period = period
         self.options = options
-        self._move = move
-        self._mean_is_simulated = mean_is_simulated
+        self._size = len(network.nodes)
         self._measured = topology(network).measured
         self._space = parameter_space(network, logit=False)
         # Variance of the log-uniform prior (23).
@@ -70,6 +66,10 @@ class AugmentedFilter:
 
     physical = True
     verifies_itself = False
+
+    @abstractmethod
+    def move(self, gaussian: Gaussian, inputs: Array) -> Gaussian:
+        """N(s_k) one period on under `inputs` (n_u,), noise included."""
 
     @property
     def issue_type(self) -> type[AugmentedState]:
@@ -96,9 +96,9 @@ class AugmentedFilter:
 
     def predict(self, state: AugmentedState, inputs: Array) -> AugmentedState:
         """One period on under `inputs` (n_u,) held over the step."""
-        mean, root = self._move(Gaussian(state.mean, state.root), inputs)
+        mean, root = self.move(Gaussian(state.mean, state.root), inputs)
         # The random walk would widen a parameter that the data say nothing about beyond its prior.
-        _narrow(root[len(self.network.nodes) :], self._prior_sd)
+        narrow(root[self._size :], self._prior_sd)
         return AugmentedState(mean, root)
 
     def predictive(self, state: AugmentedState) -> Mixture:
@@ -125,17 +125,14 @@ class AugmentedFilter:
 
     def forecast(self, state: AugmentedState, plan: Array) -> Iterator[Mixture]:
         """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        yield self.predictive(state)
-        for inputs in plan:
-            state = self.predict(state, inputs)
-            yield self.predictive(state)
+        return self.unfold(state, plan).each()
 
     def parameters(self, state: AugmentedState, levels: Array) -> ParameterSummary:
         """Quantiles: of theta those of a log-normal distribution cut off at the box, of the others from draws.
 
         The draws are the same at every call, so that equal states have equal quantiles.
         """
-        size, free = len(self.network.nodes), self._space.free
+        size, free = self._size, self._space.free
         mean, root = state.mean[size:, None], state.root[size:]
         sds = np.sqrt((root**2).sum(axis=1))[:, None]
         theta = np.repeat(self._space.fixed[:, None], len(levels), axis=1)
@@ -154,14 +151,18 @@ class AugmentedFilter:
         """The state itself: one Gaussian."""
         return state
 
-    def unfold(self, issue: AugmentedState, plan: Array) -> Iterator[Mixture]:
+    def unfold(self, issue: AugmentedState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
-        return self.forecast(issue, plan)
+        now = self.predictive(issue)
+        later, variances = self._outputs_ahead(issue, plan)
+        means = np.concatenate([now.means.T, later])
+        sds = np.concatenate([now.sds.T, np.sqrt(variances + self.options.measurement_sd**2)])
+        return Mixtures.of_gaussians(means, sds)
 
     def draws(self, state: AugmentedState, count: int) -> ModelDraws:
         """`count` draws of temperatures and log parameters, the same at every call: pairs that mirror each other about
         the mean, so that their mean is the filter's."""
-        size, half = len(self.network.nodes), (count + 1) // 2
+        size, half = self._size, (count + 1) // 2
         normals = Draws(0, 0).normals(Purpose.MIXTURE_SAMPLE, (len(state.mean), half))
         drawn = state.mean[:, None] + state.root @ np.hstack([normals, -normals])[:, :count]
         shape = (size, count)
@@ -180,7 +181,7 @@ class AugmentedFilter:
             gain_stays=1.0,
             process_variance=np.full(shape, self.options.process_sd**2),
             measurement_variance=np.full((len(self._measured), count), self.options.measurement_sd**2),
-            point_is_fan=self._mean_is_simulated,
+            point_is_fan=self.mean_is_simulated,
         )
 
     def verified(self, state: AugmentedState, lead: int, errors: Array) -> AugmentedState:
@@ -199,13 +200,21 @@ class AugmentedFilter:
         """The state of packed arrays."""
         return AugmentedState(**arrays)
 
+    def _outputs_ahead(self, state: AugmentedState, plan: Array) -> tuple[Array, Array]:
+        """Means and variances (h, n_y) of the measured nodes after each row of `plan` (h, n_u)."""
+        means, variances = np.empty((2, len(plan), len(self._measured)))
+        for ahead, inputs in enumerate(plan):
+            state = self.predict(state, inputs)
+            means[ahead], variances[ahead] = state.mean[self._measured], (state.root[self._measured] ** 2).sum(axis=1)
+        return means, variances
+
     def _confined(self, gaussian: Gaussian) -> Gaussian:
         """With the parameters inside their box.
 
         One that left it is put on its bound, and the other components where they are most probable given that
         (projection of the estimate: Simon and Chia 2002); what then still sticks out is cut off.
         """
-        size = len(self.network.nodes)
+        size = self._size
         for i, (low, high) in enumerate(zip(self._space.lower.tolist(), self._space.upper.tolist(), strict=True)):
             value = float(gaussian.mean[size + i])
             if not low <= value <= high:
@@ -216,7 +225,7 @@ class AugmentedFilter:
 
     def _posterior(self, state: AugmentedState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
         theta = self._space.fixed.copy()
-        theta[self._space.free] = np.exp(state.mean[len(self.network.nodes) :])
+        theta[self._space.free] = np.exp(state.mean[self._size :])
         return Posterior(
             state=state,
             outcome=outcome,
@@ -226,7 +235,7 @@ class AugmentedFilter:
 
 
 @njit(cache=True, nogil=True)
-def _narrow(rows, sds):  # type: ignore[no-untyped-def]
+def narrow(rows, sds):  # type: ignore[no-untyped-def]
     """Scale `rows` (d, n) of a root so that no component has a spread above `sds` (d,)."""
     for i in range(len(rows)):
         spread = math.sqrt((rows[i] ** 2).sum())

@@ -8,42 +8,47 @@ import numpy as np
 from numba import njit
 
 from estimator.arrays import Array
-from estimator.gaussian.augmented import AugmentedFilter, Move
+from estimator.gaussian.augmented import AugmentedFilter, AugmentedState, narrow
 from estimator.gaussian.options import AugmentedOptions
 from estimator.gaussian.square_root import Gaussian
 from estimator.network.modal import ModalNetwork, Tangent
 from estimator.network.network import Network
-from estimator.network.space import parameter_space
 
 
-def ekf(network: Network, period: float, options: AugmentedOptions) -> AugmentedFilter:
-    """The EKF of a zone. Without free parameters it is the Kalman filter."""
-    network = network.validate()
-    return AugmentedFilter(network, period, options, _move(network, period, options), mean_is_simulated=True)
+class EKF(AugmentedFilter):
+    """The EKF of a zone: (16) linearised at the mean, with exact derivatives.
 
+    Without free parameters it is the Kalman filter.
+    """
 
-def _move(network: Network, period: float, options: AugmentedOptions) -> Move:
-    """(16) linearised at the mean, with exact derivatives."""
-    model, space = ModalNetwork(network), parameter_space(network, logit=False)
-    size = len(network.nodes)
-    noise = np.repeat([options.process_sd, options.parameter_sd], [size, len(space.free)])
+    mean_is_simulated = True
 
-    newest: tuple[bytes, Tangent] | None = None
+    def __init__(self, network: Network, period: float, options: AugmentedOptions) -> None:
+        super().__init__(network, period, options)
+        self._model = ModalNetwork(self.network)
+        self._noise = np.repeat([options.process_sd, options.parameter_sd], [self._size, len(self._space.free)])
+        self._newest: tuple[bytes, Tangent] | None = None
 
-    def tangent_at(phi: Array) -> Tangent:
-        # Over a forecast phi stays: one linearisation serves all of its steps, in whichever thread.
-        nonlocal newest
-        known, key = newest, phi.tobytes()
-        if known is None or known[0] != key:
-            tangent = model.linearise(space.parameters(phi[:, None])[:, 0], space.free, period)
-            newest = known = key, Tangent(*(np.ascontiguousarray(matrix) for matrix in tangent))
-        return known[1]
-
-    def move(gaussian: Gaussian, inputs: Array) -> Gaussian:
+    def move(self, gaussian: Gaussian, inputs: Array) -> Gaussian:
+        """N(s_k) one period on under `inputs` (n_u,)."""
         mean, root = gaussian
-        return Gaussian(*_moved(*tangent_at(mean[size:]), noise, inputs, mean, root))
+        return Gaussian(*_moved(*self._tangent_at(mean[self._size :]), self._noise, inputs, mean, root))
 
-    return move
+    def _outputs_ahead(self, state: AugmentedState, plan: Array) -> tuple[Array, Array]:
+        means, variances = np.empty((2, len(plan), len(self._measured)))
+        tangent = self._tangent_at(state.mean[self._size :])
+        rows = np.ascontiguousarray(plan, dtype=np.float64)
+        _followed(*tangent, self._noise, rows, *state, self._prior_sd, self._measured, means, variances)
+        return means, variances
+
+    def _tangent_at(self, phi: Array) -> Tangent:
+        # Over a forecast phi stays: one linearisation serves all of its steps, in whichever thread.
+        known, key = self._newest, phi.tobytes()
+        if known is None or known[0] != key:
+            theta = self._space.parameters(phi[:, None])[:, 0]
+            tangent = self._model.linearise(theta, self._space.free, self.period)
+            self._newest = known = key, Tangent(*(np.ascontiguousarray(matrix) for matrix in tangent))
+        return known[1]
 
 
 @njit(cache=True, nogil=True)
@@ -74,6 +79,20 @@ def _moved(transition, heat, transition_slope, heat_slope, noise, inputs, mean, 
         rows[total + i, i] = noise[i]
     _triangularise(rows, total)
     return moved, np.ascontiguousarray(rows[:total].T)
+
+
+@njit(cache=True, nogil=True)
+def _followed(  # type: ignore[no-untyped-def]
+    transition, heat, transition_slope, heat_slope, noise, plan, mean, root, widest, nodes, means, variances
+):  # fmt: skip
+    """`means` and `variances` (h, n_y) of the states `nodes` after each row of `plan` (h, n_u), as by `predict`."""
+    size = len(transition)
+    for ahead in range(len(plan)):
+        mean, root = _moved(transition, heat, transition_slope, heat_slope, noise, plan[ahead], mean, root)
+        narrow(root[size:], widest)
+        for y in range(len(nodes)):
+            means[ahead, y] = mean[nodes[y]]
+            variances[ahead, y] = (root[nodes[y]] ** 2).sum()
 
 
 @njit(cache=True, nogil=True)

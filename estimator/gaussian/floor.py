@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from estimator.gaussian.augmented import AugmentedFilter
-from estimator.gaussian.ekf import ekf
+from estimator.gaussian.ekf import EKF
 from estimator.gaussian.options import AugmentedOptions
 from estimator.network.network import HeatInput, Network
 
@@ -29,7 +28,7 @@ def floor(
     process_sd: float,
     measurement_sd: float,
     theta: Mapping[str, float] | None = None,
-) -> AugmentedFilter:
+) -> EKF:
     """The Kalman filter of `network` with the parameters `theta`; those that it leaves out are nominal.
 
     `process_sd` [K per step] and `measurement_sd` [K] are those of the simulation. The gain is known if the network has
@@ -38,4 +37,4 @@ def floor(
     for name, value in (theta or {}).items():
         network = network.with_parameter(name, nominal=float(value))
     known = network.with_fixed(parameter.name for parameter in network.parameters)
-    return ekf(known, period, AugmentedOptions(process_sd=process_sd, measurement_sd=measurement_sd))
+    return EKF(known, period, AugmentedOptions(process_sd=process_sd, measurement_sd=measurement_sd))

@@ -20,35 +20,36 @@ from math import sqrt
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.gaussian.augmented import AugmentedFilter, Move
+from estimator.gaussian.augmented import AugmentedFilter
 from estimator.gaussian.options import UKFOptions
 from estimator.gaussian.square_root import Gaussian, triangular_root
 from estimator.network.modal import ModalNetwork
 from estimator.network.network import Network
-from estimator.network.space import parameter_space
 
 
-def ukf(network: Network, period: float, options: UKFOptions) -> AugmentedFilter:
-    """The UKF of a zone."""
-    network = network.validate()
-    return AugmentedFilter(network, period, options, _move(network, period, options), mean_is_simulated=False)
+class UKF(AugmentedFilter):
+    """The UKF of a zone: (16) at the sigma points.
 
+    Points whose parameters lie outside the box use those at its edge.
+    """
 
-def _move(network: Network, period: float, options: UKFOptions) -> Move:
-    """(16) at the sigma points. Points whose parameters lie outside the box use those at its edge."""
-    model, space = ModalNetwork(network), parameter_space(network, logit=False)
-    size, total = len(network.nodes), len(network.nodes) + len(space.free)
-    noise = np.diag(np.repeat([options.process_sd, options.parameter_sd], [size, total - size]))
-    weight = 0.5 / options.sigma_reach**2
+    mean_is_simulated = False
 
-    def move(gaussian: Gaussian, inputs: Array) -> Gaussian:
-        spread = options.sigma_reach * gaussian.root.T
-        points = gaussian.mean + np.vstack([np.zeros(total), spread, -spread])
-        theta = space.parameters(space.confine(points[:, size:].T)).T
-        points[:, :size] = model.modes(theta).step(points[:, :size], inputs, period)
+    def __init__(self, network: Network, period: float, options: UKFOptions) -> None:
+        super().__init__(network, period, options)
+        self._model, self._reach = ModalNetwork(self.network), options.sigma_reach
+        self._noise = np.diag(
+            np.repeat([options.process_sd, options.parameter_sd], [self._size, len(self._space.free)])
+        )
+
+    def move(self, gaussian: Gaussian, inputs: Array) -> Gaussian:
+        """N(s_k) one period on under `inputs` (n_u,)."""
+        size, weight = self._size, 0.5 / self._reach**2
+        spread = self._reach * gaussian.root.T
+        points = gaussian.mean + np.vstack([np.zeros(len(spread)), spread, -spread])
+        theta = self._space.parameters(self._space.confine(points[:, size:].T)).T
+        points[:, :size] = self._model.modes(theta).step(points[:, :size], inputs, self.period)
         apart = points[1:] - points[0]
         shift = weight * apart.sum(axis=0)
-        rows = np.vstack([sqrt(weight) * apart, shift[None], noise])
+        rows = np.vstack([sqrt(weight) * apart, shift[None], self._noise])
         return Gaussian(points[0] + shift, triangular_root(rows))
-
-    return move

@@ -34,6 +34,7 @@ from estimator.types import (
     ALPHA_LEVELS,
     Disturbance,
     Mixture,
+    Mixtures,
     ModelDraws,
     Outcome,
     ParameterSummary,
@@ -237,14 +238,14 @@ class MKF:
         """Starts of `count` sampled futures from `state`."""
         return MKFIssue(state.seed, state.step, *self._scenario_starts(state, count))
 
-    def unfold(self, issue: MKFIssue, plan: Array) -> Iterator[Mixture]:
+    def unfold(self, issue: MKFIssue, plan: Array) -> Mixtures:
         """What the issue forecasts, at its state's time and then after each row of `plan` (h, n_u)."""
         start = Scenarios(*issue[2:])
         count = start.state.shape[1]
-        weights, sds = np.full(count, 1.0 / count), np.exp(start.log_noise)
-        yield Mixture(weights, start.state[self._model.topology.measured], sds)
-        for temperatures in self._moves.paths(start, plan, int(issue.seed), int(issue.step)):
-            yield Mixture(weights, temperatures, sds)
+        later = self._moves.paths(start, plan, int(issue.seed), int(issue.step))
+        means = np.concatenate([start.state[None, self._model.topology.measured], later])
+        sds = np.tile(np.exp(start.log_noise), (len(means), 1, 1))
+        return Mixtures(np.full((len(means), count), 1.0 / count), means, sds)
 
     def draws(self, state: MKFState, count: int) -> ModelDraws:
         """`count` draws from the mixture: the starts of the sampled futures that `forecast` mixes."""

@@ -8,6 +8,7 @@ from scipy.special import ndtri
 from estimator.arrays import Array, Indices
 from estimator.kernels import quantiles as kernel_quantiles
 from estimator.kernels import steps as kernels
+from estimator.kernels.ahead import outputs_ahead
 from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.kernels.propagate import propagate
@@ -58,6 +59,31 @@ class CompiledSteps:
             out_mean, out_covariance,
         )  # fmt: skip
         return out_mean, out_covariance
+
+    def outputs_ahead(
+        self,
+        coordinates: Array,
+        mean: Array,
+        covariance: Array,
+        log_alpha: Array,
+        plan: Array,
+        options: Options,
+        now: Draws,
+        nodes: Indices,
+        means: Array,
+        variances: Array,
+    ) -> None:
+        """`means` and `variances` (h, n_y, N) of the states `nodes` after each row of `plan` (h, n_u)."""
+        shape, space = self._topology, self._space
+        outputs_ahead(
+            self._states, shape.capacitance, shape.edges, shape.heat, shape.heat_gain,
+            space.lower, space.upper, space.logit, space.free, space.fixed,
+            self._period, np.ascontiguousarray(plan, dtype=np.float64),
+            coordinates, mean, covariance, log_alpha, self._block, self._process_variance,
+            now.seed, now.step, now.stream(Purpose.WALK),
+            options.volatility_sd, options.jump_probability, options.jump_sd,
+            np.log(options.alpha_min), np.log(options.alpha_max), nodes, means, variances,
+        )  # fmt: skip
 
     def assimilate(self, mean: Array, covariance: Array, node: int, y: float, variance: float) -> Assimilated:
         """Kalman measurement update (line 12)."""

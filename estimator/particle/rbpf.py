@@ -31,6 +31,7 @@ from estimator.particle.resampling import Weighted, effective_sample_size
 from estimator.types import (
     ALPHA_LEVELS,
     Mixture,
+    Mixtures,
     ModelDraws,
     Outcome,
     ParameterSummary,
@@ -183,9 +184,19 @@ class RBPF:
             log_weights=np.full(count, -np.log(count)),
         )
 
-    def unfold(self, issue: ParticleState, plan: Array) -> Iterator[Mixture]:
-        """What the issue forecasts under `plan` (h, n_u)."""
-        return self.forecast(issue, plan)
+    def unfold(self, issue: ParticleState, plan: Array) -> Mixtures:
+        """What `forecast` makes of the issue under `plan` (h, n_u)."""
+        measured = self._topology.measured
+        means = np.empty((len(plan) + 1, len(measured), len(issue.log_weights)))
+        variances = np.empty_like(means)
+        means[0], variances[0] = issue.mean[measured], issue.covariance[[packed(i, i) for i in measured]]
+        now = Draws(int(issue.seed), int(issue.step), forecast=True)
+        self._steps.outputs_ahead(
+            issue.coordinates, issue.mean, issue.covariance, issue.log_alpha, plan, self.options, now, measured,
+            means[1:], variances[1:],
+        )  # fmt: skip
+        variances += self.options.measurement_sd**2
+        return Mixtures(np.tile(np.exp(issue.log_weights), (len(means), 1)), means, np.sqrt(variances, out=variances))
 
     def draws(self, state: ParticleState, count: int) -> ModelDraws:
         """At most `count` particles that stand for all, each with the mean of its temperatures."""

@@ -44,6 +44,29 @@ class ReferenceSteps:
         matrices = assemble(self._network, self._space.parameters(coordinates))
         return kalman_predict(discretise(matrices, self._period), mean, covariance, inputs, noise)
 
+    def outputs_ahead(
+        self,
+        coordinates: Array,
+        mean: Array,
+        covariance: Array,
+        log_alpha: Array,
+        plan: Array,
+        options: Options,
+        now: Draws,
+        nodes: Indices,
+        means: Array,
+        variances: Array,
+    ) -> None:
+        """`means` and `variances` (h, n_y, N) of the states `nodes` after each row of `plan` (h, n_u).
+
+        `now` are the draws of the forecasts that are made at the state's step.
+        """
+        for ahead, inputs in enumerate(plan):
+            draws = Draws(int(now.seed), int(now.step) + ahead + 1, forecast=True)
+            log_alpha = self.walk(log_alpha, options, draws)
+            mean, covariance = self.propagate(coordinates, mean, covariance, log_alpha, inputs)
+            means[ahead], variances[ahead] = mean[nodes], covariance[[packed(node, node) for node in nodes]]
+
     def assimilate(self, mean: Array, covariance: Array, node: int, y: float, variance: float) -> Assimilated:
         """Kalman measurement update (line 12) of every particle."""
         return kalman_update(mean, covariance, node, y, variance)

@@ -8,7 +8,6 @@ So a model is judged by what it makes of the inputs, not by how well anybody for
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,11 +94,9 @@ class Hindsight:
             for issue in pending.issues:
                 if pending.step - issue.step + 1 == lead:
                     plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
-                    yield Due(horizon, lead, tuple(self._unfolded(issue, plan)), issue.note)
-
-    def _unfolded(self, issue: Issue, plan: Array) -> Iterator[Mixture]:
-        for member, sample in zip(self._members, issue.samples, strict=True):
-            yield next(islice(member.unfold(sample, plan), len(plan), None))
+                    issued = zip(self._members, issue.samples, strict=True)
+                    mixtures = tuple(member.unfold(sample, plan).at(-1) for member, sample in issued)
+                    yield Due(horizon, lead, mixtures, issue.note)
 
     def pack(self, pending: Pending) -> dict[str, Array]:
         """The arrays of `pending`, by name."""

@@ -30,7 +30,7 @@ def reduced(mixture: Mixture, count: int = COMPONENTS) -> Mixture:
     if len(mixture.weights) <= count:
         return mixture
     sds = np.broadcast_to(mixture.sds, mixture.means.shape)
-    return Mixture(*_reduced(mixture.weights, mixture.means, sds, count))
+    return Mixture(*merged(mixture.weights, mixture.means, sds, count))
 
 
 def crps(mixture: Mixture, output: int, value: float) -> float:
@@ -57,7 +57,7 @@ def distribution(mixture: Mixture, output: int, value: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _reduced(weights, means, sds, count):  # type: ignore[no-untyped-def]
+def merged(weights, means, sds, count):  # type: ignore[no-untyped-def]
     outputs, size = means.shape
     whole, centre, spread = 0.0, 0.0, 0.0
     for n in range(size):

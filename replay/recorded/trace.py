@@ -161,6 +161,6 @@ class Tracer:
             current = self._followed.get(when, current)
             plan.append(current)
         rows = np.array(plan).reshape(len(times) - 1, len(current))
-        mixtures = estimator.unfold(issue.sample, rows)
+        mixtures = estimator.unfold(issue.sample, rows).each()
         quantiles = [estimator.quantiles(mixture, np.array(LEVELS), 0) for mixture in mixtures]
         return Fan(times, np.array(quantiles))

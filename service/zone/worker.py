@@ -21,8 +21,8 @@ from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.network.network import Network
 from estimator.statespace.matrices import of_draws, of_point
 from estimator.statespace.simulate import Simulation, gain_forecast, sampled_paths
-from estimator.types import Estimator, Mixture, ModelDraws, Outcome, ParameterSummary, Posterior
-from estimator.verification.scores import reduced
+from estimator.types import Estimator, Mixture, Mixtures, ModelDraws, Outcome, ParameterSummary, Posterior
+from estimator.verification.summaries import summary
 from service.errors import NoModel, ServiceError
 from service.records.fan import Fan, FanStep
 from service.records.model import CompactFan, CompactOutput, ZoneModel
@@ -59,6 +59,9 @@ FAN_DRAWS = 1000
 
 FAN_COMPONENTS = 96
 """Components of a mixture that the quantiles of a compact fan are found in at most."""
+
+_AT_ONCE = 100
+"""Steps of a compact fan between two questions whether anybody still waits for it."""
 
 ROOM_DRAWS = 32
 """Draws whose mean stands for a room that is simulated with its neighbours."""
@@ -256,18 +259,16 @@ class ZoneWorker:
             return None
         estimator, state = self.estimator, standing.state
         tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
-        size = len(self.network.measured)
-        means, sds = np.empty((len(rows) + 1, size)), np.empty((len(rows) + 1, size))
-        quantiles = np.empty((len(rows) + 1, size, len(tails)))
-        for ahead, mixture in enumerate(estimator.unfold(estimator.issue(state, FAN_DRAWS), rows)):
-            # The first step is the published forecast, of all particles.
-            whole = estimator.predictive(state) if ahead == 0 else mixture
-            means[ahead], sds[ahead] = whole.mean(), whole.sd()
-            small = reduced(whole, FAN_COMPONENTS)
-            for place in range(size):
-                quantiles[ahead, place] = estimator.quantiles(small, tails, place)
+        fan = estimator.unfold(estimator.issue(state, FAN_DRAWS), rows)
+        # The first step is the published forecast, of all particles.
+        now = Mixtures(*(of_now[None] for of_now in estimator.predictive(state)))
+        told = [summary(now, tails, FAN_COMPONENTS)]
+        for first in range(1, len(rows) + 1, _AT_ONCE):
             if given_up():
                 raise ServiceError(GIVEN_UP)
+            some = Mixtures(*(of_all[first : first + _AT_ONCE] for of_all in fan))
+            told.append(summary(some, tails, FAN_COMPONENTS))
+        means, sds, quantiles = (np.concatenate(parts) for parts in zip(*told, strict=True))
         count = len(levels)
         outputs = tuple(
             CompactOutput(

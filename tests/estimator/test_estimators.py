@@ -120,7 +120,7 @@ def check_an_issue_forecasts_what_the_state_does(estimator):
     plan = np.tile(inputs_of(estimator), (4, 1))
     issue = estimator.issue(state, 32)
     assert isinstance(issue, estimator.issue_type)
-    later = list(estimator.unfold(issue, plan))
+    later = list(estimator.unfold(issue, plan).each())
     assert len(later) == 5
     for own, whole in zip(later, estimator.forecast(state, plan), strict=True):
         assert abs(own.mean()[0] - whole.mean()[0]) < 3.0 * whole.sd()[0]

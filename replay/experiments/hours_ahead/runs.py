@@ -109,7 +109,7 @@ class _Keeper:
         # What a controller would plan with, had it known the inputs: those that really followed.
         plan = self._series.inputs[step.row + 1 : step.row + max(places)]
         fan = self._estimator.unfold(self._estimator.issue(step.state, SAMPLES), plan)
-        for lead, mixture in enumerate(fan, start=1):
+        for lead, mixture in enumerate(fan.each(), start=1):
             if lead in places:
                 target = step.row + lead
                 self._keep(target, places[lead], mixture)

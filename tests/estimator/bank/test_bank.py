@@ -12,7 +12,7 @@ from estimator.errors import OptionsError
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
 from estimator.network.presets import network
 from estimator.registry import build
-from estimator.types import Mixture, Outcome, Posterior
+from estimator.types import Mixture, Mixtures, Outcome, Posterior
 
 PERIOD = 1800.0
 NETWORK = network("tite")
@@ -61,9 +61,9 @@ class SomeForecaster:
         return state
 
     def unfold(self, issue, plan):
-        yield self.predictive(issue)
-        for _ in plan:
-            yield Mixture(np.ones(1), np.array([[20.0 + self.later_bias]]), np.array([[self.sd]]))
+        means = np.full((len(plan) + 1, 1), 20.0 + self.later_bias)
+        means[0] = 20.0 + self.bias
+        return Mixtures.of_gaussians(means, np.full_like(means, self.sd))
 
     def verified(self, state, lead, errors):
         return state
@@ -304,7 +304,7 @@ def test_a_fan_is_the_weighted_mixture_of_the_members_fans():
     assert len(fan) == 13
     weights = np.array(list(bank.member_weights(state).values()))
     parts = [
-        list(member.unfold(member.issue(own, bank.options.scenarios), plan))
+        list(member.unfold(member.issue(own, bank.options.scenarios), plan).each())
         for member, own in zip(bank.members, state.members, strict=True)
     ]
     horizon = bank.leads.index(12)

@@ -160,6 +160,20 @@ def test_a_restart_keeps_what_was_learned_about_the_parameters(name):
     np.testing.assert_allclose(after[:2], np.hstack([np.diag([0.5**2, 3.0**2]), np.zeros((2, 4))]))
 
 
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_fan_is_step_after_step(name):
+    data = record(60, 0)
+    estimator = build(name, building(), PERIOD, {})
+    state = run(estimator, data)[0][-1].state
+    fan = estimator.unfold(state, data.inputs[:30])
+    for ahead, inputs in enumerate(data.inputs[:30]):
+        for of_fan, of_step in zip(fan.at(ahead), estimator.predictive(state), strict=True):
+            np.testing.assert_allclose(of_fan, of_step, rtol=1e-9)
+        state = estimator.predict(state, inputs)
+    assert len(fan.means) == 31
+    assert fan.at(30).mean() == pytest.approx(estimator.predictive(state).mean(), rel=1e-9)
+
+
 def test_the_drawn_start_lies_in_the_box_and_depends_on_the_seed():
     estimator = build("ekf", building(), PERIOD, {"initial": "drawn"})
     first, second = (estimator.start(seed, np.array([20.0]), np.array([5.0, 0.0])).mean[2:] for seed in (1, 2))

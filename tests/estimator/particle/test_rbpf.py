@@ -191,6 +191,22 @@ def test_the_fan_widens_and_follows_its_plan():
     assert cold_fan[-1].sd()[0] > cold_fan[0].sd()[0]
 
 
+@pytest.mark.parametrize("implementation", ["compiled", "reference"])
+@pytest.mark.parametrize("measured", [("T_i",), ("T_i", "T_e")])
+def test_an_issue_of_all_particles_unfolds_to_the_fan(implementation, measured):
+    net = replace(network("building-67"), measured=measured)
+    estimator = build("rbpf", net, PERIOD, {"particles": 50, "implementation": implementation})
+    state = estimator.start(1, np.full(len(measured), 20.0), INPUTS)
+    plan = np.array([[4.0, 8000.0 * (row % 3 == 0), 10.0 * row] for row in range(20)])
+    whole = estimator.unfold(estimator.issue(state, 50), plan)
+    steps = list(estimator.forecast(state, plan))
+    assert len(whole.means) == len(steps) == 21
+    for ahead, step in enumerate(steps):
+        for of_whole, of_step in zip(whole.at(ahead), step, strict=True):
+            np.testing.assert_allclose(of_whole, of_step, rtol=1e-9)
+    assert len(estimator.unfold(state, plan[:0]).means) == 1
+
+
 def test_the_parameter_summary_is_ordered_and_inside_the_boxes():
     estimator, posteriors = filtered({}, np.full((10, 1), 20.0))
     levels = np.array([0.05, 0.5, 0.95])

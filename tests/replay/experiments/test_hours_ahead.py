@@ -116,7 +116,7 @@ def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, obj
     for k in range(1, 61):
         state = model.update(state, record.outputs[k]).state
         state = model.predict(state, record.inputs[k])
-    later = list(model.unfold(model.issue(state, 200), record.inputs[61 : 60 + DAY_STEPS]))[1:]
+    later = list(model.unfold(model.issue(state, 200), record.inputs[61 : 60 + DAY_STEPS]).each())[1:]
     fan = [model.predictive(state), *later]
     for place, lead in enumerate(leads.values()):
         mixture, y = fan[lead - 1], record.outputs[60 + lead, 0]

@@ -1,0 +1,53 @@
+"""Moments and quantiles of many mixtures at once are those of each, found one by one."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from estimator.particle.reference import mixture_quantile
+from estimator.types import Mixture, Mixtures
+from estimator.verification.scores import reduced
+from estimator.verification.summaries import summary
+
+LEVELS = np.array([0.5, 0.025, 0.975])
+
+
+def mixtures(times, outputs, count):
+    rng = np.random.default_rng(count)
+    weights = rng.uniform(0.0, 1.0, (times, count))
+    shape = (times, outputs, count)
+    return Mixtures(weights, 20.0 + 2.0 * rng.standard_normal(shape), rng.uniform(0.1, 1.0, shape))
+
+
+@pytest.mark.parametrize(("outputs", "count"), [(1, 8), (2, 8), (1, 200), (3, 200)])
+def test_each_time_is_told_by_itself(outputs, count):
+    whole = mixtures(5, outputs, count)
+    told = summary(whole, LEVELS, 32)
+    for time, mixture in enumerate(whole.each()):
+        own = mixture._replace(weights=mixture.weights / mixture.weights.sum())
+        np.testing.assert_allclose(told.means[time], own.mean(), rtol=1e-12)
+        np.testing.assert_allclose(told.sds[time], own.sd(), rtol=1e-12)
+        small = reduced(mixture, 32)
+        for output in range(outputs):
+            expected = [
+                mixture_quantile(level, small.weights, small.means[output], small.sds[output]) for level in LEVELS
+            ]
+            np.testing.assert_allclose(told.quantiles[time, output], expected, atol=1e-9)
+
+
+def test_a_gaussian_has_its_own_quantiles():
+    told = summary(Mixtures.of_gaussians(np.array([[20.0], [21.0]]), np.array([[0.5], [1.0]])), LEVELS, 32)
+    np.testing.assert_allclose(told.quantiles[1, 0], norm.ppf(LEVELS, 21.0, 1.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("first", "later"), [(3, 5), (5, 3), (4, 4)])
+def test_what_fills_up_weighs_nothing(first, later):
+    now, rest = mixtures(1, 2, first).at(0), mixtures(4, 2, later)
+    whole = rest.after(now)
+    assert whole.means.shape == (5, 2, max(first, later))
+    told = summary(whole, LEVELS, 32)
+    for time, mixture in enumerate([now, *rest.each()]):
+        alone = summary(Mixtures(*(rows[None] for rows in mixture)), LEVELS, 32)
+        for of_whole, of_one in zip(told, alone, strict=True):
+            np.testing.assert_allclose(of_whole[time], of_one[0], rtol=1e-10)
+    assert isinstance(whole.at(0), Mixture)
