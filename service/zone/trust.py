@@ -122,18 +122,29 @@ def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresh
 
 
 def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str | None:
-    """Which part of `threshold` the forecasts fail, as a sentence."""
+    """Which part of `threshold` the forecasts fail, as a sentence.
+
+    A last day that alone does what is asked of seven makes up for the days before it: a model that has learned since is
+    judged by what it does now.
+    """
     ahead = format_duration(week.lead)
+    if day.forecasts >= NEEDED_OF_DAY:
+        if day.coverage < threshold.day_coverage:
+            return f"the 95 % intervals {ahead} ahead held {day.coverage:.0%} of what came in the last day"
+        if day.coverage >= threshold.coverage and _skilful(day, threshold):
+            return None
     if week.coverage < threshold.coverage:
         return f"the 95 % intervals {ahead} ahead held {week.coverage:.0%} of what came in 7 days"
-    if day.forecasts >= NEEDED_OF_DAY and day.coverage < threshold.day_coverage:
-        return f"the 95 % intervals {ahead} ahead held {day.coverage:.0%} of what came in the last day"
-    if week.rmse > NOTABLE and week.against_persistence < threshold.skill:
+    if not _skilful(week, threshold):
         return (
             f"forecasts {ahead} ahead had an RMSE of {week.rmse:.2f} K in 7 days, and {week.persistence_rmse:.2f} K if "
             "nothing had changed"
         )
     return None
+
+
+def _skilful(window: HorizonSkill, threshold: Threshold) -> bool:
+    return window.rmse <= NOTABLE or window.against_persistence >= threshold.skill
 
 
 def _disturbed(before: bool, update: Update, usual: float) -> bool:

@@ -23,9 +23,9 @@ def horizon(lead, **given):
 
 
 def skill(day=None, **week):
-    """Two horizons, of which the second is as `week` and `day` say."""
+    """Two horizons, of which the second is as `week` says, and in the last day as `day` says beside that."""
     weeks = (horizon(300), horizon(21600, **week))
-    days = (horizon(300), horizon(21600, **({"forecasts": 24} | (day or {}))))
+    days = (horizon(300), horizon(21600, **(week | {"forecasts": 24} | (day or {}))))
     return Skill(0, 0.95, {1: days, 7: weeks, 30: weeks}, {})
 
 
@@ -79,6 +79,17 @@ def test_trust_comes_back_only_by_a_margin_and_after_hours(bad, fallen):
     # One bad hour in between, and it begins anew.
     broken = after(after(trust, skill(), hours=RISES - 1), skill(**bad))
     assert level(after(broken, skill(), hours=RISES - 1)) == fallen
+
+
+@pytest.mark.parametrize("bad", [{"coverage": 0.5}, {"rmse": 2.0}, {"coverage": 0.8, "rmse": 0.9}])
+def test_a_good_last_day_makes_up_for_the_days_before(bad):
+    good = {"coverage": 0.95, "rmse": 0.4}
+    fallen = after(after(Trust(), skill()), skill(**bad))
+    assert level(fallen) != "trusted"
+    assert level(after(fallen, skill(good, **bad), hours=RISES - 1)) == level(fallen)
+    assert level(after(fallen, skill(good, **bad), hours=RISES)) == "trusted"
+    for not_enough in ({"forecasts": 11}, {"coverage": 0.86}, {"rmse": 0.79}):
+        assert level(after(fallen, skill(good | not_enough, **bad), hours=2 * RISES)) != "trusted"
 
 
 def test_trust_that_wavers_at_a_threshold_does_not_flap():
