@@ -47,6 +47,8 @@ def contenders(network: Network) -> list[Contender]:
     found = [
         Contender(f"RBPF default, {free} free", "rbpf", noise),
         Contender(f"RBPF paper, {free} free", "rbpf", paper),
+        # It learns the measurement noise that the others are told.
+        Contender(f"MKF, {free} free", "mkf", {}),
     ]
     kalman = [Contender(f"{name.upper()} paper, {free} free", name, paper) for name in ("ekf", "ukf")]
     if network.name == BUILDING and free == len(network.parameters):

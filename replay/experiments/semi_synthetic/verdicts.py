@@ -38,6 +38,13 @@ def verdicts(scores: Scores, network: Network, core_minutes: float) -> list[Verd
             at_most(f"{label}: parasitic-learning index", values(label, lambda r: r.parasitic_learning), 1.2),
             at_least(f"{label}: AUC of alpha", values(label, lambda r: r.auc), 0.95),
         ]
+    for label in (label for label in scores if label.startswith("MKF")):
+        disturbed = values(label, lambda run: run.one_step[DOMINATED].coverage)
+        found += [
+            at_most(f"{label}: one_step Winkler, K", values(label, lambda r: r.one_step[OVERALL].winkler), 0.88),
+            at_least(f"{label}: one_step coverage, disturbance-dominated", disturbed, 0.93),
+            at_most(f"{label}: H2, worst channel", values(label, lambda run: float(run.h2.max())), 0.04),
+        ]
     for label in (label for label in scores if label.startswith(("EKF", "UKF"))):
         if WALK in label:
             found += _as_the_paper(label, scores[label])
