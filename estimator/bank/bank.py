@@ -74,6 +74,8 @@ class Bank:
         """Steps ahead of the horizons at which weights and widths are learned."""
         hours = np.array(self.leads) * period / _HOUR
         self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
+        self._shares = np.minimum(self._hours / hours, 1.0)
+        """Of a verified forecast, in forecasts that do not overlap: one is issued for every hour."""
         self._hours_ahead = min(2, len(self.leads) - 1)
         """Place among `leads` of the horizon at which members are compared as models of the building."""
         own = [parameter.name for parameter in self.network.parameters]
@@ -288,9 +290,14 @@ class Bank:
                 if np.isfinite(cost).all():
                     hours = float(self._hours[horizon]) / len(outputs)
                     costs = with_cost(costs, horizon, cost, total, hours, self.options.discount)
-                place = distribution(whole, i, outputs[i])
                 widths = with_place(
-                    widths, horizon, place, self.options.coverage, self.options.feedback, self.options.first_feedback
+                    widths,
+                    horizon,
+                    distribution(whole, i, outputs[i]),
+                    float(self._shares[horizon]),
+                    level=self.options.coverage,
+                    feedback=self.options.feedback,
+                    first=self.options.first_feedback,
                 )
         return state._replace(costs=costs, widths=widths)
 

@@ -3,6 +3,10 @@
 Adaptive conformal inference (Gibbs and Candes 2021): at every verified forecast the log of the published spread over
 that of the mixture grows where the interval missed, and shrinks a little where it did not. In the long run this holds
 whatever the members do. The steps are larger while few forecasts have been verified, for a wrong spread is then likely.
+
+Whether an interval held says little about how much too wide it was. So the spread also follows its maximum likelihood,
+recursively: with z the standard normal quantile at the probability of what came, z^2 is 1 on average where the spread
+is right. Verified forecasts count here as far as they do not overlap, against a prior of _PRIOR that had it right.
 """
 
 from __future__ import annotations
@@ -10,11 +14,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimator.arrays import Array
 
 _WIDEST = 5.0
 """Bound of the log of the published spread over that of the mixture."""
+
+
+_PRIOR = 10.0
+"""Independent forecasts that the spread of the mixture itself counts as."""
+
+_FARTHEST = 9.0
+"""Bound of z^2: an outlier says little about the spread."""
 
 
 class Widths(NamedTuple):
@@ -31,16 +43,20 @@ def no_widths(horizons: int) -> Widths:
     return Widths(np.zeros(horizons), np.zeros(horizons))
 
 
-def with_place(widths: Widths, horizon: int, place: float, level: float, feedback: float, first: float) -> Widths:
+def with_place(
+    widths: Widths, horizon: int, place: float, share: float, *, level: float, feedback: float, first: float
+) -> Widths:
     """`widths` after a sample at `place` of the published distribution, a probability, `horizon` ahead.
 
-    `level` is that of the interval; the step of the log scale is `feedback`, or `first` over the number of verified
-    forecasts where that is more.
+    `share` is what the forecast counts as, in independent ones, 0 to 1. `level` is that of the interval; the step of
+    the log scale is `feedback`, or `first` over the number of verified forecasts where that is more.
     """
     log_scale, verified = widths.log_scale.copy(), widths.verified.copy()
     verified[horizon] += 1.0
     missed = float(abs(place - 0.5) > 0.5 * level)
     step = max(feedback, first / verified[horizon])
-    moved = log_scale[horizon] + step * (missed - (1.0 - level))
+    surprise = min(float(ndtri(place)) ** 2, _FARTHEST)
+    likelihood = 0.5 * (surprise - 1.0) * share / (_PRIOR + share * verified[horizon])
+    moved = log_scale[horizon] + step * (missed - (1.0 - level)) + likelihood
     log_scale[horizon] = min(max(moved, -_WIDEST), _WIDEST)
     return Widths(log_scale, verified)
