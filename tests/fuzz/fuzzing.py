@@ -6,8 +6,12 @@ choices are then made from those bytes. A target fails by raising anything.
 
 from __future__ import annotations
 
+import atexit
 import random
+import shutil
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from hypothesis import HealthCheck, given, settings
@@ -32,6 +36,13 @@ class Target(NamedTuple):
 
 
 TARGETS: dict[str, Target] = {}
+
+
+def folder() -> Path:
+    """A new folder, which goes when the process does."""
+    made = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made
 
 
 def raw(*seeds: bytes, share: int, examples: int = 400) -> Callable[[Check], Callable[[], None]]:

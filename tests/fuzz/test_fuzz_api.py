@@ -4,13 +4,11 @@ and never a 5xx but the 503 of a zone that has no forecast."""
 from __future__ import annotations
 
 import atexit
-import tempfile
 from functools import cache
-from pathlib import Path
 
 import requests
 import schemathesis
-from fuzz.fuzzing import structured
+from fuzz.fuzzing import folder, structured
 from hypothesis import strategies as st
 from schemathesis.specs.openapi import checks
 from schemathesis.specs.openapi.schemas import OpenApiSchema
@@ -28,15 +26,15 @@ SECONDS = 30
 @cache
 def document() -> OpenApiSchema:
     """The API of a daemon whose zone has a recording behind it."""
-    folder = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))
+    own = folder()
     text = (EXAMPLES / "generic-csv.toml").read_text(encoding="utf-8")
-    config = folder / "generic-csv.toml"
+    config = own / "generic-csv.toml"
     config.write_text(text.replace('files = ["data/', f'files = ["{EXAMPLES}/data/'), encoding="utf-8")
     settings: dict[str, object] = {
-        "site.state_dir": str(folder / "state"),
+        "site.state_dir": str(own / "state"),
         "zones.room-1.estimator_options.particles": 50,
     }
-    daemon = Daemon(config, folder / "log", settings)
+    daemon = Daemon(config, own / "log", settings)
     atexit.register(daemon.kill)
     daemon.wait_until_ended()
     return schemathesis.openapi.from_url(f"{daemon.url()}/openapi.json")

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import copy
 import shutil
-import tempfile
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import tomli_w
-from fuzz.fuzzing import raw, structured
+from fuzz.fuzzing import folder, raw, structured
 from hypothesis import strategies as st
 
 from service.cli.show import summary
@@ -21,7 +20,7 @@ from service.config.written import effective_toml
 from service.errors import ConfigError
 
 EXAMPLES = Path(__file__).parents[2] / "deploy" / "examples"
-FOLDER = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))
+FOLDER = folder()
 shutil.copytree(EXAMPLES / "data", FOLDER / "data")
 TEXTS = {path.name: path.read_bytes() for path in sorted(EXAMPLES.glob("*.toml"))}
 RAW = {name: tomllib.loads(text.decode()) for name, text in TEXTS.items()}

@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 import gzip
 import math
-import tempfile
 from contextlib import suppress
-from pathlib import Path
 from zoneinfo import ZoneInfo
 
 import numpy as np
-from fuzz.fuzzing import raw, structured
+from fuzz.fuzzing import folder, raw, structured
 from hypothesis import strategies as st
 
 from adapters.csv.cells import Status, parse_numbers
@@ -25,7 +23,7 @@ from adapters.units import conversion
 from service.fields.durations import format_duration, parse_duration
 
 BERLIN = ZoneInfo("Europe/Berlin")
-FOLDER = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))
+FOLDER = folder()
 ROWS = (
     b"Timestamp;T;P;E\n2025-03-30 01:59:00;20,5;0,4;1000\n2025-03-30 02:30:00;-;nan;1001\n"
     b"2025-10-26 02:30:00;21,5;0,3;1002\n2025-10-26 02:10:00;;1e999;3\n\n2025-10-26 03:10:00+01:00;19;0;4\n"

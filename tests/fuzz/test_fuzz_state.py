@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import sqlite3
-import tempfile
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
-from fuzz.fuzzing import raw, structured
+from fuzz.fuzzing import folder, raw, structured
 from hypothesis import strategies as st
 
 from adapters.reading import Quality
@@ -18,7 +16,7 @@ from service.records.sample import Sample
 from service.store.checkpoint import Checkpoint, CheckpointStore
 from service.store.journal import Journal
 
-FOLDER = Path(tempfile.mkdtemp(prefix="thermogate-fuzz-"))
+FOLDER = folder()
 ARRAYS = {"means": np.arange(6.0).reshape(2, 3), "seed": np.array(7), "empty": np.empty((0, 3))}
 
 
