@@ -46,8 +46,7 @@ class EKF(AugmentedFilter):
         known, key = self._newest, phi.tobytes()
         if known is None or known[0] != key:
             theta = self._space.parameters(phi[:, None])[:, 0]
-            tangent = self._model.linearise(theta, self._space.free, self.period)
-            self._newest = known = key, Tangent(*(np.ascontiguousarray(matrix) for matrix in tangent))
+            self._newest = known = key, self._model.linearise(theta, self._space.free, self.period)
         return known[1]
 
 

@@ -7,13 +7,17 @@ of exp in direction K is K times, element by element, the divided differences of
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from estimator.arrays import Array, Indices
 from estimator.network.assembly import assemble, topology
 from estimator.network.network import Network
+
+_EPSILON = float(np.finfo(float).eps)
 
 
 class Modes(NamedTuple):
@@ -75,32 +79,53 @@ class ModalNetwork:
         internal = np.tensordot(theta, self._internal, 1)
         rate, vectors = np.linalg.eigh(internal / (root[:, :, None] * root[:, None, :]))
         # Rounding may make the rate of an all but perfectly insulated mode negative.
-        rate = np.maximum(rate, rate[:, -1:] * np.finfo(float).eps)
+        rate = np.maximum(rate, rate[:, -1:] * _EPSILON)
         shapes = vectors / root[:, :, None]
         heat = shapes.transpose(0, 2, 1) @ (self._constant + np.tensordot(theta, self._inputs, 1))
         return Modes(rate, shapes, vectors.transpose(0, 2, 1) * root[:, None, :], heat)
 
     def linearise(self, theta: Array, entries: Indices, period: float) -> Tangent:
         """A_d and B_d over `period` s at `theta` (n_theta,), with derivatives by the logs of its `entries` (d,)."""
-        (rate,), (shapes,), (inverse,), (heat,) = self.modes(theta[None])
-        decay = np.exp(-rate * period)
-        transition = (shapes * decay) @ inverse
-        remainder = np.eye(len(rate)) - transition
-        steady = shapes @ (heat / rate[:, None])
+        known = self._capacitance, self._node, self._internal, self._constant, self._inputs
+        return Tangent(*_linearised(np.asarray(theta, dtype=np.float64), entries, float(period), *known))
 
-        scaled = theta[entries, None, None] * self._internal[entries]
-        capacity = inverse * self._node[entries, None, :]
-        direction = capacity @ shapes * rate - shapes.T @ scaled @ shapes
-        slope = shapes @ (_divided_differences(rate, period) * direction) @ inverse
+
+@njit(cache=True, nogil=True)
+def _linearised(theta, entries, period, capacitance, node, internal, constant, inputs):  # type: ignore[no-untyped-def]
+    """The arrays of a `Tangent`. The modes are those of `ModalNetwork.modes`, of one parameter vector."""
+    n, whole, driven = len(capacitance), np.zeros(internal.shape[1:]), constant.copy()
+    for p in range(len(theta)):
+        whole += theta[p] * internal[p]
+        driven += theta[p] * inputs[p]
+    root = np.sqrt(theta[capacitance])
+    rate, vectors = np.linalg.eigh(whole / np.outer(root, root))
+    rate = np.maximum(rate, rate[-1] * _EPSILON)
+    shapes, inverse = vectors / root.reshape(n, 1), np.ascontiguousarray(vectors.T) * root
+    across = np.ascontiguousarray(shapes.T)
+    transition = (shapes * np.exp(-rate * period)) @ inverse
+    remainder = np.eye(n) - transition
+    steady = shapes @ ((across @ driven) / rate.reshape(n, 1))
+    differences = _divided_differences(rate, period)
+    slope, input_slope = np.empty((len(entries), n, n)), np.empty((len(entries), n, steady.shape[1]))
+    for d in range(len(entries)):
+        p = entries[d]
+        scaled = theta[p] * internal[p]
+        direction = (inverse * node[p]) @ shapes * rate - across @ scaled @ shapes
+        slope[d] = shapes @ (differences * direction) @ inverse
         # B_d = (I - A_d) G^(-1) B_u spares the derivative of the input integral.
-        forcing = theta[entries, None, None] * self._inputs[entries] - scaled @ steady
-        steady_slope = shapes @ ((shapes.T @ forcing) / rate[:, None])
-        return Tangent(transition, remainder @ steady, slope, remainder @ steady_slope - slope @ steady)
+        forcing = theta[p] * inputs[p] - scaled @ steady
+        steady_slope = shapes @ ((across @ forcing) / rate.reshape(n, 1))
+        input_slope[d] = remainder @ steady_slope - slope[d] @ steady
+    return transition, remainder @ steady, slope, input_slope
 
 
-def _divided_differences(rate: Array, period: float) -> Array:
+@njit(cache=True, nogil=True)
+def _divided_differences(rate, period):  # type: ignore[no-untyped-def]
     """(n_x, n_x): (exp(-r_i t) - exp(-r_j t)) / (r_j - r_i) for rates (n_x,), t exp(-r_i t) where they are equal."""
-    apart = np.abs(rate[:, None] - rate[None, :]) * period
-    slow = np.minimum(rate[:, None], rate[None, :])
-    ratio = np.divide(-np.expm1(-apart), apart, out=np.ones_like(apart), where=apart > 0)
-    return np.asarray(period * np.exp(-slow * period) * ratio, dtype=np.float64)
+    found = np.empty((len(rate), len(rate)))
+    for i in range(len(rate)):
+        for j in range(len(rate)):
+            apart = abs(rate[i] - rate[j]) * period
+            ratio = -math.expm1(-apart) / apart if apart > 0.0 else 1.0
+            found[i, j] = period * math.exp(-min(rate[i], rate[j]) * period) * ratio
+    return found
