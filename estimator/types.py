@@ -60,11 +60,12 @@ class Mixtures(NamedTuple):
 
     def at(self, place: int) -> Mixture:
         """The mixture of one time."""
-        return Mixture(self.weights[place], self.means[place], self.sds[place])
+        # The weights may be one row for all times, which is read-only: a type that the kernels are not compiled for.
+        return Mixture(self.weights[place].copy(), self.means[place], self.sds[place])
 
     def each(self) -> Iterator[Mixture]:
         """The mixtures, the earliest first."""
-        return map(Mixture, self.weights, self.means, self.sds)
+        return map(self.at, range(len(self.means)))
 
     def after(self, first: Mixture) -> Mixtures:
         """These with `first` before them; who has fewer components gets some that weigh nothing."""

@@ -245,7 +245,7 @@ class MKF:
         later = self._moves.paths(start, plan, int(issue.seed), int(issue.step))
         means = np.concatenate([start.state[None, self._model.topology.measured], later])
         sds = np.tile(np.exp(start.log_noise), (len(means), 1, 1))
-        return Mixtures(np.full((len(means), count), 1.0 / count), means, sds)
+        return Mixtures(np.broadcast_to(1.0 / count, (len(means), count)), means, sds)
 
     def draws(self, state: MKFState, count: int) -> ModelDraws:
         """`count` draws from the mixture: the starts of the sampled futures that `forecast` mixes."""

@@ -196,7 +196,8 @@ class RBPF:
             means[1:], variances[1:],
         )  # fmt: skip
         variances += self.options.measurement_sd**2
-        return Mixtures(np.tile(np.exp(issue.log_weights), (len(means), 1)), means, np.sqrt(variances, out=variances))
+        weights = np.broadcast_to(np.exp(issue.log_weights), (len(means), means.shape[2]))
+        return Mixtures(weights, means, np.sqrt(variances, out=variances))
 
     def draws(self, state: ParticleState, count: int) -> ModelDraws:
         """At most `count` particles that stand for all, each with the mean of its temperatures."""
