@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -39,8 +38,6 @@ _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate
 
 Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in degC, their differences and standard
 deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
-
-_WRITING = threading.Lock()
 
 
 def create_app(
@@ -95,9 +92,11 @@ def create_app(
     app.include_router(overview_routes(site, time_zone, zones, changes, Outlooks(zones, changes.note)))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
-    app.openapi = lambda: _document(app)  # type: ignore[method-assign]
-    document = Asset(lambda: json.dumps(app.openapi()).encode(), "application/json")
-    app.add_route("/openapi.json", document.answer, include_in_schema=False)
+    # Before anybody is served: FastAPI builds a route at its first request, and cannot write the document meanwhile.
+    document = _written(app)
+    app.openapi = lambda: document  # type: ignore[method-assign]
+    asset = Asset(lambda: json.dumps(document).encode(), "application/json")
+    app.add_route("/openapi.json", asset.answer, include_in_schema=False)
     return app
 
 
@@ -107,18 +106,12 @@ def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
     api_problems.install(app)
     app.include_router(zone_routes(site, zones))
     app.include_router(control_routes(site, zones))
+    app.openapi()
     return app
 
 
-def _document(app: FastAPI) -> dict[str, Any]:
-    """The OpenAPI document, with the schemas that FastAPI cannot see; it cannot write one on two threads at once."""
-    with _WRITING:
-        if app.openapi_schema is None:
-            app.openapi_schema = _written(app)
-    return app.openapi_schema
-
-
 def _written(app: FastAPI) -> dict[str, Any]:
+    """The OpenAPI document, with the schemas that FastAPI cannot see."""
     document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
     schemas = document["components"]["schemas"]
     for model in (Problem, PostedReadings):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import reprlib
 from collections.abc import Mapping, Sequence
 from functools import reduce
@@ -79,7 +78,7 @@ async def known_parameters(request: Request) -> None:
     """
     if not request.query_params:
         return
-    document = request.app.openapi_schema or await asyncio.to_thread(request.app.openapi)
+    document = request.app.openapi()
     described = document["paths"].get(request.scope["route"].path, {}).get(request.method.lower(), {})
     known = [each["name"] for each in described.get("parameters", []) if each["in"] == "query"]
     unknown = [name for name in request.query_params if name not in known]
