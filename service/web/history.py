@@ -19,16 +19,13 @@ from service.web.models import HistoryPayload, HistoryRowPayload
 PAGE = 1000
 """Rows that are read and written at a time. A history of no more waits for no other one."""
 
-LARGE_AT_ONCE = 2
-"""Long histories that are written at a time, of one client one."""
-
 
 class Histories:
     """Writes the histories of the zones of `site`, long ones in turn."""
 
     def __init__(self, site: str) -> None:
         self._site = site
-        self._large = LargeAnswers(LARGE_AT_ONCE)
+        self._large = LargeAnswers()
 
     async def answer(self, zone: ZoneView, start: int | None, end: int | None, limit: int) -> bytes:
         """HistoryPayload as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open). Raises

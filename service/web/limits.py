@@ -23,6 +23,9 @@ FAILURES = 10
 
 FAILURE_SECONDS = 60.0
 
+LARGE_AT_ONCE = 2
+"""Large answers of a kind that are made at a time, of one client one."""
+
 _PEERS = 1024
 _log = logging.getLogger(__name__)
 
@@ -78,8 +81,8 @@ async def stream_slot(request: Request) -> AsyncIterator[None]:
 class LargeAnswers:
     """Few answers that take much memory are made at a time; the clients take turns."""
 
-    def __init__(self, at_once: int) -> None:
-        self._room = asyncio.Semaphore(at_once)
+    def __init__(self) -> None:
+        self._room = asyncio.Semaphore(LARGE_AT_ONCE)
         self._turns: dict[str, asyncio.Semaphore] = {}
         self._open: Counter[str] = Counter()
 

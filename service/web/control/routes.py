@@ -31,7 +31,7 @@ NPZ = "application/x-npz"
 def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(tags=["control"])
-    large = LargeAnswers(1)
+    large = LargeAnswers()
 
     @router.get(
         "/zones/{zone}/model",

@@ -19,7 +19,8 @@ from service.records.asker import Asker, asked_by
 from service.records.history import HistoryRow
 from service.web import history as module
 from service.web.app import create_app
-from service.web.history import LARGE_AT_ONCE, PAGE, Histories, history_payload
+from service.web.history import PAGE, Histories, history_payload
+from service.web.limits import LARGE_AT_ONCE
 
 ROWS = 2 * PAGE + 300
 
