@@ -58,6 +58,15 @@ class Mixtures(NamedTuple):
         """Mixtures of one: `means` and `sds` (L, n_y)."""
         return cls(np.ones((len(means), 1)), means[..., None], sds[..., None])
 
+    @classmethod
+    def of_one(cls, mixture: Mixture) -> Mixtures:
+        """The mixture of a single time."""
+        return cls(*(rows[None] for rows in mixture))
+
+    def during(self, times: slice) -> Mixtures:
+        """Those of some of the times."""
+        return Mixtures(*(rows[times] for rows in self))
+
     def at(self, place: int) -> Mixture:
         """The mixture of one time."""
         # The weights may be one row for all times, which is read-only: a type that the kernels are not compiled for.

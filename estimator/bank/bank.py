@@ -196,7 +196,7 @@ class Bank:
         """What `forecast` makes of the issue under `plan` (h, n_u)."""
         now = self.predictive(issue)
         if not len(plan):
-            return Mixtures(*(rows[None] for rows in now))
+            return Mixtures.of_one(now)
         return self._futures(issue, plan).after(now)
 
     def draws(self, state: BankState, count: int) -> ModelDraws | None:
@@ -247,7 +247,7 @@ class Bank:
         for place in chosen.tolist():
             member = self.members[place]
             issue = member.issue(state.members[place], self.options.scenarios)
-            futures.append(Mixtures(*(rows[1:] for rows in member.unfold(issue, plan))))
+            futures.append(member.unfold(issue, plan).during(slice(1, None)))
         return mixed_futures(futures, shares, np.exp(between(state.widths.log_scale, self.leads, leads)))
 
     def _parts(self, state: BankState) -> list[Mixture]:

@@ -21,7 +21,6 @@ from estimator.arrays import Array
 _WIDEST = 5.0
 """Bound of the log of the published spread over that of the mixture."""
 
-
 _PRIOR = 10.0
 """Independent forecasts that the spread of the mixture itself counts as."""
 

@@ -144,7 +144,8 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
 
 
 def _skilful(window: HorizonSkill, threshold: Threshold) -> bool:
-    return window.rmse <= NOTABLE or window.against_persistence >= threshold.skill
+    # What is not a number is no evidence against the forecasts.
+    return not (window.rmse > NOTABLE and window.against_persistence < threshold.skill)
 
 
 def _disturbed(before: bool, update: Update, usual: float) -> bool:

@@ -261,13 +261,11 @@ class ZoneWorker:
         tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
         fan = estimator.unfold(estimator.issue(state, FAN_DRAWS), rows)
         # The first step is the published forecast, of all particles.
-        now = Mixtures(*(of_now[None] for of_now in estimator.predictive(state)))
-        told = [summary(now, tails, FAN_COMPONENTS)]
+        told = [summary(Mixtures.of_one(estimator.predictive(state)), tails, FAN_COMPONENTS)]
         for first in range(1, len(rows) + 1, _AT_ONCE):
             if given_up():
                 raise ServiceError(GIVEN_UP)
-            some = Mixtures(*(of_all[first : first + _AT_ONCE] for of_all in fan))
-            told.append(summary(some, tails, FAN_COMPONENTS))
+            told.append(summary(fan.during(slice(first, first + _AT_ONCE)), tails, FAN_COMPONENTS))
         means, sds, quantiles = (np.concatenate(parts) for parts in zip(*told, strict=True))
         count = len(levels)
         outputs = tuple(

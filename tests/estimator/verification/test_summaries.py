@@ -47,7 +47,7 @@ def test_what_fills_up_weighs_nothing(first, later):
     assert whole.means.shape == (5, 2, max(first, later))
     told = summary(whole, LEVELS, 32)
     for time, mixture in enumerate([now, *rest.each()]):
-        alone = summary(Mixtures(*(rows[None] for rows in mixture)), LEVELS, 32)
+        alone = summary(Mixtures.of_one(mixture), LEVELS, 32)
         for of_whole, of_one in zip(told, alone, strict=True):
             np.testing.assert_allclose(of_whole[time], of_one[0], rtol=1e-10)
     assert isinstance(whole.at(0), Mixture)

@@ -58,6 +58,7 @@ def test_a_horizon_is_learning_until_enough_was_verified():
         ({"rmse": 0.9}, {}, "doubtful", "0.90 K in 7 days, and 0.80 K if nothing had changed"),
         ({"rmse": 1.3}, {}, "untrusted", "1.30 K"),
         ({"rmse": 0.2, "persistence_rmse": 0.1}, {}, "trusted", ""),
+        ({"rmse": math.nan}, {}, "trusted", ""),
     ],
 )
 def test_a_threshold_that_is_crossed_lowers_the_trust_at_once(week, day, expected, words):
