@@ -37,7 +37,7 @@ LEVELS = {
         {"payload"},
         {"edge", "stuck", "rhythm"},
         {"reading", "units", "timestamps", "credentials", "scanning"},
-        {"errors"},
+        {"errors", "cancelling"},
     ),
     "service": (
         {"__main__"},

@@ -16,6 +16,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerType
 from pymodbus.pdu import ModbusPDU
 
+from adapters.cancelling import cancellable
 from adapters.errors import SourceUnavailable
 
 TRANSPORTS = ("tcp", "rtu-over-tcp", "rtu")
@@ -133,7 +134,7 @@ class ModbusLink:
     async def open(self) -> None:
         """Connect. Raises SourceUnavailable with the reason and the remedy."""
         try:
-            connected = await self._client.connect()
+            connected = await cancellable(self._client.connect())
         except (ModbusException, OSError, ValueError, termios.error) as error:
             # The serial library's own errors are OSErrors; settings that a port does not know are termios.error.
             raise SourceUnavailable(f"{self._line.place} cannot be opened ({error}); {self._remedy()}") from error
@@ -145,7 +146,7 @@ class ModbusLink:
         for attempt in range(self._line.retries + 1):
             await self._wait_for_the_line()
             try:
-                response = await self._client.reads[table](address, count=count, device_id=unit)
+                response = await cancellable(self._client.reads[table](address, count=count, device_id=unit))
                 arrived = time.time()
             except ModbusException as error:
                 if not self._client.connected:

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mappin
 from contextlib import asynccontextmanager, suppress
 from typing import Any, NamedTuple, TypeVar
 
+from adapters.cancelling import cancellable
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.mqtt.broker import Broker
@@ -76,7 +77,7 @@ class Client:
         import aiomqtt
 
         try:
-            return await work
+            return await cancellable(work)
         except aiomqtt.MqttError as error:
             raise SourceUnavailable(_lost(self._broker, error)) from error
 

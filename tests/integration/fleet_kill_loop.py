@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from support.campus import POSTED, rooms, write_recording, write_site
+from support.campus import PERIOD, POSTED, rooms, write_recording, write_site
 from support.fleet import Cluster, Fleet, get, post_lines, until
 from support.harness import Daemon
 from support.postgres import server
@@ -43,7 +43,7 @@ SITE = f"killed-fleet-{os.getpid()}"
 MACHINES = 3
 NEWEST = 12
 LOOKED_AT = 40
-"""Rooms that the ledger asks for: enough to be on every shard."""
+"""Rooms that the ledger and the loop ask for: enough to be on every shard."""
 POST_SECONDS = 0.5
 PATIENCE = 200.0
 LEARNED = ("forecast?horizon=3h", "parameters")
@@ -67,8 +67,10 @@ class Report(NamedTuple):
     history_rows: int
     history_differing: int
     forecasts_equal: bool
+    answered_seconds: list[float]
+    """From each kill until every room that was asked forecasts again."""
     recovery_seconds: list[float]
-    """From each kill until every room had a newer sample than before."""
+    """From each kill until every room has two newer samples: the wait for the recording's next rows is in it."""
     seconds: float
 
     @property
@@ -78,13 +80,14 @@ class Report(NamedTuple):
 
     def line(self) -> str:
         """For a person."""
-        times = sorted(self.recovery_seconds) or [0.0]
+        answered, times = (sorted(one) or [0.0] for one in (self.answered_seconds, self.recovery_seconds))
         return (
             f"{sum(self.kills.values())} disturbances {self.kills} of {self.zones} rooms in {self.seconds:.0f} s; "
             f"{self.acknowledged} rows told: {self.lost} lost, {self.differing} differing; {self.posts} readings "
             f"posted: {self.posts_lost} lost; final history of {self.history_rows} rows: {self.history_differing} "
             f"differing; final forecasts {'equal' if self.forecasts_equal else 'DIFFER'}; every room forecasts again "
-            f"after {times[len(times) // 2]:.1f} s (median), {times[-1]:.1f} s (longest)"
+            f"after {answered[len(answered) // 2]:.1f} s (median), {answered[-1]:.1f} s (longest), and goes on with "
+            f"newer samples after {times[len(times) // 2]:.1f} s (median), {times[-1]:.1f} s (longest)"
         )
 
 
@@ -114,7 +117,9 @@ class Loop:
         """`seconds` after which nothing more is killed."""
         self._folder, self._kills, self._random, self._seconds = folder, kills, random.Random(seed), seconds
         self._rooms, self._shards, self._pace = rooms(zones), shards, pace
+        self._looked_at = self._rooms[:: max(1, zones // LOOKED_AT)]
         self._done: Counter[str] = Counter()
+        self._answered: list[float] = []
         self._recovery: list[float] = []
         self._posted: list[str] = []
         self._stopping = threading.Event()
@@ -124,7 +129,7 @@ class Loop:
         """Kill, and look what is left."""
         began = time.monotonic()
         # Long enough for every disturbance; the rest is read in a hurry.
-        rows = round(self._pace / 600 * 60 * (self._kills + 4))
+        rows = round(self._pace / PERIOD * 60 * (min(self._kills, self._seconds / 60) + 4))
         write_recording(self._folder / "recording.csv", len(self._rooms), rows)
         with server() as database:
             address = f"postgresql://postgres@/postgres?host={database.folder}"
@@ -148,9 +153,8 @@ class Loop:
     def _disturb(self, cluster: Cluster, fleet: Fleet, began: float) -> Report:
         until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet", PATIENCE)
         until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", PATIENCE)
-        looked_at = self._rooms[:: max(1, len(self._rooms) // LOOKED_AT)]
         stopping, out = multiprocessing.Event(), self._folder / "ledger.jsonl"
-        arguments = (self._urls, self._key, looked_at, out, stopping)
+        arguments = (self._urls, self._key, self._looked_at, out, stopping)
         ledger = multiprocessing.Process(target=keep_ledger, args=arguments, daemon=True)
         ledger.start()
         posting = threading.Thread(target=self._post)
@@ -158,7 +162,8 @@ class Loop:
         try:
             for number in range(self._kills):
                 what = self._strike(cluster, fleet)
-                print(f"{number + 1}: {what}, {self._recovery[-1]:.1f} s, {time.monotonic() - began:.0f} s", flush=True)
+                took = f"{self._answered[-1]:.1f} s, {self._recovery[-1]:.1f} s"
+                print(f"{number + 1}: {what}, {took}, {time.monotonic() - began:.0f} s", flush=True)
                 if time.monotonic() - began > self._seconds:
                     break
         finally:
@@ -167,7 +172,7 @@ class Loop:
         text = self._config.read_text(encoding="utf-8")
         self._config.write_text(text.replace(f"pace = {self._pace}", 'pace = "max"'), encoding="utf-8")
         fleet.process.send_signal(signal.SIGHUP)
-        until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 4 * PATIENCE)
+        until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 6 * PATIENCE)
         stopping.set()
         ledger.join()
         return self._compared(out, began)
@@ -193,6 +198,8 @@ class Loop:
             now = self._samples()
             return bool(now) and all(now.get(room, 0) > before.get(room, 0) + 1 for room in self._rooms)
 
+        until(lambda: self._look(fleet) and self._forecasts(), "every room to forecast", PATIENCE)
+        self._answered.append(time.monotonic() - at)
         until(goes_on, "every room to go on", PATIENCE)
         self._recovery.append(time.monotonic() - at)
         if what == "machine frozen":
@@ -232,6 +239,10 @@ class Loop:
         body = self._asked("/zones", timeout=5)
         return {} if body is None else {z["id"]: z["samples"] for z in body["zones"] if z["id"] != POSTED}
 
+    def _forecasts(self) -> bool:
+        """Whether the rooms that are looked at, some of every shard, all answer."""
+        return all(self._asked(f"/zones/{room}/forecast", timeout=5) is not None for room in self._looked_at)
+
     def _has_ended(self) -> bool:
         body = self._asked("/zones")
         return body is not None and all(
@@ -258,7 +269,7 @@ class Loop:
         ) as daemon:
             rest = {POSTED}
             daemon.wait(
-                lambda zones: all("come to an end" in zones[name]["reason"] for name in zones.keys() - rest), 1800
+                lambda zones: all("come to an end" in zones[name]["reason"] for name in zones.keys() - rest), 3600
             )
             rows: dict[str, list[Row]] = {}
             for room in self._rooms:
@@ -291,6 +302,7 @@ class Loop:
             history_rows=sum(map(len, rows.values())),
             history_differing=wrong["history"],
             forecasts_equal=not wrong["learned"],
+            answered_seconds=[round(seconds, 2) for seconds in self._answered],
             recovery_seconds=[round(seconds, 2) for seconds in self._recovery],
             seconds=time.monotonic() - began,
         )

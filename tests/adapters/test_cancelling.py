@@ -1,0 +1,91 @@
+"""A task that is cancelled while a library waits ends, also where the result comes in the same moment."""
+
+import asyncio
+
+import pytest
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from adapters.cancelling import cancellable
+from adapters.modbus.client import Line, ModbusLink
+
+MOMENTS = 12
+"""More turns of the event loop than an answer takes from the socket to whoever has asked."""
+
+
+async def cancelled_together_with_the_result() -> asyncio.Task[int]:
+    result: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+    task = asyncio.create_task(cancellable(asyncio.wait_for(result, 5.0)))
+    await asyncio.sleep(0.01)
+    result.set_result(1)
+    task.cancel()
+    await asyncio.wait([task])
+    return task
+
+
+def test_a_result_that_comes_with_the_cancellation_does_not_undo_it() -> None:
+    assert asyncio.run(cancelled_together_with_the_result()).cancelled()
+
+
+def test_the_result_and_the_error_of_the_library_are_passed_on() -> None:
+    async def failing() -> int:
+        raise ValueError("no")
+
+    assert asyncio.run(cancellable(asyncio.sleep(0, 3))) == 3
+    with pytest.raises(ValueError, match="no"):
+        asyncio.run(cancellable(failing()))
+
+
+def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
+    done = []
+
+    async def work() -> None:
+        try:
+            await asyncio.sleep(60)
+        finally:
+            done.append(await cancellable(asyncio.sleep(0, "goodbye")))
+
+    async def run() -> None:
+        task = asyncio.create_task(work())
+        await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.wait([task])
+
+    asyncio.run(run())
+    assert done == ["goodbye"]
+
+
+async def reads_cancelled_at_every_moment() -> list[bool]:
+    words = SimData(0, values=list(range(10)), datatype=DataType.REGISTERS)
+    answered = asyncio.Event()
+
+    def trace(sending: bool, pdu: object) -> object:
+        if sending:
+            answered.set()
+        return pdu
+
+    server = ModbusTcpServer(SimDevice(1, simdata=[words]), address=("127.0.0.1", 0), trace_pdu=trace)
+    await server.serve_forever(background=True)
+    link = ModbusLink(Line(host="127.0.0.1", port=server.transport.sockets[0].getsockname()[1]))
+    await link.open()
+    ended = []
+    try:
+        for moment in range(MOMENTS):
+            answered.clear()
+            reading = asyncio.create_task(link.read(1, "holding", 0, 5))
+            await answered.wait()
+            for _ in range(moment):
+                await asyncio.sleep(0)
+            if reading.cancel():
+                await asyncio.wait([reading])
+                ended.append(reading.cancelled())
+    finally:
+        link.close()
+        await server.shutdown()
+    return ended
+
+
+def test_a_modbus_read_is_cancelled_whenever_its_answer_comes() -> None:
+    ended = asyncio.run(reads_cancelled_at_every_moment())
+    assert ended
+    assert all(ended)
