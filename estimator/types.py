@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
@@ -146,8 +146,9 @@ class Posterior(NamedTuple):
     resampled: bool = False
     floored: bool = False
     """Whether the parameter covariance had collapsed and was held at its floor."""
-    disturbance: Disturbance | None = None
-    """None for an estimator that has no model of disturbances."""
+    disturbance: Callable[[], Disturbance] | None = None
+    """Of this update, worked out when asked for: of most members of a bank nobody does. None for an estimator that has
+    no model of disturbances."""
     verified: tuple[Verified, ...] = ()
     """Forecasts of this very sample whose time has come, of an estimator that verifies itself."""
 

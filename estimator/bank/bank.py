@@ -15,7 +15,7 @@ from scipy.special import ndtri
 
 from estimator.arrays import Array
 from estimator.bank.coverage import Widths, no_widths, with_place
-from estimator.bank.mixing import mixed, mixed_futures
+from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.options import BankOptions, prior_at
 from estimator.bank.weights import Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.kernels.quantiles import mixture_quantiles
@@ -117,7 +117,7 @@ class Bank:
 
     def predictive(self, state: BankState) -> Mixture:
         """The members' distributions of the outputs (n_y,), weighted and scaled for one step."""
-        return self._mixed(state, self._parts(state), 0)
+        return mixed(self._parts(state), self._weights(state)[:, 0], float(np.exp(state.widths.log_scale[0])))
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
@@ -133,14 +133,14 @@ class Bank:
         known = bool(np.isfinite(outputs).any()) and not vanished.all()
         due = tuple(self._hindsight.due(state.pending)) if known else ()
         verified = tuple(Verified(one.lead, self._published(one)) for one in due)
-        before = self._weights(state)[:, 0]
-        after = self._learned(state, outputs, due) if known else state
+        before = self._weights(state)
+        after = self._learned(state, before, outputs, due, verified) if known else state
         after = self._members_after(after, posteriors, vanished, outputs, due)
         best = self._physical(self._weights(after))
         return posteriors[self._voice]._replace(
             state=after,
             outcome=next((p.outcome for p in posteriors if p.outcome is not Outcome.VANISHED), Outcome.VANISHED),
-            log_likelihood=_mixed_likelihood(before, posteriors),
+            log_likelihood=_mixed_likelihood(before[:, 0], posteriors),
             parameters=posteriors[best].parameters[self._entries[best]],
             disturbance=next((p.disturbance for p in posteriors if p.disturbance is not None), None),
             verified=verified,
@@ -262,28 +262,28 @@ class Bank:
             prior = np.where(state.lost[:, None] > 0.0, np.finfo(float).tiny, prior)
         return weights(state.costs, prior, self.options.learning_rate, self.options.sharing)
 
-    def _mixed(self, state: BankState, parts: Sequence[Mixture], horizon: int) -> Mixture:
-        """The weighted mixture of the members' `parts`, scaled about its mean."""
-        return mixed(parts, self._weights(state)[:, horizon], float(np.exp(state.widths.log_scale[horizon])))
-
-    def _published(self, due: Due, scale: float | None = None) -> Mixture:
-        """What was published of a forecast that is `due`: with the weights of its issue, and its scale or `scale`."""
+    def _published(self, due: Due) -> Mixture:
+        """What was published of a forecast that is `due`: with the weights and the scale of its issue."""
         then = due.note[:, self.leads.index(due.lead)]
-        return mixed(due.mixtures, then[:-1], then[-1] if scale is None else scale)
+        return mixed(due.mixtures, then[:-1], then[-1])
 
-    def _learned(self, state: BankState, outputs: Array, due: Sequence[Due]) -> BankState:
-        """Costs and widths after a sample, of which `due` are the members' forecasts.
+    def _learned(
+        self, state: BankState, now: Array, outputs: Array, due: Sequence[Due], verified: Sequence[Verified]
+    ) -> BankState:
+        """Costs and widths after a sample, of which `due` are the members' forecasts and `verified` the published ones;
+        `now` (E, H) are the weights.
 
         The weights learn from what a little more trust would be worth now. The width is learned for the mixture that
         was published, at the present scale: since then the weights have learned from forecasts of nearly the same
         hours, and the error of the mixture that they would make now is smaller than that of what anybody was told.
         """
         parts, scales = self._parts(state), np.exp(state.widths.log_scale)
-        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, self._mixed(state, parts, 0))]
-        for one in due:
+        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, mixed(parts, now[:, 0], float(scales[0])))]
+        for one, published in zip(due, verified, strict=True):
             horizon = self.leads.index(one.lead)
-            told.append((horizon, one.mixtures, self._published(one, float(scales[horizon]))))
-        costs, widths, now = state.costs, state.widths, self._weights(state)
+            whole = stretched(published.mixture, float(scales[horizon] / one.note[-1, horizon]))
+            told.append((horizon, one.mixtures, whole))
+        costs, widths = state.costs, state.widths
         for horizon, forecasts, whole in told:
             for i in np.flatnonzero(np.isfinite(outputs)).tolist():
                 cost, total = costs_of(forecasts, now[:, horizon], i, outputs[i])

@@ -16,8 +16,13 @@ def mixed(parts: Sequence[Mixture], shares: Array, scale: float) -> Mixture:
     mixture = Mixture(
         np.concatenate([shares[e] / parts[e].weights.sum() * parts[e].weights for e in chosen]),
         np.concatenate([parts[e].means for e in chosen], axis=1),
-        np.concatenate([np.broadcast_to(parts[e].sds, parts[e].means.shape) for e in chosen], axis=1),
+        np.concatenate([parts[e].sds for e in chosen], axis=1),
     )
+    return stretched(mixture, scale)
+
+
+def stretched(mixture: Mixture, scale: float) -> Mixture:
+    """`mixture` with every distance from its mean `scale` times as long."""
     centre = mixture.mean()[:, None]
     return mixture._replace(means=centre + scale * (mixture.means - centre), sds=scale * mixture.sds)
 

@@ -22,7 +22,7 @@ from numba import njit
 
 from estimator.arrays import Array
 from estimator.types import Mixture
-from estimator.verification.scores import expected_distance, reduced
+from estimator.verification.scores import expected_distance, merged
 
 COMPONENTS = 12
 """Gaussians that stand for a member when its share in the mixture's score is computed."""
@@ -66,25 +66,18 @@ def weights(costs: Costs, prior: Array, rate: float, sharing: float) -> Array:
 
     A day ahead there is little evidence: of what counts at a horizon, `sharing` counts at the next longer one as well.
     """
-    excess = costs.excess.copy()
-    for horizon in range(1, excess.shape[1]):
-        excess[:, horizon] += sharing * excess[:, horizon - 1]
-    raw = np.log(prior) - rate * excess
-    raw = np.exp(raw - raw.max(axis=0))
-    normalised: Array = raw / raw.sum(axis=0)
-    return normalised
+    found: Array = _weights(costs.excess, prior, rate, sharing)
+    return found
 
 
 def costs_of(parts: Sequence[Mixture], now: Array, output: int, value: float) -> tuple[Array, float]:
     """Cost (E,) [K] of a little more weight on each of `parts`, and of their mixture with weights `now` (E,)."""
-    rows = slice(output, output + 1)
-    small = [reduced(Mixture(p.weights, p.means[rows], p.sds[rows]), COMPONENTS) for p in parts]
-    ends = np.cumsum([len(part.weights) for part in small])
     near, apart = _distances(
-        ends,
-        np.concatenate([part.weights for part in small]),
-        np.concatenate([part.means[0] for part in small]),
-        np.concatenate([part.sds[0] for part in small]),
+        np.array([len(part.weights) for part in parts]),
+        np.concatenate([part.weights for part in parts]),
+        np.concatenate([part.means[output] for part in parts]),
+        np.concatenate([part.sds[output] for part in parts]),
+        COMPONENTS,
         value,
     )
     others = (apart * now).sum(axis=1)
@@ -92,16 +85,45 @@ def costs_of(parts: Sequence[Mixture], now: Array, output: int, value: float) ->
 
 
 @njit(cache=True, nogil=True)
-def _distances(ends, weights, means, sds, value):  # type: ignore[no-untyped-def]
-    """E|X_e - y| (E,) and E|X_e - X_f| (E, E) of mixtures whose components end before `ends` (E,)."""
-    members = len(ends)
-    owner = np.empty(len(weights), np.int64)
+def _weights(excess, prior, rate, sharing):  # type: ignore[no-untyped-def]
+    members, horizons = excess.shape
+    found, counted = np.empty((members, horizons)), np.zeros(members)
+    for horizon in range(horizons):
+        for e in range(members):
+            counted[e] = excess[e, horizon] + sharing * counted[e]
+            found[e, horizon] = math.log(prior[e, horizon]) - rate * counted[e]
+        largest = found[:, horizon].max()
+        for e in range(members):
+            found[e, horizon] = math.exp(found[e, horizon] - largest)
+        found[:, horizon] /= found[:, horizon].sum()
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _distances(sizes, all_weights, all_means, all_sds, count, value):  # type: ignore[no-untyped-def]
+    """E|X_e - y| (E,) and E|X_e - X_f| (E, E) of mixtures with `sizes` (E,) components, of which at most `count` of
+    each are counted (`reduced`)."""
+    members = len(sizes)
+    owner, whole = np.empty(members * count, np.int64), 0
+    weights, means, sds = np.empty(members * count), np.empty(members * count), np.empty(members * count)
     begin = 0
     for e in range(members):
-        owner[begin : ends[e]] = e
-        begin = ends[e]
+        end = begin + sizes[e]
+        own = min(sizes[e], count)
+        if sizes[e] > count:
+            shares, centres, spreads = merged(
+                all_weights[begin:end], all_means[begin:end].reshape(1, -1), all_sds[begin:end].reshape(1, -1), count
+            )
+            own = len(shares)
+            weights[whole : whole + own] = shares
+            means[whole : whole + own], sds[whole : whole + own] = centres[0], spreads[0]
+        else:
+            weights[whole : whole + own] = all_weights[begin:end]
+            means[whole : whole + own], sds[whole : whole + own] = all_means[begin:end], all_sds[begin:end]
+        owner[whole : whole + own] = e
+        begin, whole = end, whole + own
     near, apart = np.zeros(members), np.zeros((members, members))
-    for i in range(len(weights)):
+    for i in range(whole):
         near[owner[i]] += weights[i] * expected_distance(value - means[i], sds[i])
         for j in range(i + 1):
             sd = math.sqrt(sds[i] * sds[i] + sds[j] * sds[j])

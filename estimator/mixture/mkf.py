@@ -11,6 +11,7 @@ As in `estimator.rbpf`, the state between two samples is the predicted one, and 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -408,8 +409,6 @@ class MKF:
         theta = self._model.space.fixed.copy()
         theta[self._model.space.free] = np.exp(phi)
         alpha = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
-        noise = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
-        gain, probability = self._gain(state, weights)
         return Posterior(
             state=state,
             outcome=Outcome.MISSING,
@@ -422,8 +421,12 @@ class MKF:
             resampled=False,
             floored=False,
             parameters=theta,
-            disturbance=Disturbance(gain, probability, np.exp(np.array(noise))),
+            disturbance=partial(self._disturbance, state, weights),
         )
+
+    def _disturbance(self, state: MKFState, weights: Array) -> Disturbance:
+        noise = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
+        return Disturbance(*self._gain(state, weights), np.exp(np.array(noise)))
 
     def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:
         """Quantiles (3,) of the gain [W], which is 0 for certain where it is off, and the probability that it is on."""

@@ -29,8 +29,7 @@ def reduced(mixture: Mixture, count: int = COMPONENTS) -> Mixture:
     """
     if len(mixture.weights) <= count:
         return mixture
-    sds = np.broadcast_to(mixture.sds, mixture.means.shape)
-    return Mixture(*merged(mixture.weights, mixture.means, sds, count))
+    return Mixture(*merged(*mixture, count))
 
 
 def crps(mixture: Mixture, output: int, value: float) -> float:
@@ -52,8 +51,7 @@ def gaussian_crps(mean: Array, sd: Array, value: float) -> Array:
 
 def distribution(mixture: Mixture, output: int, value: float) -> float:
     """Probability that one output is below `value` [degC]."""
-    sds = np.broadcast_to(mixture.sds, mixture.means.shape)
-    return float(_distribution(mixture.weights, mixture.means[output], sds[output], value))
+    return float(_distribution(mixture.weights, mixture.means[output], mixture.sds[output], value))
 
 
 @njit(cache=True, nogil=True)

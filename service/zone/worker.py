@@ -502,9 +502,9 @@ class ZoneWorker:
 
 
 def _disturbance(posterior: Posterior) -> Disturbance | None:
-    known = posterior.disturbance
-    if known is None:
+    if posterior.disturbance is None:
         return None
+    known = posterior.disturbance()
     lower, median, upper = known.gain.tolist()
     return Disturbance((lower, median, upper), known.probability_on, tuple(map(tuple, known.measurement_sd.tolist())))
 

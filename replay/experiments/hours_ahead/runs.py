@@ -120,8 +120,8 @@ class _Keeper:
     def learn(self, step: Step) -> None:
         """Keep what the sample of `step` has taught."""
         if step.posterior.disturbance is not None:
-            self._gain[step.row] = step.posterior.disturbance.gain
-            self._on[step.row] = step.posterior.disturbance.probability_on
+            known = step.posterior.disturbance()
+            self._gain[step.row], self._on[step.row] = known.gain, known.probability_on
         if self._estimator.physical and step.row % self._a_day == 0:
             median = self._estimator.parameters(step.state, _LEVELS).parameters[:, 1]
             self._heat_loss[step.row] = _to_first_boundary(self._estimator.network, median)

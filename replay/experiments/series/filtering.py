@@ -178,7 +178,7 @@ def _left_out(measurement_sd: object, posterior: Posterior) -> float:
         return float(measurement_sd)
     if measurement_sd is None or posterior.disturbance is None:
         return float("nan")
-    return float(posterior.disturbance.measurement_sd[0, 1])
+    return float(posterior.disturbance().measurement_sd[0, 1])
 
 
 def _blank(samples: int, parameters: int) -> Trace:

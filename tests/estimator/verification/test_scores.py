@@ -59,7 +59,7 @@ def test_a_reduced_mixture_keeps_the_moments_of_every_output():
 
 
 def test_the_distribution_of_a_mixture_is_that_of_its_parts():
-    mixture = Mixture(np.array([0.4, 1.2]), np.array([[20.0, 21.0]]), np.array([[0.5]]))
+    mixture = Mixture(np.array([0.4, 1.2]), np.array([[20.0, 21.0]]), np.array([[0.5, 0.5]]))
     expected = 0.25 * norm.cdf(20.4, 20.0, 0.5) + 0.75 * norm.cdf(20.4, 21.0, 0.5)
     assert distribution(mixture, 0, 20.4) == pytest.approx(expected, rel=1e-12)
 
