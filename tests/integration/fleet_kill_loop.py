@@ -240,8 +240,8 @@ class Loop:
         return {} if body is None else {z["id"]: z["samples"] for z in body["zones"] if z["id"] != POSTED}
 
     def _forecasts(self) -> bool:
-        """Whether the rooms that are looked at, some of every shard, all answer."""
-        return all(self._asked(f"/zones/{room}/forecast", timeout=5) is not None for room in self._looked_at)
+        """Whether the rooms that are looked at, some of every shard, all answer from their state."""
+        return all(self._asked(f"/zones/{room}/forecast?horizon=1h", timeout=5) is not None for room in self._looked_at)
 
     def _has_ended(self) -> bool:
         body = self._asked("/zones")
