@@ -92,10 +92,12 @@ def _weights(excess, prior, rate, sharing):  # type: ignore[no-untyped-def]
         for e in range(members):
             counted[e] = excess[e, horizon] + sharing * counted[e]
             found[e, horizon] = math.log(prior[e, horizon]) - rate * counted[e]
-        largest = found[:, horizon].max()
+        largest, whole = found[:, horizon].max(), 0.0
         for e in range(members):
             found[e, horizon] = math.exp(found[e, horizon] - largest)
-        found[:, horizon] /= found[:, horizon].sum()
+            whole += found[e, horizon]
+        for e in range(members):
+            found[e, horizon] /= whole
     return found
 
 
@@ -109,19 +111,14 @@ def _distances(sizes, all_weights, all_means, all_sds, count, value):  # type: i
     begin = 0
     for e in range(members):
         end = begin + sizes[e]
-        own = min(sizes[e], count)
+        shares, centres, spreads = all_weights[begin:end], all_means[begin:end], all_sds[begin:end]
         if sizes[e] > count:
-            shares, centres, spreads = merged(
-                all_weights[begin:end], all_means[begin:end].reshape(1, -1), all_sds[begin:end].reshape(1, -1), count
-            )
-            own = len(shares)
-            weights[whole : whole + own] = shares
-            means[whole : whole + own], sds[whole : whole + own] = centres[0], spreads[0]
-        else:
-            weights[whole : whole + own] = all_weights[begin:end]
-            means[whole : whole + own], sds[whole : whole + own] = all_means[begin:end], all_sds[begin:end]
-        owner[whole : whole + own] = e
-        begin, whole = end, whole + own
+            shares, small_means, small_sds = merged(shares, centres.reshape(1, -1), spreads.reshape(1, -1), count)
+            centres, spreads = small_means[0], small_sds[0]
+        for n in range(len(shares)):
+            owner[whole], weights[whole], means[whole], sds[whole] = e, shares[n], centres[n], spreads[n]
+            whole += 1
+        begin = end
     near, apart = np.zeros(members), np.zeros((members, members))
     for i in range(whole):
         near[owner[i]] += weights[i] * expected_distance(value - means[i], sds[i])

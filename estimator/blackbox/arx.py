@@ -281,8 +281,10 @@ def _row(past, inputs, level):  # type: ignore[no-untyped-def]
     """Regressors (p,): 1, past outputs from `level` [degC], scaled inputs."""
     row = np.empty(1 + past.shape[0] + inputs.shape[0])
     row[0] = 1.0
-    row[1 : 1 + past.shape[0]] = past - level
-    row[1 + past.shape[0] :] = inputs
+    for k in range(past.shape[0]):
+        row[1 + k] = past[k] - level
+    for k in range(inputs.shape[0]):
+        row[1 + past.shape[0] + k] = inputs[k]
     return row
 
 
@@ -310,11 +312,12 @@ def _moved(coefficients, outputs, inputs, past_inputs, echo, spread, bounds, lev
     outputs, echo, spread = outputs.copy(), echo.copy(), spread.copy()
     steps = inputs.shape[0] - past_inputs
     means, spreads = np.empty((steps + 1, outputs.shape[0])), np.empty((steps + 1, outputs.shape[0]))
-    means[0], spreads[0] = outputs[:, 0], spread
-    for ahead in range(1, steps + 1):
-        first = steps - ahead
-        _move(coefficients, outputs, inputs[first : first + past_inputs].ravel(), echo, spread, bounds, level)
-        means[ahead], spreads[ahead] = outputs[:, 0], spread
+    for ahead in range(steps + 1):
+        if ahead > 0:
+            first = steps - ahead
+            _move(coefficients, outputs, inputs[first : first + past_inputs].ravel(), echo, spread, bounds, level)
+        for i in range(outputs.shape[0]):
+            means[ahead, i], spreads[ahead, i] = outputs[i, 0], spread[i]
     return means, spreads
 
 

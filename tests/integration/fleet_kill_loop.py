@@ -24,6 +24,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -44,6 +45,7 @@ MACHINES = 3
 NEWEST = 12
 LOOKED_AT = 40
 """Rooms that the ledger and the loop ask for: enough to be on every shard."""
+ASKED_AT_ONCE = 8
 POST_SECONDS = 0.5
 PATIENCE = 200.0
 LEARNED = ("forecast?horizon=3h", "parameters")
@@ -152,7 +154,8 @@ class Loop:
 
     def _disturb(self, cluster: Cluster, fleet: Fleet, began: float) -> Report:
         until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet", PATIENCE)
-        until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", PATIENCE)
+        first = PATIENCE + 5 * PERIOD / self._pace
+        until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", first)
         stopping, out = multiprocessing.Event(), self._folder / "ledger.jsonl"
         arguments = (self._urls, self._key, self._looked_at, out, stopping)
         ledger = multiprocessing.Process(target=keep_ledger, args=arguments, daemon=True)
@@ -198,7 +201,8 @@ class Loop:
             now = self._samples()
             return bool(now) and all(now.get(room, 0) > before.get(room, 0) + 1 for room in self._rooms)
 
-        until(lambda: self._look(fleet) and self._forecasts(), "every room to forecast", PATIENCE)
+        silent = set(self._looked_at)
+        until(lambda: self._look(fleet) and self._all_forecast(silent), "every room to forecast", PATIENCE)
         self._answered.append(time.monotonic() - at)
         until(goes_on, "every room to go on", PATIENCE)
         self._recovery.append(time.monotonic() - at)
@@ -239,9 +243,16 @@ class Loop:
         body = self._asked("/zones", timeout=5)
         return {} if body is None else {z["id"]: z["samples"] for z in body["zones"] if z["id"] != POSTED}
 
-    def _forecasts(self) -> bool:
-        """Whether the rooms that are looked at, some of every shard, all answer from their state."""
-        return all(self._asked(f"/zones/{room}/forecast?horizon=1h", timeout=5) is not None for room in self._looked_at)
+    def _all_forecast(self, silent: set[str]) -> bool:
+        """Ask the rooms that are still `silent` for a forecast from their state, and keep those that do not answer."""
+
+        def answers(room: str) -> bool:
+            return self._asked(f"/zones/{room}/forecast?horizon=1h", timeout=5) is not None
+
+        asked = sorted(silent)
+        with ThreadPoolExecutor(ASKED_AT_ONCE) as pool:
+            silent -= {room for room, answered in zip(asked, pool.map(answers, asked), strict=True) if answered}
+        return not silent
 
     def _has_ended(self) -> bool:
         body = self._asked("/zones")
