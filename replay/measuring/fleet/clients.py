@@ -89,7 +89,8 @@ async def _ask(url: str, zones: list[str], count: int, pause: float, pipe: Conne
             await asyncio.sleep(0.01)
         answers.clear()
         pipe.send("asking")
-        while not pipe.poll():
+        # Rounds may be over before anybody has been answered; a measurement has an answer at least.
+        while not (pipe.poll() and _promised(answers)) and not any(task.done() for task in tasks):
             await asyncio.sleep(0.05)
         for task in tasks:
             task.cancel()
@@ -97,6 +98,10 @@ async def _ask(url: str, zones: list[str], count: int, pause: float, pipe: Conne
             if isinstance(result, Exception):
                 raise result
     return answers
+
+
+def _promised(answers: list[Answer]) -> bool:
+    return any(answer.endpoint in ENDPOINTS for answer in answers)
 
 
 async def _client(
