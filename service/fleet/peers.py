@@ -82,9 +82,10 @@ class Peer:
         """What the member answers. Raises Away, or the ServiceError that it raised."""
         try:
             async with asyncio.timeout(timeout):
-                if self._handle is None:
-                    self._handle = await asyncio.to_thread(ray.get_actor, self.name, self._namespace)
-                answer = await self._handle.ask.remote(method, arguments)
+                handle: Any = self._handle
+                if handle is None:
+                    handle = self._handle = await asyncio.to_thread(ray.get_actor, self.name, self._namespace)
+                answer = await handle.ask.remote(method, arguments)
         except TimeoutError:
             raise Away(f"{self.name} has not answered for {timeout:g} s") from None
         except RayTaskError as error:
