@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= auto
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -13,12 +13,17 @@ help:  ## what there is to make
 run: $(VENV)/.ready  ## a living building read over Modbus by the daemon: forecasts on REST and Zenoh, a live page
 	$(BIN)/thermogate demo --live
 
-test: lint unit  ## lint, types and every test
+test:  ## lint, types and every test
+	$(MAKE) -j2 lint kernels
+	$(MAKE) unit
 
 lint: $(VENV)/.ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+kernels: $(VENV)/.ready  # once and beside lint: the first processes of the tests would each compile them for themselves
+	$(BIN)/thermogate replay deploy/examples/generic-csv.toml --out var/kernels >/dev/null
 
 unit: $(VENV)/.ready
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder
