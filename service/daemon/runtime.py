@@ -212,7 +212,8 @@ class Runtime:
     def _feed(self, name: str, zones: Collection[ZoneConfig], config: Config | None = None) -> None:
         """Let a source deliver to `zones`, a recording from where the first of them stopped."""
         config = config or self.config
-        served = [zone for zone in zones if zone in config.zones_of(name)]
+        fed = {zone.id for zone in config.zones_of(name)}
+        served = [zone for zone in zones if zone.id in fed]
         if not served:
             return
         nexts = [None if (time := self._last[zone.id]) is None else time + zone.period for zone in served]

@@ -35,6 +35,8 @@ _VERIFIED = "verified."
 _RECORD = "record."
 _DAY = "day."
 
+_VERSION = version("thermogate")
+
 
 @dataclass(config=ConfigDict(ser_json_inf_nan="constants"))
 class _Meta:
@@ -91,7 +93,7 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
         "estimator": estimator,
         "period": worker.period,
         "parameters": [[p.name, p.unit, p.free] for p in worker.network.parameters],
-        "thermogate": version("thermogate"),
+        "thermogate": _VERSION,
     }
     return Checkpoint(mark, int(progress.last_time or 0), arrays, meta, about)
 
