@@ -31,7 +31,7 @@ _SWITCH_SECONDS = 0.0005
 several times for one answer; at Python's 5 ms each, REST would be slow whenever zones are stepped."""
 
 _NICENESS = 5
-"""Of the threads that compute; Linux keeps it per thread."""
+"""Of the threads that compute, beyond that of their process; Linux keeps it per thread."""
 
 
 def prepare_process(shared: bool = False) -> None:
@@ -55,7 +55,8 @@ def stand_back() -> None:
     """In a thread that computes: let the event loop go first where processors are short, so that REST stays prompt."""
     # A sandbox may forbid it; then REST is a little less prompt.
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+        thread = threading.get_native_id()
+        os.setpriority(os.PRIO_PROCESS, thread, os.getpriority(os.PRIO_PROCESS, thread) + _NICENESS)
 
 
 async def collect_garbage() -> None:

@@ -30,6 +30,8 @@ QUIET = {
     # Nothing idle but what the gateways keep for shards that have to start, and that for as long as it is idle.
     "RAY_prestart_worker_first_driver": "0",
     "RAY_num_workers_soft_limit": "4096",
+    # What members do is what the machines are for; Ray would let everything else on them go first.
+    "RAY_worker_niceness": "0",
 }
 
 

@@ -37,6 +37,7 @@ _ENVIRONMENT = {
     "RAY_health_check_failure_threshold": "3",
     "RAY_prestart_worker_first_driver": "0",
     "RAY_num_workers_soft_limit": "4096",
+    "RAY_worker_niceness": "0",
     # A machine that Ray gave up must not linger.
     "RAY_gcs_rpc_server_reconnect_timeout_s": "60",
     "RAY_AUTH_MODE": "token",

@@ -52,6 +52,15 @@ class Fence:
             raise Fenced(_elsewhere(self.lease, others), others)
         return held
 
+    def keep(self, cursor: Cursor, zones: Collection[str]) -> set[str]:
+        """Keep those of `zones` that were of the lease under its owner before; all that are of it now."""
+        self.held(cursor)
+        cursor.execute(
+            "UPDATE zones SET epoch = %s WHERE zone = ANY(%b::text[]) AND lease = %s AND epoch < %s",
+            (self.lease.epoch, sorted(zones), self.lease.name, self.lease.epoch),
+        )
+        return set(self.held(cursor, zones))
+
     def take(self, cursor: Cursor, zone: str) -> int:
         """Make `zone` one of the lease; its number. Fenced while another lease that has not expired holds it."""
         self.held(cursor)

@@ -106,17 +106,22 @@ class PostgresJournal:
             if cursor.execute(query, (number,)).fetchone() is None:
                 cursor.execute("UPDATE zones SET fingerprint = %s WHERE number = %s", (fingerprint, number))
 
-        if self._fingerprint(zone) != fingerprint:
+        found = self._claimed(zone)
+        if found is None or found[0] != fingerprint:
             self.database.transaction(take)
-        if self.database.read(f"SELECT 1 FROM readings WHERE {_NUMBER} LIMIT 1", zone):
+            found = self._claimed(zone)
+        if found is None:
+            return False
+        stored, keeping = found
+        if keeping:
             self._keeping.add(zone)
-        return self._fingerprint(zone) == fingerprint
+        return stored == fingerprint
 
     def take(self, zones: Collection[str]) -> None:
         """Take `zones` for the lease in one transaction, as far as nobody else holds them: `claim` is quicker then."""
 
         def work(cursor: Cursor) -> None:
-            for zone in sorted(zones):
+            for zone in sorted(set(zones) - self.fence.keep(cursor, zones)):
                 with suppress(Fenced):
                     self.fence.take(cursor, zone)
             # The lease itself may have been lost.
@@ -366,11 +371,14 @@ class PostgresJournal:
         self._pending.clear()
         return result
 
-    def _fingerprint(self, zone: str) -> str | None:
-        """What the samples of `zone` belong to; None unless the lease holds it."""
-        query = "SELECT fingerprint FROM zones WHERE zone = %s AND lease = %s AND epoch = %s"
+    def _claimed(self, zone: str) -> tuple[str | None, bool] | None:
+        """What the samples of `zone` belong to, and whether readings of it are kept; None unless the lease holds it."""
+        query = (
+            "SELECT fingerprint, EXISTS (SELECT FROM readings WHERE readings.zone = number) FROM zones "
+            "WHERE zone = %s AND lease = %s AND epoch = %s"
+        )
         rows = self.database.read(query, zone, self.fence.lease.name, self.fence.lease.epoch)
-        return rows[0][0] if rows else None
+        return rows[0] if rows else None
 
     def _link_before(self, zone: str, time: int) -> int:
         """The link of the newest sample not later than `time`, pruned or not; 0 without any."""

@@ -28,3 +28,24 @@ def test_linear_algebra_starts_no_threads_of_its_own() -> None:
 def test_whoever_wants_threads_or_owns_the_process_has_them() -> None:
     assert threads("prepare_process()", OPENBLAS_NUM_THREADS="2") > 1
     assert threads("prepare_process(shared=True)") > 1
+
+
+NICENESS = """
+import os, threading
+from concurrent.futures import ThreadPoolExecutor
+from service.daemon.process import stand_back
+
+os.nice({niceness})
+with ThreadPoolExecutor(1, initializer=stand_back) as computing:
+    print(computing.submit(lambda: os.getpriority(os.PRIO_PROCESS, threading.get_native_id())).result())
+print(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere all threads of a process have one priority")
+@pytest.mark.parametrize("niceness", [0, 10])
+def test_threads_that_compute_let_the_event_loop_go_first_whatever_the_priority_of_their_process(niceness: int) -> None:
+    command = [sys.executable, "-c", NICENESS.format(niceness=niceness)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    computing, looping = map(int, done.stdout.split())
+    assert computing > looping
