@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from service.config.fitting import fingerprint
 from service.config.site import TABLES, Config, ZoneConfig
+from service.fields.words import listed
 
 RELOADABLE = ("log", "fleet", "zones", "sources", "weather")
 """Tables of the configuration that take effect while the daemon runs, or have none on it; the others do with its next
@@ -75,6 +76,10 @@ def obstacles(old: Config, new: Config, fingerprints: Mapping[str, str]) -> list
     return found
 
 
+_MOST = 20
+"""Zones that a line of the log names."""
+
+
 def summary(changes: Changes) -> str:
     """What was done, as one line."""
     parts = {
@@ -82,7 +87,7 @@ def summary(changes: Changes) -> str:
         "changed": [zone.id for zone in changes.changed],
         "removed": list(changes.removed),
     }
-    said = [f"{what} {', '.join(zones)}" for what, zones in parts.items() if zones]
+    said = [f"{what} {listed(zones, _MOST)}" for what, zones in parts.items() if zones]
     if changes.sources:
         said.append(f"sources changed: {', '.join(changes.sources)}")
     if changes.weather:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def shown(value: object) -> str:
@@ -31,6 +31,12 @@ def _without_secrets(text: str) -> str:
     text = re.sub(r"\btg_[\w-]{20,}", "tg_...", text)
     text = _PASSWORD.sub(lambda found: f"{found[1]}:...@" if found[1] is not None else f"{found[2]}{found[3]}...", text)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """`names`, of many the first `most` and how many more there are."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def suggestion(wrong: object, right: Iterable[str], what: str) -> str:

@@ -109,8 +109,7 @@ class JournalStore:
 
         Says in the log where journal and checkpoint do not follow each other, which only a damaged disk brings about.
         """
-        last = await self.last_sample_time(zone)
-        pruned = await self._run(self._journal.pruned_until, zone)
+        last, pruned = await self._run(self._known_until, zone)
         if checkpoint is not None and (last is None or last < checkpoint):
             _log.warning(
                 "zone '%s' goes on from its checkpoint at %s, but the journal ends %s: samples and history are missing",
@@ -193,6 +192,10 @@ class JournalStore:
                 await self._write(self._journal.append_all, rest)
                 return dict.fromkeys(error.zones, error)
             return {}
+
+    def _known_until(self, zone: str) -> tuple[int | None, int | None]:
+        """The times of the newest stored sample of `zone`, and of the newest that was pruned."""
+        return self._journal.last_sample_time(zone), self._journal.pruned_until(zone)
 
     async def _write(self, function: Callable[..., Result], *arguments: Any) -> Result:
         """As `_run`, for what must be durable afterwards."""

@@ -11,6 +11,7 @@ from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 
 from service.errors import Fenced
+from service.fields.words import listed
 from service.store.postgres.database import Cursor
 from service.store.postgres.leases import Lease, lost
 
@@ -96,7 +97,7 @@ class Fence:
 
 
 def _elsewhere(lease: Lease, zones: Sequence[str]) -> str:
-    shown = ", ".join(f"'{zone}'" for zone in zones[:3]) + (f" and {len(zones) - 3} more" if len(zones) > 3 else "")
+    shown = listed([f"'{zone}'" for zone in zones], 3)
     return (
         f"zone {shown} is not held by the lease '{lease.name}' of {lease.owner} (epoch {lease.epoch}), so nothing is "
         "written to it; it has gone to another owner, or was not claimed"

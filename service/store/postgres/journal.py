@@ -228,12 +228,12 @@ class PostgresJournal:
         Writing between two items is allowed. JournalError where a sample is damaged or missing in the middle.
         """
         after = _EARLIEST if time is None else time
-        previous = self._link_before(zone, after)
         query = (
             f"SELECT {_SAMPLE}, link, skipped FROM samples WHERE {_NUMBER} AND time > %s ORDER BY time LIMIT {_PAGE}"
         )
+        rows = self.database.read(query, zone, zone, after)
+        previous = self._link_before(zone, after) if rows else 0
         while True:
-            rows = self.database.read(query, zone, zone, after)
             for *values, link, skipped in rows:
                 try:
                     sample = linked_sample(tuple(values), link, previous)
@@ -245,6 +245,7 @@ class PostgresJournal:
             if len(rows) < _PAGE:
                 return
             after = rows[-1][1]
+            rows = self.database.read(query, zone, zone, after)
 
     def last_sample_time(self, zone: str) -> int | None:
         """Time of the newest stored sample of `zone`, skipped or not."""
