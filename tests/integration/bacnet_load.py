@@ -31,6 +31,8 @@ from adapters.edge import Edge
 
 _SETTLING = 3.0
 """Seconds beside a whole poll before the measurement begins, in which every device is found and subscribed to."""
+_PATIENCE = 120.0
+"""How much longer than asked for is measured, where no poll has come to its end, s."""
 
 
 def _serve(devices: int, objects: int, port: int, pipe: Connection) -> None:
@@ -78,6 +80,9 @@ async def _measure(devices: int, objects: int, port: int, seconds: float, pollin
     late = source.late
     memory, cpu, began = resident_memory(), time.process_time(), time.monotonic()
     await asyncio.sleep(seconds)
+    # Of a few seconds on a busy machine, too, there is something to tell.
+    while len(arrivals) < devices and time.monotonic() - began < seconds + _PATIENCE:
+        await asyncio.sleep(polling.poll)
     cpu, took, after = time.process_time() - cpu, time.monotonic() - began, resident_memory()
     late = source.late - late
     task.cancel()

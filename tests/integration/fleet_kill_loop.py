@@ -276,7 +276,8 @@ class Loop:
         with Daemon(
             self._config,
             self._folder / "daemon.log",
-            {"site.state_dir": str(self._folder / "alone"), "sources.log.pace": "max"},
+            # Its checkpoints are of no use, and 2,000 rooms would write them for an hour.
+            {"site.state_dir": str(self._folder / "alone"), "site.checkpoint_every": 3600, "sources.log.pace": "max"},
         ) as daemon:
             rest = {POSTED}
             daemon.wait(

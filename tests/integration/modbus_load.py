@@ -36,6 +36,8 @@ MOST_GROWTH = 5.0
 
 _SETTLING = 3.0
 """Seconds before the measurement begins, in which every device is connected to and every buffer filled once."""
+_PATIENCE = 120.0
+"""How much longer than asked for is measured, where no poll has come to its end, s."""
 
 
 class Load(NamedTuple):
@@ -120,6 +122,9 @@ async def _measure(ports: list[int], registers: int, seconds: float, poll: float
         kept.clear()
     memory, cpu, began = resident_memory(), time.process_time(), time.monotonic()
     await asyncio.sleep(seconds)
+    # Of a few seconds on a busy machine, too, there is something to tell.
+    while not all(arrivals) and time.monotonic() - began < seconds + _PATIENCE:
+        await asyncio.sleep(poll)
     cpu, took, after = time.process_time() - cpu, time.monotonic() - began, resident_memory()
     for task in tasks:
         task.cancel()
