@@ -378,6 +378,15 @@ class ZoneWorker:
             self._step(empty._replace(time=when))
 
     def _step(self, sample: Sample) -> Update | None:
+        """One step, or nothing of one that fails: what a checkpoint holds must not run ahead of what was learned."""
+        before = self.held, self.standing, self.progress, self.known
+        try:
+            return self._taken(sample)
+        except BaseException:
+            self.held, self.standing, self.progress, self.known = before
+            raise
+
+    def _taken(self, sample: Sample) -> Update | None:
         began = time.perf_counter()
         before, end = self.progress, sample.time + self.period
         continues = before.last_time == sample.time - self.period and not before.stalled

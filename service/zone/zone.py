@@ -279,7 +279,7 @@ class Zone:
         self._intake.trouble[source] = reason
         await self._announce_status()
 
-    async def accept(self, samples: Iterable[Sample]) -> None:
+    async def accept(self, samples: Sequence[Sample]) -> None:
         """Make samples durable and hand them to the worker."""
         await self._intake.accept(samples)
 
@@ -376,7 +376,7 @@ class Zone:
         """Take `worker` over a sample that was `accepted` then (monotonic s); None where that is long ago."""
         loop, patience = asyncio.get_running_loop(), self._recovery.patience
         if patience is not None and patience <= 0:
-            await self._recovery.save(self._worker)
+            await self._recovery.save(worker)
         self._at = sample.time
         if accepted is not None:
             self._timeliness.begin(accepted)

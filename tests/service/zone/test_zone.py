@@ -8,7 +8,7 @@ import pickle
 import pytest
 from numba.core.errors import NumbaError
 from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight
-from support.zone_samples import PERIOD, comparable, sample
+from support.zone_samples import PERIOD, comparable, sample, worker
 
 import service.zone.intake
 import service.zone.zone
@@ -16,7 +16,7 @@ from adapters.reading import Reading
 from service.errors import JournalError, ServiceError, StateMismatch
 from service.publish.rendering import status_payload
 from service.zone.alignment import Alignment
-from service.zone.zone import ATTEMPTS
+from service.zone.zone import ATTEMPTS, Zone
 
 
 @pytest.fixture(autouse=True)
@@ -83,6 +83,40 @@ def test_a_step_that_fails_once_is_retried_and_nothing_is_lost(tmp_path):
             assert comparable(zone.latest()) == straight(items)[-1]
             rows = await zone.history(None, None, 100)
             assert [row.time for row in rows] == [item.time for item in items]
+
+    asyncio.run(scenario())
+
+
+class Forgetful:
+    """An estimator that cannot learn from one value, a few times."""
+
+    def __init__(self, inner, value, times):
+        self.__dict__ |= {"_inner": inner, "_value": value, "_times": times}
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def update(self, state, outputs):
+        if outputs[0] == self._value and self._times:
+            self.__dict__["_times"] -= 1
+            raise MemoryError("there is no memory")
+        return self._inner.update(state, outputs)
+
+
+def test_a_checkpoint_that_is_due_while_a_step_fails_does_not_skip_its_sample(tmp_path):
+    async def scenario():
+        items = [sample(k) for k in range(30)]
+        items[20] = sample(20, y=20.123)
+        failing = worker()
+        failing.estimator = Forgetful(failing.estimator, 20.123, times=3)
+        # A checkpoint is due before every step.
+        async with plumbing(tmp_path, checkpoint_every=1e-9) as shared:
+            zone = Zone("z", "rbpf", "mark", failing, shared)
+            running = await fed(zone, items)
+            await caught_up(zone, items)
+            await finished(zone, running)
+            assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
+            assert comparable(zone.latest()) == straight(items)[-1]
 
     asyncio.run(scenario())
 
