@@ -41,6 +41,9 @@ _LOST = 6
 
 _HOUR = 3600.0
 
+_COMPARED_AHEAD = 6 * _HOUR
+"""s: where a network shows, long enough for its slow paths and short enough to be learned in days."""
+
 
 class BankState(NamedTuple):
     """E members and H horizons."""
@@ -76,7 +79,7 @@ class Bank:
         self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
         self._shares = np.minimum(self._hours / hours, 1.0)
         """Of a verified forecast, in forecasts that do not overlap: one is issued for every hour."""
-        self._hours_ahead = min(2, len(self.leads) - 1)
+        self.compared = int(np.argmin(np.abs(np.array(self.leads) * period - _COMPARED_AHEAD)))
         """Place among `leads` of the horizon at which members are compared as models of the building."""
         own = [parameter.name for parameter in self.network.parameters]
         named = [[parameter.name for parameter in member.network.parameters] for member in self.members]
@@ -173,7 +176,7 @@ class Bank:
         """Of every physical member that counts: weights (K,), own parameters (n_theta, K), time constants (n_x, K) and
         heat losses (K,) of draws."""
         weights = self._weights(state)
-        best, now = self._physical(weights), weights[:, self._hours_ahead]
+        best, now = self._physical(weights), weights[:, self.compared]
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
             if member.physical and (now[place] >= _NEGLIGIBLE or place == best):
                 drawn = member.draws(own, _DRAWS)
@@ -206,7 +209,7 @@ class Bank:
         drawn = self.members[best].draws(state.members[best], count)
         if drawn is None:
             return None
-        share = float(now[best, self._hours_ahead])
+        share = float(now[best, self.compared])
         # What the bank forecasts is the mixture of all members, which no single model simulates.
         return drawn._replace(member=self.names[best], share=share)
 
@@ -310,7 +313,8 @@ class Bank:
         for one in due:
             for place, (member, part) in enumerate(zip(self.members, one.mixtures, strict=True)):
                 members[place] = member.verified(members[place], one.lead, outputs - part.mean())
-        if not vanished.all():
+        # State of an earlier version may know no inputs yet: who is lost then waits for the next sample.
+        if not vanished.all() and len(state.pending.inputs):
             for place in np.flatnonzero(lost >= _LOST).tolist():
                 members[place] = self.members[place].restart(members[place], outputs, state.pending.inputs[-1])
                 lost[place] = 0.0
@@ -319,7 +323,7 @@ class Bank:
     def _physical(self, now: Array) -> int:
         """The member with parameters of a building that is trusted most a few hours ahead."""
         physical = [place for place, member in enumerate(self.members) if member.physical]
-        return max(physical or range(len(self.members)), key=lambda place: now[place, self._hours_ahead])
+        return max(physical or range(len(self.members)), key=lambda place: now[place, self.compared])
 
 
 def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:

@@ -157,7 +157,7 @@ def _member(name: str, table: object, network: Network, period: float, resolve_m
         raise OptionsError(f"members.{name}: a bank cannot be a member of a bank", "members")
     variants = family(network)
     variant = table.get("network", next(iter(variants)))
-    if variant not in variants:
+    if not isinstance(variant, str) or variant not in variants:
         raise OptionsError(f"members.{name}.network = {variant!r} must be one of {', '.join(variants)}", "members")
     own = {key: value for key, value in table.items() if key not in ("estimator", "network", "prior")}
     prior = _prior(name, table.get("prior", 1.0))
@@ -183,6 +183,6 @@ def _prior(name: str, given: object) -> tuple[float, ...]:
 def _voice(given: Mapping[str, object], members: Mapping[str, Member]) -> str:
     voice = given.get("voice") or next((name for name, member in members.items() if member.estimator == "rbpf"), "")
     voice = voice or next(iter(members))
-    if voice not in members:
+    if not isinstance(voice, str) or voice not in members:
         raise OptionsError(f"voice = {voice!r} must be one of the members {', '.join(members)}", "voice")
     return str(voice)

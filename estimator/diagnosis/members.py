@@ -26,9 +26,6 @@ _COUNTS = 0.05
 _MOST = 0.5
 """Share of the weight from which black boxes, or a variant, carry the forecast."""
 
-_AHEAD = 6 * 3600.0
-"""s: the horizon at which a network shows, long enough for its slow paths and short enough to be learned in days."""
-
 
 class _Member(NamedTuple):
     name: str
@@ -57,13 +54,12 @@ def disagreement(bank: Bank, state: Any, levels: Sequence[float]) -> list[Findin
 def variants(bank: Bank, state: Any) -> tuple[VariantWeight, ...]:
     """The variants of the bank's network that its members have, with their weights a few hours ahead; empty if all
     members have the same network. Black boxes have no network, and their weight is left out."""
-    horizon = _horizon(bank)
     known = family(bank.network)
     weights = dict.fromkeys(known, 0.0)
     for member in _members(bank, state):
         name = next((name for name, network in known.items() if network == member.estimator.network), None)
         if member.estimator.physical and name is not None:
-            weights[name] += float(member.weights[horizon])
+            weights[name] += float(member.weights[bank.compared])
     used = {
         name
         for name, network in known.items()
@@ -77,12 +73,12 @@ def variants(bank: Bank, state: Any) -> tuple[VariantWeight, ...]:
 
 def carried(bank: Bank, state: Any) -> list[Finding]:
     """The findings that black boxes, or another variant than the bank's own network, carry the forecast hours ahead."""
-    horizon = _horizon(bank)
-    blind = sum(float(each.weights[horizon]) for each in _members(bank, state) if not each.estimator.physical)
+    hours = bank.leads[bank.compared] * bank.period / 3600.0
+    blind = sum(float(each.weights[bank.compared]) for each in _members(bank, state) if not each.estimator.physical)
     findings = []
     if blind > _MOST:
         sentence = (
-            f"members without a building carry {100 * blind:.0f} % of the forecast {_AHEAD / 3600:.0f} h ahead, so the "
+            f"members without a building carry {100 * blind:.0f} % of the forecast {hours:.0f} h ahead, so the "
             "network misses something; add the sun and the neighbours as channels, or compare networks with "
             "`thermogate experiment topology`"
         )
@@ -91,7 +87,7 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
         if variant != "own" and weight > _MOST:
             sentence = (
                 f"the variant '{variant}' of the network carries {100 * weight:.0f} % of the forecast "
-                f"{_AHEAD / 3600:.0f} h ahead; read parameters and heat loss as those of this variant"
+                f"{hours:.0f} h ahead; read parameters and heat loss as those of this variant"
             )
             findings.append(Finding(OTHER_VARIANT, variant, sentence))
     return findings
@@ -100,11 +96,6 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
 def _members(bank: Bank, state: Any) -> list[_Member]:
     weights = bank.member_weights(state).values()
     return [_Member(*each) for each in zip(bank.names, bank.members, state.members, weights, strict=True)]
-
-
-def _horizon(bank: Bank) -> int:
-    """The place of the horizon nearest to _AHEAD among those at which weights are learned."""
-    return int(np.argmin(np.abs(np.array(bank.leads) * bank.period - _AHEAD)))
 
 
 def _heat_losses(summaries: Mapping[str, ParameterSummary]) -> dict[str, Array]:

@@ -39,7 +39,7 @@ class Pending(NamedTuple):
 
     step: int
     inputs: Array
-    """(m, n_u): of the last m steps, the newest last."""
+    """(m, n_u): of the last m steps, the newest last; at least the newest, from the first step on."""
     issues: tuple[Issue, ...]
 
 
@@ -82,9 +82,9 @@ class Hindsight:
         if step % self._every == phase % self._every and longest > 1:
             samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
             issues = (*issues, Issue(step, samples, note))
-        kept = step - issues[0].step if issues else 0
+        kept = max(1, step - issues[0].step) if issues else 1
         log = np.concatenate([pending.inputs, inputs[None]])
-        return Pending(step, log[len(log) - kept :] if kept else log[:0], issues)
+        return Pending(step, log[len(log) - kept :], issues)
 
     def due(self, pending: Pending) -> Iterator[Due]:
         """What had been forecast for the present step, from the shortest lead to the longest."""

@@ -72,9 +72,9 @@ class SomeForecaster:
         return state._asdict()
 
 
-def bank_of(members, **options):
+def bank_of(members, period=PERIOD, **options):
     named = {name: Member("mkf", NETWORK, None) for name in members}
-    return Bank(NETWORK, PERIOD, BankOptions(members=named, voice=next(iter(members)), **options), members)
+    return Bank(NETWORK, period, BankOptions(members=named, voice=next(iter(members)), **options), members)
 
 
 def samples(count, seed=3):
@@ -177,6 +177,25 @@ def test_a_member_that_explains_nothing_is_left_out_and_started_anew():
     assert state.members[1].restarts >= 2
     assert state.members[0].restarts == 0
     assert abs(bank.predictive(state).mean()[0] - 20.0) < 0.1
+
+
+def test_a_member_that_is_lost_before_the_first_forecast_is_issued_is_started_anew():
+    members = {"good": SomeForecaster(0.0, 0.0, NOISE), "deaf": SomeForecaster(5.0, 5.0, NOISE, deaf=True)}
+    bank = bank_of(members, period=60.0)
+    state, _, _ = played(bank, samples(20), bank.start(0, np.array([20.0]), np.array([5.0, 300.0])))
+    assert not state.pending.issues
+    assert state.members[1].restarts == 3
+    # State of an earlier version knows no inputs then: the member waits for the next sample.
+    before = state._replace(pending=state.pending._replace(inputs=np.empty((0, 2))), lost=np.array([0.0, 5.0]))
+    after = bank.update(before, np.array([20.0])).state
+    assert (after.members[1].restarts, after.lost[1]) == (3, 6.0)
+    assert bank.update(bank.predict(after, np.array([5.0, 300.0])), np.array([20.0])).state.members[1].restarts == 4
+
+
+@pytest.mark.parametrize(("minutes", "hours"), [(1, 6), (15, 6), (30, 6), (60, 6), (120, 6), (720, 12)])
+def test_members_are_compared_six_hours_ahead_whatever_the_period(minutes, hours):
+    bank = bank_of({"one": SomeForecaster(0.0, 0.0, NOISE)}, period=60.0 * minutes)
+    assert bank.leads[bank.compared] * minutes == 60 * hours
 
 
 def test_what_nobody_can_explain_changes_nothing_that_was_learned():
@@ -328,3 +347,7 @@ def test_options_of_a_member_name_the_member():
         small_bank(members={"inner": {"estimator": "bank"}})
     with pytest.raises(OptionsError, match="voice = 'nobody' must be one of the members"):
         small_bank(voice="nobody")
+    with pytest.raises(OptionsError, match=r"voice = \['rbpf'\] must be one of the members"):
+        small_bank(voice=["rbpf"])
+    with pytest.raises(OptionsError, match=r"members.a.network = \['own'\] must be one of"):
+        small_bank(members={"a": {"estimator": "mkf", "network": ["own"]}})
