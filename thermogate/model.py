@@ -230,10 +230,8 @@ class Model:
         period = self._settings.zone.period
         rows: dict[str, dict[str, float]] = {}
         for one in found.windows[days]:
-            # A horizon that is no longer than one step is that step.
-            if not rows or one.lead > period:
-                against = {"skill_persistence": one.against_persistence, "skill_arx": one.against_arx}
-                rows[_horizon(one.lead, period)] = {**one._asdict(), **against}
+            against = {"skill_persistence": one.against_persistence, "skill_arx": one.against_arx}
+            rows[_horizon(one.lead, period)] = {**one._asdict(), **against}
         index = pandas().Index(list(rows), name="horizon")
         return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead")
 

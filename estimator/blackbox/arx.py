@@ -120,7 +120,9 @@ class ARX:
 
     def restart(self, state: ARXState, outputs: Array, inputs: Array) -> ARXState:
         """The first sample after a gap: another past, the same regression."""
+        lowest, highest = state.seen.T
         return state._replace(
+            seen=np.column_stack([np.fmin(lowest, outputs), np.fmax(highest, outputs)]),
             outputs=self.filled(outputs),
             inputs=np.tile(inputs, (self.options.past_inputs, 1)),
             echo=np.zeros_like(state.echo),

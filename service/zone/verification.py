@@ -13,7 +13,7 @@ import numpy as np
 
 from estimator import registry
 from estimator.arrays import Array
-from estimator.types import Estimator, Mixture, Posterior
+from estimator.types import Estimator, Mixture, Outcome, Posterior
 from estimator.verification.hindsight import Hindsight, Pending
 from estimator.verification.scores import crps, gaussian_crps
 from estimator.verification.skill import SkillBook, empty_book, noted, scores
@@ -49,8 +49,10 @@ class Verification:
         # A bank verifies the forecasts of its members, and hands on what they amount to.
         members = [self._arx] if estimator.verifies_itself else [estimator, self._arx]
         self._hindsight = Hindsight(members, estimator.period)
-        self.leads = (1, *self._hindsight.leads)
-        """Steps ahead of the horizons."""
+        self._leads = (1, *self._hindsight.leads)
+        """Steps ahead of the horizons of the book."""
+        self._shown = [place for place, lead in enumerate(self._leads) if place == 0 or lead > 1]
+        """Those places of it that are shown: an hour that is no longer than one step is that step."""
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> Verified:
         """Before the first forecast: outputs (n_y,) and inputs (n_u,) of the first sample."""
@@ -58,7 +60,7 @@ class Verification:
             pending=self._hindsight.start(len(inputs)),
             arx=self._settled(self._arx.start(seed, outputs, inputs)),
             outputs=outputs[None],
-            book=empty_book(len(self.leads)),
+            book=empty_book(len(self._leads)),
         )
 
     def restart(self, verified: Verified, outputs: Array, inputs: Array) -> Verified:
@@ -88,8 +90,8 @@ class Verification:
                     values = self._values(own[one.lead], y, float(last[0]), float(reference.mean()[0]))
                     book = noted(book, hour, one.horizon + 1, values)
                 arx = self._arx.verified(arx, one.lead, outputs - reference.mean())
-        arx = self._arx.update(arx, outputs).state
-        kept = np.concatenate([verified.outputs, outputs[None]])[-max(self.leads) :]
+        arx = self._reference(arx, outputs, verified.outputs[-1])
+        kept = np.concatenate([verified.outputs, outputs[None]])[-max(self._leads) :]
         return verified._replace(arx=arx, outputs=kept, book=book)
 
     def predict(self, verified: Verified, state: Any, inputs: Array, seed: int) -> Verified:
@@ -101,15 +103,15 @@ class Verification:
 
     def skill(self, verified: Verified, state: Any, time: int) -> Skill:
         """What the forecasts up to the sample at `time` [UTC s] were worth."""
-        leads = [round(lead * self._estimator.period) for lead in self.leads]
-        windows = {days: scores(verified.book, time // 3600, 24 * days) for days in WINDOWS}
+        leads = [round(lead * self._estimator.period) for lead in self._leads]
+        windows = {days: np.array(scores(verified.book, time // 3600, 24 * days)) for days in WINDOWS}
         return Skill(
             time,
             LEVEL,
             {
                 days: tuple(
-                    HorizonSkill(lead, int(forecasts), *map(float, rest))
-                    for lead, (forecasts, *rest) in zip(leads, zip(*window, strict=True), strict=True)
+                    HorizonSkill(leads[place], int(window[0, place]), *window[1:, place].tolist())
+                    for place in self._shown
                 )
                 for days, window in windows.items()
             },
@@ -138,6 +140,15 @@ class Verification:
             outputs=arrays["outputs"],
             book=SkillBook(**parts[_BOOK]),  # type: ignore[arg-type]
         )
+
+    def _reference(self, arx: Any, outputs: Array, last: Array) -> Any:
+        """The ARX model after a sample. What is too far off it refuses, as one wrong reading; a level that stays, after
+        `last`, is the new one."""
+        posterior = self._arx.update(arx, outputs)
+        if posterior.outcome is not Outcome.VANISHED:
+            return posterior.state
+        stays = np.abs(outputs - last) < 0.5 * np.abs(outputs - self._arx.predictive(arx).mean())
+        return self._settled(self._arx.restart(arx, outputs, arx.inputs[0])) if stays.any() else posterior.state
 
     def _settled(self, arx: Any) -> Any:
         """The ARX model at its first sample, which has nothing more to teach."""

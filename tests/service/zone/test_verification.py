@@ -4,11 +4,25 @@ import numpy as np
 import pytest
 from support.zone_samples import PERIOD, comparable, sample, worker
 
+from estimator.network.presets import network
+from estimator.registry import build
+from service.records.sample import Sample
 from service.zone import snapshot
 from service.zone.verification import WINDOWS
-from service.zone.worker import ZoneWorker
+from service.zone.worker import WorkerSettings, ZoneWorker
 
 DAY = 86400 // PERIOD
+
+
+def of_a_room(estimator, period, options):
+    """A worker of a room with a heater."""
+    return ZoneWorker(build(estimator, network("tite"), period, options), WorkerSettings(5, (0.95,), 3, 2.0 * period))
+
+
+def stepped(zone, temperatures):
+    for k, y in enumerate(temperatures):
+        zone.step(Sample.measured(k * zone.period, np.array([y]), np.array([5.0, 600.0 * (k % 5 < 2)])))
+    return zone
 
 
 def lived(steps, zone=None, first=0):
@@ -87,6 +101,31 @@ def test_a_missing_measurement_is_no_error():
     count = by_lead(zone)[PERIOD].forecasts
     zone.step(sample(40, y=np.nan))
     assert by_lead(zone)[PERIOD].forecasts == count
+
+
+@pytest.mark.parametrize(("hours", "leads"), [(1, [1, 6, 24]), (2, [2, 6, 24]), (6, [6, 24]), (24, [24])])
+def test_an_hour_that_is_no_longer_than_one_step_is_that_step(hours, leads):
+    members = {"steady": {"estimator": "ekf"}, "arx": {"estimator": "arx"}}
+    zone = of_a_room("bank", 3600 * hours, {"members": members})
+    stepped(zone, 20.0 + 0.3 * np.sin(np.arange(40) / 9))
+    found = zone.skill()
+    for window in found.windows.values():
+        assert [one.lead for one in window] == [3600 * lead for lead in leads]
+    assert found.windows[30][0].forecasts > 0
+    # A bank tells the weights of its members horizon by horizon.
+    assert {len(weights) for weights in found.weights.values()} == {len(leads)}
+
+
+def test_the_reference_follows_a_sensor_that_was_moved_and_not_one_wrong_reading():
+    level = 20.0 + 0.1 * np.sin(np.arange(300) / 9)
+    moved = stepped(of_a_room("mkf", 600, {"particles": 20}), np.where(np.arange(300) < 200, level, level - 25.0))
+    held = moved.standing.verified.arx.outputs[0, 0]
+    assert abs(held - (level[-1] - 25.0)) < 1.0
+    wrong = level.copy()
+    wrong[290] = -10.0
+    once = stepped(of_a_room("mkf", 600, {"particles": 20}), wrong[:292])
+    assert abs(once.standing.verified.arx.outputs[0, 0] - level[291]) < 1.0
+    assert (once.standing.verified.arx.seen > 15.0).all()
 
 
 def test_before_the_first_sample_there_is_none():
