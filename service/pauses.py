@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 
 class GrowingPause:
     """`seconds` to wait before the next attempt: `first`, then twice as long each time, `longest` at most."""
@@ -17,3 +19,12 @@ class GrowingPause:
     def reset(self) -> None:
         """An attempt has succeeded."""
         self.seconds = self._first
+
+
+async def within(event: asyncio.Event, seconds: float) -> bool:
+    """Whether `event` is set, or becomes so within `seconds`."""
+    try:
+        async with asyncio.timeout(seconds):
+            return await event.wait()
+    except TimeoutError:
+        return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from copy import copy
 from math import inf
 from typing import NamedTuple
 
@@ -47,6 +48,14 @@ class Received(NamedTuple):
     readings: list[Reading]
     begun: int
     used: frozenset[int]
+    counters: tuple[_Counted, ...]
+    """Counters that have counted on."""
+
+    def take_back(self, zone: str) -> None:
+        """`zone` could not take its readings: its counters forget this post, unless another one has come since."""
+        for counter in self.counters:
+            if counter.watched.channel.zone == zone:
+                counter.take_back()
 
 
 class HttpSource:
@@ -107,11 +116,14 @@ class HttpSource:
         found = [(place, watched) for place, one in enumerate(posted) for watched in self._meant(one, zone)]
         # Counters need their counts in the order of time.
         found.sort(key=lambda pair: arrived if (when := posted[pair[0]].time) is None else when)
+        counting = {id(watched): watched for _, watched in found if watched.channel.edge.counter}.values()
+        before = [watched.counted for watched in counting]
         readings = [watched.reading(posted[place], arrived, self._max_ahead) for place, watched in found]
+        counters = tuple(_Counted(one, was, one.counted.until) for one, was in zip(counting, before, strict=True))
         if found:
             self._news.set()
         taken = [reading for reading in readings if reading is not None]
-        return Received(taken, len(readings) - len(taken), frozenset(place for place, _ in found))
+        return Received(taken, len(readings) - len(taken), frozenset(place for place, _ in found), counters)
 
     def zones_of(self, posted: Posted, zone: str | None = None) -> set[str]:
         """The zones whose channels ask for a value."""
@@ -142,6 +154,15 @@ class _Watched:
         self._stuck = StuckWatch(channel.stuck_after)
         self._counted_until = -inf
 
+    @property
+    def counted(self) -> _Count:
+        """The last count."""
+        return _Count(self._counted_until, copy(self._converter))
+
+    def count_from(self, count: _Count) -> None:
+        """The last count is an earlier one."""
+        self._counted_until, self._converter = count
+
     def reading(self, posted: Posted, arrived: float, max_ahead: float) -> Reading | None:
         """The reading that `posted` brings; None for the first count of a counter."""
         when = arrived if posted.time is None else posted.time
@@ -170,6 +191,26 @@ class _Watched:
             return Fault.REPORTED_BAD
         wrong_unit = self.channel.unit is not None and posted.unit not in (None, self.channel.unit)
         return Fault.WRONG_UNIT if wrong_unit else None
+
+
+class _Count(NamedTuple):
+    """The last count of a counter: its time, UTC s, and what makes power of the next one."""
+
+    until: float
+    converter: Converter
+
+
+class _Counted(NamedTuple):
+    """A counter, its last count before a post, and the time of that after it, UTC s."""
+
+    watched: _Watched
+    before: _Count
+    until: float
+
+    def take_back(self) -> None:
+        """Count from before the post again, if no other has come since."""
+        if self.watched.counted.until == self.until:
+            self.watched.count_from(self.before)
 
 
 def _place(channel: HttpChannel) -> str:

@@ -23,7 +23,7 @@ from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.fields.mqtt_broker import BrokerConfig, Topic
 from service.fields.values import Flag
 from service.fields.words import shown
-from service.pauses import GrowingPause
+from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery
 from service.publish.sinks import Announcement, Occasion, SinkKind
 from service.records.measures import Measure, single
@@ -169,7 +169,7 @@ class Publisher:
             else:
                 continue
             _log.error("[mqtt]: %s; trying again in %.0f s", reason, pause.seconds)
-            await _within(self._closing, pause.seconds)
+            await within(self._closing, pause.seconds)
             pause.grow()
 
     async def _serve(self, client: Client) -> None:
@@ -216,15 +216,6 @@ class Publisher:
         with self._lock:
             pending = sorted(self._pending)
         await asyncio.gather(*map(send, pending))
-
-
-async def _within(event: asyncio.Event, seconds: float) -> None:
-    """Wait for `event`, at most `seconds`."""
-    try:
-        async with asyncio.timeout(seconds):
-            await event.wait()
-    except TimeoutError:
-        return
 
 
 def _problems(table: MqttConfig) -> Sequence[str]:

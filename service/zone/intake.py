@@ -11,7 +11,7 @@ from math import inf
 
 from adapters.reading import Reading
 from service.errors import ServiceError
-from service.pauses import GrowingPause
+from service.pauses import GrowingPause, within
 from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.store.interface import ZoneStore
@@ -48,9 +48,12 @@ class Intake:
         self._zone = zone
         self._store = store
         self._closed = False
+        self._closing = asyncio.Event()
+        self._under_way: set[asyncio.Task[None]] = set()
+        """Samples on their way into journal and mailbox, whoever brought them."""
         self._ended_at: int | None = None
-        """UTC s up to which intervals had closed when the mailbox began to close: the samples of later ones are passed
-        over."""
+        """UTC s up to which intervals had closed when the mailbox began to close, or up to which their samples could be
+        made durable: those of later ones are passed over."""
         self.accepting = asyncio.Lock()
         """Held while samples are on their way into journal and mailbox."""
 
@@ -66,11 +69,11 @@ class Intake:
 
     async def durable_until(self) -> int | None:
         """UTC s up to which every interval is closed, and its sample in the journal; None where there is none yet."""
-        until = self._ended_at if self._ended_at is not None else self._closed_until
+        until = self._closed_until
         # Who closed an interval before this has come to the lock before this.
         async with self.accepting:
             pass
-        return until or None
+        return (until if self._ended_at is None else min(until, self._ended_at)) or None
 
     @property
     def _closed_until(self) -> int:
@@ -165,34 +168,53 @@ class Intake:
         if self.aligned.ended:
             self.mailbox.end()
 
-    async def accept(self, samples: Iterable[Sample]) -> None:
-        """Make samples durable and hand them to the worker."""
+    async def accept(self, samples: Sequence[Sample]) -> None:
+        """Make samples durable and hand them to the worker.
+
+        Those of a live zone are nowhere else, as their intervals have closed: they go on also where the source that
+        brought them is stopped meanwhile. A recording brings its own again.
+        """
+        if not (self.live and samples):
+            await self._accept(samples)
+            return
+        accepting = asyncio.create_task(self._accept(samples))
+        self._under_way.add(accepting)
+        accepting.add_done_callback(self._under_way.discard)
+        await asyncio.shield(accepting)
+
+    async def _accept(self, samples: Sequence[Sample]) -> None:
         # Several sources and the clock bring samples; they stay in the order in which their intervals closed.
         async with self.accepting:
             if self._closed:
                 return
             for sample in samples:
                 accepted = Accepted(sample, time.monotonic())
-                await self._append(sample)
+                if not await self._append(sample):
+                    self._ended_at = sample.time
+                    return
                 await self.mailbox.put(accepted, patient=not self.live)
 
     async def close(self) -> None:
-        """No sample follows: what is being accepted still is, what comes later is passed over."""
+        """No sample follows: what is being accepted still is, unless the journal fails; what comes later is passed
+        over."""
         self._ended_at = self._closed_until
+        self._closing.set()
         async with self.accepting:
             self._closed = True
         self.mailbox.close()
 
-    async def _append(self, sample: Sample) -> None:
-        """Journal a sample, for as long as it takes: without a journal nothing may be accepted."""
+    async def _append(self, sample: Sample) -> bool:
+        """Journal a sample, for as long as it takes: without a journal nothing may be accepted. False where it failed
+        and the mailbox closes."""
         pause = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)
         while True:
             try:
                 await self._store.append(self._zone, sample)
                 self.unwritten = None
-                return
+                return True
             except ServiceError as error:
                 self.unwritten = f"it cannot accept samples: {error}; trying again every {pause.seconds:.0f} s or more"
                 _log.error("zone '%s' cannot accept samples: %s", self._zone, error)
-                await asyncio.sleep(pause.seconds)
+                if await within(self._closing, pause.seconds):
+                    return False
                 pause.grow()

@@ -7,6 +7,7 @@ from collections import deque
 from enum import Enum
 from typing import NamedTuple
 
+from service.pauses import within
 from service.records.sample import Sample
 
 ROOM = 16
@@ -138,8 +139,4 @@ class Mailbox:
 
     async def closed_within(self, seconds: float) -> bool:
         """Whether it is closed, or becomes so within `seconds`."""
-        try:
-            async with asyncio.timeout(seconds):
-                return await self._closed.wait()
-        except TimeoutError:
-            return False
+        return await within(self._closed, seconds)

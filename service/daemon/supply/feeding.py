@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import inf, isfinite, nextafter
 from typing import Protocol
 
@@ -89,8 +89,8 @@ async def feed(source: Source, router: Splitter, zones: Mapping[str, Taker], sta
         await _tell(zones, router, source.name, reason)
         await asyncio.sleep(wait)
         pause.grow()
-    for name in router.zones:
-        await zones[name].end(source.name)
+    for taker in _takers(zones, router):
+        await taker.end(source.name)
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
 
 
@@ -110,8 +110,15 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Taker]) -
 
 
 async def _tell(zones: Mapping[str, Taker], router: Splitter, source: str, reason: str) -> None:
+    for taker in _takers(zones, router):
+        await taker.source_failed(source, reason)
+
+
+def _takers(zones: Mapping[str, Taker], router: Splitter) -> Iterator[Taker]:
+    """Those that take from a source, one after the other: a reload may take one away meanwhile."""
     for name in router.zones:
-        await zones[name].source_failed(source, reason)
+        if (taker := zones.get(name)) is not None:
+            yield taker
 
 
 async def keep_time(zones: Mapping[str, Zone]) -> None:

@@ -103,14 +103,26 @@ class Feed:
 
     async def receive(self, posted: Sequence[Posted], zone: str | None) -> Handed:
         """Hand what was posted to the zones, or to `zone` alone; what is accepted is durable on return. Raises
-        ServiceError."""
+        ServiceError; whoever posts the same again gets the same."""
         assert isinstance(self.source, HttpSource)
         received = self.source.receive(posted, zone)
         self.tally.readings += len(received.readings)
-        receipt = NOTHING._replace(begun=received.begun)
-        for share in self._router.split(Batch(received.readings, -inf)):
-            if share.readings and share.zone in self._zones:
-                receipt = receipt.plus(await self._zones[share.zone].take(self.name, share.readings))
+        shares = [
+            share
+            for share in self._router.split(Batch(received.readings, -inf))
+            if share.readings and share.zone in self._zones
+        ]
+        taking = (self._zones[share.zone].take(self.name, share.readings) for share in shares)
+        results = await asyncio.gather(*taking, return_exceptions=True)
+        receipt, failed = NOTHING._replace(begun=received.begun), list[BaseException]()
+        for share, result in zip(shares, results, strict=True):
+            if isinstance(result, BaseException):
+                received.take_back(share.zone)
+                failed.append(result)
+            else:
+                receipt = receipt.plus(result)
+        if failed:
+            raise failed[0]
         return Handed(receipt, received.used)
 
     @property

@@ -11,9 +11,11 @@ import pytest
 from support.running_zone import make, plumbing
 from support.zone_samples import PERIOD
 
+import service.zone.intake
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
 from service.errors import JournalError, ServiceError
+from service.records.sample import Sample
 from service.zone.alignment import Alignment
 from service.zone.clock import Clock
 from service.zone.zone import Zone
@@ -45,6 +47,62 @@ def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
             again = [reading(OUTPUT, 10.0, 99.0), reading(OUTPUT, 11.0), reading(OUTPUT, 11.0)]
             assert await zone.take("post", again) == (1, 2, Counter(), 0)
             assert zone.status().faults == {}
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("failing", [False, True])
+def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: bool
+) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+            store, held = shared.store, asyncio.Event()
+            append = store.append
+
+            async def slowly(name: str, sample: Sample) -> None:
+                await held.wait()
+                if failing and not failed:
+                    failed.append(sample.time)
+                    raise JournalError("the disk is full")
+                await append(name, sample)
+
+            failed: list[int] = []
+            monkeypatch.setattr(store, "append", slowly)
+            monkeypatch.setattr(service.zone.intake, "FIRST_PAUSE", 0.01)
+            await zone.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
+            feed = asyncio.create_task(zone.deliver("post", [reading(OUTPUT, PERIOD + 10.0)], DAY + PERIOD + 10.0))
+            await asyncio.sleep(0)
+            await asyncio.sleep(0)
+            feed.cancel()
+            held.set()
+            with pytest.raises(asyncio.CancelledError):
+                await feed
+            assert await zone.durable_until() == DAY + PERIOD
+            assert [sample.time for sample in await store.samples_after("z", None)] == [DAY]
+            assert zone.busy.waiting == 1
+
+    asyncio.run(run())
+
+
+def test_a_zone_that_closes_while_the_journal_fails_says_how_far_it_came(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def run() -> None:
+        async with plumbing(tmp_path) as shared:
+            zone = aligned(make(shared))
+
+            async def full(name: str, sample: Sample) -> None:
+                raise JournalError("the disk is full")
+
+            monkeypatch.setattr(shared.store, "append", full)
+            await zone.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
+            delivered = asyncio.create_task(zone.elapse(DAY + 3 * PERIOD))
+            await asyncio.sleep(0.05)
+            await zone.close_mailbox()
+            await delivered
+            assert await zone.durable_until() == DAY
 
     asyncio.run(run())
 

@@ -80,6 +80,33 @@ def test_a_source_that_ends_is_ended():
     assert source.starts == [0.5]
 
 
+class Leaving(Recorder):
+    """A zone that a reload takes away another one beside, as it is told."""
+
+    def __init__(self, zones, other):
+        super().__init__()
+        self._zones, self._other = zones, other
+
+    async def end(self, source):
+        await super().end(source)
+        self._zones.pop(self._other, None)
+
+    async def source_failed(self, source, reason):
+        await super().source_failed(source, reason)
+        self._zones.pop(self._other, None)
+
+
+@pytest.mark.parametrize("error", [None, SourceUnavailable("sources.bms: no answer")])
+def test_a_zone_that_a_reload_takes_away_meanwhile_does_not_end_the_source(error):
+    zones = {}
+    zones |= {"a": Leaving(zones, "b"), "b": Recorder(), "c": Recorder()}
+    acts = [([], error), ([batch(1.0)], None)] if error else [([], None)]
+    channels = [f"{name}/T_i" for name in zones]
+    asyncio.run(feed(Scripted(*acts), Router("bms", [*channels, "z/T_i"]), zones, None))
+    assert list(zones) == ["a", "c"]
+    assert zones["c"].told[-1] == ("end", "bms")
+
+
 def test_a_source_that_fails_is_asked_again_for_what_follows(pauses, caplog):
     down = SourceUnavailable("sources.bms: no answer from 127.0.0.1; check the cable")
     source = Scripted(([batch(1.0)], down), ([], down), ([], down), ([batch(2.0)], None))

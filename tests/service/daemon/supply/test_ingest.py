@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -105,6 +106,33 @@ def test_a_zone_that_cannot_promise_says_so(feeds: list[Feed], zones: dict[str, 
     zones["living"].failure = ServiceError("the journal failed; free space on its disk")
     with pytest.raises(ServiceError, match="free space"):
         take(Ingest(lambda: feeds, lambda: True), lines("T_i"))
+
+
+def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Path, zones: dict[str, Any]) -> None:
+    tables = sound(tmp_path)
+    tables["sources"]["one"] = {"kind": "http"}
+    for zone in tables["zones"]:
+        for name, channel in zone["channels"].items():
+            unit = "kWh" if name == "u_heat" else channel["unit"]
+            zone["channels"][name] = {"source": "one", "unit": unit, "aggregate": "mean"}
+    config = load(write(tmp_path, tables))
+    feed = Feed("one", config, zones, list(zones), Tally(), OwnSources())
+    now = time.time()
+
+    def post(seconds: float, count: float) -> list[Posted]:
+        return [Posted(zone, count, now - 1000.0 + seconds, "u_heat") for zone in zones]
+
+    def values(zone: str) -> list[float]:
+        return [reading.value for _, readings in zones[zone].taken for reading in readings if reading.fault is None]
+
+    take(Ingest(lambda: [feed], lambda: True), post(0.0, 100.0))
+    zones["living"].failure = ServiceError("the journal failed; free space on its disk")
+    with pytest.raises(ServiceError, match="free space"):
+        take(Ingest(lambda: [feed], lambda: True), post(600.0, 101.0))
+    assert values("bedroom") == pytest.approx([6000.0]), "the other zone had its share"
+    zones["living"].failure = None
+    take(Ingest(lambda: [feed], lambda: True), post(600.0, 101.0))
+    assert values("living") == values("bedroom") == pytest.approx([6000.0])
 
 
 def test_a_zone_that_a_reload_has_taken_away_takes_nothing(feeds: list[Feed], zones: dict[str, Taking]) -> None:
