@@ -39,6 +39,10 @@ class CertificateError(ServiceError):
     """Certificate or key of the HTTP server cannot be used."""
 
 
+class Away(ServiceError):
+    """A member of a fleet cannot be asked now: it is being started, or its machine is lost."""
+
+
 class NoModel(ServiceError):
     """The estimator of a zone has no physics, and so no state-space model and no sampled futures."""
 

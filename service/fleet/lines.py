@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from adapters.reading import Batch, Reading
 from service.daemon.supply.feeding import feed
 from service.daemon.tasks import end
-from service.errors import ServiceError
-from service.fleet.messages import Ack, Away
+from service.errors import Away, ServiceError
+from service.fleet.messages import Ack
 from service.fleet.plan import Plan
 from service.sources.routing import Delivery
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from service.errors import ServiceError
 from service.publish.sinks import Occasion
 from service.records.skill import Skill
 from service.records.status import ZoneStatus
 from service.records.trust import Trust
 from service.records.update import Update
-
-
-class Away(ServiceError):
-    """A member cannot be asked now: it is being started, or its machine is lost."""
 
 
 class Beat(NamedTuple):

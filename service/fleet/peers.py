@@ -21,8 +21,7 @@ from ray.experimental.internal_kv import _internal_kv_del, _internal_kv_get, _in
 from ray.util import list_named_actors
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from service.errors import NoModel, ReloadRefused, ServiceError, TooManyQuestions
-from service.fleet.messages import Away
+from service.errors import Away, NoModel, ReloadRefused, ServiceError, TooManyQuestions
 from service.fleet.plan import Plan
 
 STEWARD, READER = "steward", "reader"

@@ -76,7 +76,7 @@ def watch_steward(site: str, address: str | None, every: float, show: Callable[[
 
 
 async def _asked(site: str, method: str, *arguments: Any) -> Any:
-    from service.fleet.messages import Away
+    from service.errors import Away
     from service.fleet.peers import STEWARD, Peer
 
     try:
@@ -154,7 +154,7 @@ class _Running:
 
     async def _patiently(self, method: str, *arguments: Any) -> Any:
         """What the steward answers, once its process is there."""
-        from service.fleet.messages import Away
+        from service.errors import Away
 
         deadline = asyncio.get_running_loop().time() + ASK_SECONDS
         while True:

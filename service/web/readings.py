@@ -16,6 +16,7 @@ from typing import Annotated, Any, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import TypeAdapter, ValidationError
+from starlette.requests import ClientDisconnect
 
 from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.reading import Fault, Quality
@@ -101,7 +102,11 @@ def reading_routes(
         if take is None:
             raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
         with slots.one():
-            body = await request.body()
+            try:
+                body = await request.body()
+            except ClientDisconnect:
+                # Nobody is there to hear an answer, or a refusal has been sent already.
+                return Response()
             # A large body takes its time, for which the event loop must not wait.
             try:
                 posted = await asyncio.to_thread(read, body, request.headers, query.precision, limit)

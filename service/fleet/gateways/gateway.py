@@ -17,11 +17,11 @@ from service.config.site import Config
 from service.daemon.logs import configure_logging
 from service.daemon.process import collect_garbage, favour_the_event_loop
 from service.daemon.tasks import end
-from service.errors import ReloadRefused, ServiceError
+from service.errors import Away, ReloadRefused, ServiceError
 from service.fleet.gateways.posts import Posts
 from service.fleet.gateways.scrape import FleetCollector
 from service.fleet.gateways.views import Mirror, ShardView
-from service.fleet.messages import Away, Beat, News
+from service.fleet.messages import Beat, News
 from service.fleet.peers import STEWARD, Peer, go_on, keep_a_spare, own_node
 from service.fleet.plan import Plan
 from service.fleet.questions import answers

@@ -9,7 +9,7 @@ from math import inf
 
 from adapters.reading import Batch, Probe, Reading, Source
 from service.config.site import Config
-from service.fleet.messages import Away
+from service.errors import Away
 from service.sources.http import KIND as HTTP_KIND
 from service.zone.zone import Zone
 

@@ -26,9 +26,9 @@ from service.daemon.supply.feeds import Handed
 from service.daemon.supply.ingest import hand
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
-from service.errors import ServiceError, StateMismatch
+from service.errors import Away, ServiceError, StateMismatch
 from service.fields.times import written_time
-from service.fleet.messages import Ack, Away, Beat, News
+from service.fleet.messages import Ack, Beat, News
 from service.fleet.peers import end_process, own_node, remembered
 from service.fleet.plan import QUARANTINE, narrowed
 from service.fleet.questions import answers

@@ -12,7 +12,7 @@ from service.web.problems import invalid
 from service.web.zones import published_levels
 
 MOST_STEPS = 100_000
-"""Steps of all zones and plans of one request."""
+"""Steps of all zones, with those that they are coupled with, and plans of one request."""
 MOST_VALUES = 500_000
 """Numbers in the answer: steps times intervals and scenarios."""
 LARGE = 100_000
@@ -25,8 +25,9 @@ MOST_SENTENCES = 20
 """Mistakes that are named at once."""
 
 
-def bound(body: SiteForecastRequest, asked: Sequence[ZoneView]) -> int:
-    """How many numbers the answer has. RequestRefused for more work than one request may ask."""
+def bound(body: SiteForecastRequest, asked: Sequence[ZoneView], around: Sequence[ZoneView]) -> int:
+    """How many numbers the answer has. RequestRefused for more work than one request may ask; the zones `around` are
+    simulated with those `asked`."""
     fans, planned = len(asked) * len(body.plans), sum(_size(plan, len(asked)) for plan in body.plans)
     if fans > MOST_FANS:
         raise invalid(
@@ -37,17 +38,19 @@ def bound(body: SiteForecastRequest, asked: Sequence[ZoneView]) -> int:
         )
     if planned > MOST_PLANNED:
         raise invalid([f"the plans have {planned} values; at most {MOST_PLANNED} are read in one request"])
-    steps = values = 0
+    steps = sum(whole_steps(body.horizon, view.period) for view in around) * len(body.plans)
+    values = 0
     for view in asked:
         levels = levels_of(body, view)
         own = (steps_in(body.horizon, view.period, len(levels)) + 1) * len(body.plans)
         steps += own
         values += own * (3 + 2 * len(levels) + body.scenarios) * len(view.network.measured)
     if steps > MOST_STEPS:
+        coupled = f" and {len(around)} that are coupled with them" if around else ""
         raise invalid(
             [
-                f"{len(asked)} zones with {len(body.plans)} plans are {steps} steps; at most {MOST_STEPS} are forecast "
-                "in one request, so ask for fewer zones, plans or a shorter horizon"
+                f"{len(asked)} zones{coupled} with {len(body.plans)} plans are {steps} steps; at most {MOST_STEPS} are "
+                "forecast in one request, so ask for fewer zones, plans or a shorter horizon"
             ]
         )
     if values > MOST_VALUES:

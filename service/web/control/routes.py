@@ -80,8 +80,8 @@ def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def forecasts(caller: Asking, body: SiteForecastRequest) -> Response:
         asked = [find_zone(zones, zone, caller) for zone in _asked(body, zones, caller)]
-        numbers = bound(body, asked)
         around = neighbourhood(asked, zones, caller)
+        numbers = bound(body, asked, around)
         await asyncio.to_thread(understood, body, [*asked, *around])
         async with large.turn() if numbers > LARGE else nullcontext():
             # A plan that is written takes half as much memory as one that is not.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
-from service.errors import NoModel
+from service.errors import Away, NoModel
 from service.records.outlook import Outlook
 from service.records.update import Update
 from service.records.view import ZoneView
@@ -25,6 +26,8 @@ _AT_ONCE = 2 * (os.cpu_count() or 1)
 
 _ATTEMPTS = 3
 """How often a zone is asked again that took a new sample in the middle of a request."""
+
+Answer = TypeVar("Answer")
 
 
 def neighbourhood(asked: Sequence[ZoneView], zones: Mapping[str, ZoneView], caller: Caller) -> list[ZoneView]:
@@ -45,16 +48,25 @@ def neighbourhood(asked: Sequence[ZoneView], zones: Mapping[str, ZoneView], call
 async def under(
     plan: SitePlan, body: SiteForecastRequest, asked: Sequence[ZoneView], around: Sequence[ZoneView]
 ) -> PlanForecastPayload:
-    """The zones `asked` under `plan`; those `around` are simulated with them."""
-    views = (*asked, *around)
-    foreseen = await asyncio.gather(*(_foreseen(view, body.horizon) for view in views))
+    """The zones `asked` under `plan`; those `around` are simulated with them. Where one cannot be reached, the others
+    have their forecasts all the same."""
+    views, away = (*asked, *around), dict[str, str]()
+
+    async def reached(view: ZoneView, answer: Awaitable[Answer]) -> Answer | None:
+        try:
+            return await answer
+        except Away as error:
+            away[view.id] = str(error)
+            return None
+
+    foreseen = await asyncio.gather(*(reached(view, _foreseen(view, body.horizon)) for view in views))
     made = await asyncio.to_thread(lambda: [_part(plan, *one) for one in zip(views, foreseen, strict=True)])
     parts = {part.view.id: part for part in made if part is not None}
     next_door = {name: {zone for zone, _ in part.foreseen.values()} for name, part in parts.items()}
     involved = {name for name, others in next_door.items() if others}.union(*next_door.values())
     together = [part for name, part in parts.items() if name in involved]
     for part in together:
-        await _give_room(part)
+        await reached(part.view, _give_room(part))
     if together:
         await asyncio.to_thread(coupled, together)
     # Other clients' questions come in between: no request fills the threads' queue.
@@ -62,7 +74,11 @@ async def under(
 
     async def in_turn(view: ZoneView) -> ZoneForecastPayload:
         async with turns:
-            return await _forecast(plan, body, view, parts.get(view.id))
+            if view.id not in away:
+                found = await reached(view, _forecast(plan, body, view, parts.get(view.id)))
+                if found is not None:
+                    return found
+            return missing_payload(view, away[view.id], body.horizon)
 
     return PlanForecastPayload(name=plan.name, zones=await asyncio.gather(*(in_turn(view) for view in asked)))
 

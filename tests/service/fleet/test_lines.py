@@ -15,8 +15,9 @@ from support.waiting import until
 from adapters.reading import Batch, Reading
 from service.config.load import load
 from service.config.site import Config
+from service.errors import Away
 from service.fleet.lines import ROOM, Line
-from service.fleet.messages import Ack, Away
+from service.fleet.messages import Ack
 from service.fleet.plan import Plan, shard_names
 
 ROOMS = rooms(12)

@@ -288,3 +288,25 @@ def test_where_the_journal_fails_the_client_is_told_to_come_back(app: FastAPI, d
     assert int(answer.headers["retry-after"]) > 0
     desk.failure = None
     assert post(app, b"a b=1", key).status_code == 200
+
+
+@pytest.mark.parametrize("route", ["/readings", "/zones/living/readings"])
+def test_a_client_that_goes_away_in_the_middle_of_a_body_is_no_failure(
+    app: FastAPI, desk: Desk, key: str, route: str
+) -> None:
+    messages = [{"type": "http.request", "body": b"[", "more_body": True}, {"type": "http.disconnect"}]
+    sent: list[Any] = []
+
+    async def receive() -> Any:
+        return messages.pop(0)
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    headers = [(b"host", b"127.0.0.1"), (b"content-type", b"application/json"), (b"transfer-encoding", b"chunked")]
+    headers.append((b"authorization", f"Bearer {key}".encode()))
+    scope = {"type": "http", "http_version": "1.1", "method": "POST", "scheme": "http", "path": route}
+    scope |= {"raw_path": route.encode(), "query_string": b"", "headers": headers, "root_path": ""}
+    scope |= {"client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80)}
+    asyncio.run(app(scope, receive, send))
+    assert desk.taken == []

@@ -14,10 +14,13 @@ from support.http_client import get, post, problem
 from support.site_of_rooms import PERIOD, Room, site_of
 
 from adapters.reading import Quality
+from service.errors import Away
 from service.records.outlook import Surroundings
 from service.web.control import routes
+from service.web.control.checks import bound
 from service.web.control.models import ModelPayload, SiteForecastPayload, SiteForecastRequest
 from service.web.limits import LargeAnswers
+from service.web.server.refusal import RequestRefused
 from service.zone.zone import Zone
 
 HOURS = 12
@@ -237,7 +240,7 @@ def test_a_large_answer_is_made_in_turn_and_is_the_same(app: FastAPI, monkeypatc
     assert [plan["name"] for plan in large.json()["plans"]] == ["one", "two"]
 
 
-def test_work_per_request_is_bounded(app: FastAPI) -> None:
+def test_work_per_request_is_bounded(app: FastAPI, site: tuple[FastAPI, dict[str, Zone]]) -> None:
     many = [{"name": str(index)} for index in range(64)]
     large = [{"inputs": {"*": {"u_heat": [1.0] * 1400}}}] * 64
     document = problem(post(app, "/forecasts", {"horizon": "5min", "plans": large}), 422)
@@ -250,6 +253,12 @@ def test_work_per_request_is_bounded(app: FastAPI) -> None:
     too_many = {"horizon": "1h", "plans": [{"inputs": {"rbpf": {"u_heat": [0.0] * 3000}}}]}
     assert "at most 2016 values" in problem(post(app, "/forecasts", too_many), 422)["detail"]
     assert "not known" in problem(post(app, "/forecasts", {"horizon": "1h", "zone": "rbpf"}), 422)["detail"]
+    # 1,000 rooms that are coupled with the one that is asked for are simulated for each plan.
+    body = SiteForecastRequest.model_validate({"horizon": "1h", "zones": ["rbpf"], "plans": many[:8]})
+    view = site[1]["rbpf"]
+    assert bound(body, [view], [view] * 1000) == bound(body, [view], [])
+    with pytest.raises(RequestRefused, match="and 1100 that are coupled with them with 8 plans are 105704 steps"):
+        bound(body, [view], [view] * 1100)
     assert (
         "there is no zone 'attic'"
         in problem(post(app, "/forecasts", {"horizon": "1h", "zones": ["attic"]}), 404)["detail"]
@@ -291,6 +300,29 @@ def test_rooms_next_door_are_simulated_together(coupled: FastAPI) -> None:
     )
     assert list(alone) == ["west"]
     assert alone["west"]["outputs"][0]["mean"] == together["west"]["outputs"][0]["mean"]
+
+
+@pytest.mark.parametrize("question", ["outlook", "room", "compact_fan"])
+def test_a_room_that_cannot_be_reached_does_not_take_the_others_forecasts(
+    coupled: FastAPI, monkeypatch: pytest.MonkeyPatch, question: str
+) -> None:
+    whole = asked(coupled, horizon="6h", zones=["east"])[0]["east"]
+    reach = getattr(Zone, question)
+
+    async def unless_away(zone: Zone, *arguments: Any) -> Any:
+        if zone.id == "west":
+            raise Away("shard-1 is being started; ask again in a moment")
+        return await reach(zone, *arguments)
+
+    monkeypatch.setattr(Zone, question, unless_away)
+    (found,) = asked(coupled, horizon="6h", zones=["west", "east"])
+    assert found["east"]["problem"] is None
+    assert len(found["east"]["outputs"][0]["mean"]) == len(whole["outputs"][0]["mean"])
+    assert found["east"]["inputs"][1]["origin"] == ("neighbour" if question == "compact_fan" else "held")
+    assert found["west"]["problem"] == "shard-1 is being started; ask again in a moment"
+    # A neighbour that nobody asked for is not worth a word.
+    (alone,) = asked(coupled, horizon="6h", zones=["east"])
+    assert alone["east"]["problem"] is None
 
 
 def test_trust_is_told_for_every_horizon(app: FastAPI) -> None:
