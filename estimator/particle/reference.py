@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
@@ -116,6 +115,9 @@ class ReferenceSteps:
 def mixture_quantile(level: float, weights: Array, means: Array, sds: Array) -> float:
     """The `level` quantile of a Gaussian mixture (all (N,)): the root of its CDF."""
     used = weights > 0
+    # Only the oracle needs it, and it is slow to import.
+    from scipy.optimize import brentq
+
     weights, means, sds = weights[used] / weights[used].sum(), means[used], sds[used]
     reach = 9.0 * sds
     lower, upper = float((means - reach).min()), float((means + reach).max())

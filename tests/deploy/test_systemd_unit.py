@@ -137,7 +137,7 @@ def test_the_daemon_gets_on_with_the_system_calls_that_it_is_left(tmp_path: Path
     command = filtered(calls, THERMOGATE, "run", EXAMPLES / "generic-csv.toml", *overrides(settings))
     with (tmp_path / "log").open("w+") as log, subprocess.Popen(command, env=environment, stderr=log) as process:
         try:
-            deadline = time.monotonic() + 180
+            deadline = time.monotonic() + 600
             while "come to its end" not in (said := (tmp_path / "log").read_text()):
                 assert process.poll() is None, said
                 assert time.monotonic() < deadline, said
