@@ -67,7 +67,7 @@ LEVELS = {
         {"files", "learning"},
         {"session", "plans"},
         {"settings"},
-        {"frames"},
+        {"frames", "arguments"},
     ),
 }
 """The rooms of each package, from the top floor down. A room imports only from floors below its own."""

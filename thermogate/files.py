@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import TypeAdapter
 
 from adapters.reading import Fault
@@ -37,7 +37,7 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
     meta = {
         "kind": _KIND,
         "network": asdict(settings.network),
-        "settings": {**_plain(settings.given), "estimator": settings.zone.estimator},
+        "settings": {**settings.given, "estimator": settings.zone.estimator},
         "tz": settings.tz,
         "other_columns": settings.other_columns,
         "faults": {str(fault): count for fault, count in faults.items()},
@@ -45,12 +45,16 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
     }
     arrays = {**worker.arrays, _UPDATES: session.updates}
     content = encode(Checkpoint(session.mark, worker.step, arrays, meta, worker.about))
-    temporary = path.with_name(f"{path.name}.tmp")
+    temporary = path.parent / f"{path.name}.tmp"
     try:
         write_file(temporary, content)
         temporary.replace(path)
     except OSError as error:
         raise DataError(f"the model cannot be written to {path} ({error.strerror}); choose another file") from None
+    finally:
+        # It is still there if writing or renaming failed.
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
@@ -80,12 +84,3 @@ def _settings(meta: Mapping[str, Any]) -> Settings:
     given = {"estimator": FORMER_ESTIMATOR, **meta["settings"]}
     settings = settings_of(network, given.pop("columns"), meta["tz"], given)
     return settings._replace(other_columns=tuple(meta["other_columns"]))
-
-
-def _plain(value: Any) -> Any:
-    """`value` in the types JSON has."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.generic):
-        return value.item()
-    return [_plain(item) for item in value] if isinstance(value, list | tuple | np.ndarray) else value

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.network.network import Network
+from thermogate.arguments import duration, items, plain
 from thermogate.files import read_model
 from thermogate.frames import Frame, clock, pandas, spacing
 from thermogate.learning import learn
@@ -41,7 +42,8 @@ def fit(
             [zones.network], or a `Network`.
         columns: what a channel is read from, where the column does not have its name and unit: the name of a column, a
             pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels].
-        tz: the time zone of an index without one, such as "Europe/Berlin"; otherwise that of the results.
+        tz: the time zone of an index without one; otherwise that of the results. A name such as "Europe/Berlin", an
+            offset such as "UTC+02:00", or a tzinfo that has one of the two.
         period: the sampling period, such as "15min"; None takes the usual distance of the rows.
         estimator, estimator_options, levels, max_gap, hold_inputs: as in [[zones]]; None is the daemon's default.
         seed: of the random numbers; the same seed gives the same bits.
@@ -50,19 +52,21 @@ def fit(
     Raises ConfigError for arguments and DataError for a table that cannot be used.
     """
     pandas()
-    resolved = network_of(network, {*map(str, columns or ()), *map(str, getattr(df, "columns", ()))})
+    tables, published = {} if columns is None else items(columns), items(levels)
+    named = tables if isinstance(tables, Mapping) else ()
+    resolved = network_of(plain(network), {*map(str, named), *map(str, getattr(df, "columns", ()))})
     times = clock(df, tz, "the table")
     given: dict[str, Any] = {
-        "period": spacing(times.seconds) if period is None else _plain(period),
-        "estimator": estimator,
-        "estimator_options": dict(estimator_options) if estimator_options is not None else None,
-        "seed": seed,
-        "levels": [levels] if isinstance(levels, float) else None if levels is None else list(levels),
-        "max_gap": max_gap,
-        "hold_inputs": _plain(hold_inputs),
+        "period": spacing(times.seconds) if period is None else duration(period),
+        "estimator": plain(estimator),
+        "estimator_options": items(estimator_options),
+        "seed": plain(seed),
+        "levels": [published] if isinstance(published, int | float) else published,
+        "max_gap": plain(max_gap),
+        "hold_inputs": duration(hold_inputs),
     }
     known = {name: value for name, value in given.items() if value is not None}
-    settings = settings_of(resolved, columns or {}, times.zone, known)
+    settings = settings_of(resolved, tables, times.zone, known)
     used = {name for names in settings.source_columns.values() for name in names}
     others = tuple(name for name in map(str, df.columns) if name not in used)
     session = Session(settings._replace(other_columns=others))
@@ -75,8 +79,3 @@ def fit(
 def load(path: str | PathLike[str]) -> Model:
     """The model that `Model.save` wrote to `path`; it goes on with the same bits. DataError for any other file."""
     return Model(*read_model(Path(path)))
-
-
-def _plain(duration: Any) -> Any:
-    """A duration as the configuration knows it: a timedelta as seconds, anything else as it is."""
-    return duration.total_seconds() if isinstance(duration, timedelta) else duration

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta, timezone, tzinfo
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ Frame = Any
 
 _ROWS_AT_ONCE = 512
 _MOST_NAMES = 30
+_UTC = "UTC"
 _OFFSET = re.compile(r"UTC([+-])([01]\d|2[0-3]):([0-5]\d)")
 
 
@@ -54,7 +56,7 @@ def pandas() -> Any:
 def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
     """When the rows of `frame`, called `what` in messages, are; `zone` is that of times without one.
 
-    DataError where `frame` is no DataFrame, or its index no times.
+    DataError where `frame` is no DataFrame, its index no times, or `zone` cannot be told by a name.
     """
     pd = pandas()
     if not isinstance(frame, pd.DataFrame):
@@ -69,11 +71,11 @@ def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
     if frame.index.isna().any():
         row = int(frame.index.isna().argmax())
         raise DataError(f"row {row} of {what} has no time (NaT); leave such rows out with df[df.index.notna()]")
-    given = None if zone is None else _zone_name(zone)
+    given = None if zone is None else _given_name(zone)
     local = None if given is None else _zone(given)
     seconds = frame.index.as_unit("us").asi8 / 1e6
     if frame.index.tz is not None:
-        return Clock(seconds, given or _zone_name(frame.index.tz))
+        return Clock(seconds, given or _zone_name(frame.index.tz) or _UTC)
     if local is None or given is None:
         raise DataError(
             f'the times of {what} have no time zone; give tz, such as tz="Europe/Berlin" for local time or tz="UTC"'
@@ -81,12 +83,37 @@ def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
     return Clock(local_to_utc(seconds, local), given)
 
 
-def _zone_name(zone: str | tzinfo) -> str:
-    """The name by which pandas finds `zone` again; UTC for a zone that has none."""
-    if isinstance(zone, str | timezone):
-        return str(zone)
+def _given_name(zone: object) -> str:
+    """The name of `zone`, as the caller gave it; DataError if it is no time zone, or one without a name."""
+    if isinstance(zone, str):
+        return zone
+    if not isinstance(zone, tzinfo):
+        raise DataError(f'tz must be a time zone such as "Europe/Berlin", not {_kind(zone)}')
+    name = _zone_name(zone)
+    if name is None:
+        why = "is no whole number of minutes from UTC" if isinstance(zone, timezone) else "has no name"
+        raise DataError(
+            f'tz: the time zone {zone} {why}; give a name such as "Europe/Berlin" or an offset such as "UTC+02:00"'
+        )
+    return name
+
+
+def _zone_name(zone: tzinfo) -> str | None:
+    """The name by which pandas finds `zone` again; None for a zone that has none."""
+    if isinstance(zone, timezone):
+        # Its own name can be any text, even that of a zone with other offsets, such as "CET".
+        return _offset_name(zone.utcoffset(None))
     # zoneinfo has a key, pytz a zone.
-    return getattr(zone, "key", None) or getattr(zone, "zone", None) or "UTC"
+    name = getattr(zone, "key", None) or getattr(zone, "zone", None)
+    return name if isinstance(name, str) else None
+
+
+def _offset_name(offset: timedelta) -> str | None:
+    """A distance from UTC as `_zone` reads it; None if it is no whole number of minutes."""
+    minutes, rest = divmod(abs(offset), timedelta(minutes=1))
+    if rest:
+        return None
+    return f"{_UTC}{'-' if offset < timedelta() else '+'}{minutes // 60:02}:{minutes % 60:02}" if minutes else _UTC
 
 
 def _zone(name: str) -> Any:
@@ -152,19 +179,24 @@ class Reader:
     """The readings of a table of measurements, in the order of time."""
 
     def __init__(
-        self, frame: Frame, times: Clock, channels: Mapping[str, Any], units: Mapping[str, str], zone: str
+        self,
+        frame: Frame,
+        times: Clock,
+        channels: Mapping[str, Any],
+        units: Mapping[str, str],
+        zone: str,
+        since: float = -inf,
     ) -> None:
         """`channels` are the tables of the configuration by channel, with `source_columns`; `units` the network's. The
-        readings are addressed "zone/channel"."""
+        readings are addressed "zone/channel". Those before `since`, UTC s, are passed over, and their faults too."""
         self.faults: Counter[Fault] = Counter()
         """Readings whose local time spring skips; an alignment counts the others."""
         self._first: dict[tuple[str, Fault], str] = {}
         self._refused: Counter[tuple[str, Fault]] = Counter()
         self._order = np.argsort(times.seconds, kind="stable")[: int(np.isfinite(times.seconds).sum())]
-        lost = len(times.seconds) - len(self._order)
-        if lost:
+        if lost := _lost(frame, times, since):
             self.faults[Fault.BAD_TIMESTAMP] = lost * len(channels)
-        self._frame, self._seconds = frame, times.seconds
+        self._frame, self._seconds, self._since = frame, times.seconds, since
         self._values = {name: _summed(frame, channel) for name, channel in channels.items()}
         self._converters = {
             name: Converter(f"{zone}/{name}", edge_of(channel, units[name])) for name, channel in channels.items()
@@ -172,14 +204,15 @@ class Reader:
         self._channels = channels
 
     def parts(self) -> Iterator[Part]:
-        """The readings, some hundred rows at once. An empty cell is no reading."""
+        """The readings, some hundred rows at once. An empty cell is no reading. A meter begins with the first row, even
+        with one that is passed over."""
         for begin in range(0, len(self._order), _ROWS_AT_ONCE):
             rows = self._order[begin : begin + _ROWS_AT_ONCE]
             times, readings = self._seconds[rows].tolist(), []
             for name, values in self._values.items():
                 for row, time, value in zip(rows.tolist(), times, values[rows].tolist(), strict=True):
                     reading = None if np.isnan(value) else self._converters[name].reading(time, value)
-                    if reading is not None:
+                    if reading is not None and reading.time >= self._since:
                         readings.append(reading)
                         if reading.fault is not None:
                             self._note(name, reading.fault, row, value)
@@ -208,6 +241,16 @@ class Reader:
     def _note(self, name: str, fault: Fault, row: int, value: float) -> None:
         self._refused[name, fault] += 1
         self._first.setdefault((name, fault), f"{value:g} at {self._frame.index[row]}")
+
+
+def _lost(frame: Frame, times: Clock, since: float) -> int:
+    """How many rows have a local time that spring skips, and are not before `since`, UTC s."""
+    lost = np.isnan(times.seconds)
+    if lost.any() and since > -inf:
+        # Such a time is no moment. It comes after the local time that was just before `since`.
+        before = moments([since - 1.0], times.zone)[0].tz_localize(None)
+        lost = lost & np.asarray(frame.index > before)
+    return int(lost.sum())
 
 
 def _summed(frame: Frame, channel: ChannelConfig) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from math import ceil
+from math import ceil, inf
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
@@ -37,15 +37,14 @@ def learn(session: Session, df: Frame, progress: bool, what: str) -> Learned:
     period, resume_after, before = settings.zone.period, worker.progress.last_time, len(session)
     times = clock(df, settings.tz, "the table")
     check_columns(df, settings.source_columns, settings.units, "the table")
-    reader = Reader(df, times, settings.zone.channels, settings.units, ZONE)
+    since = -inf if resume_after is None else resume_after + period
+    reader = Reader(df, times, settings.zone.channels, settings.units, ZONE, since)
     alignment = make_alignment(settings.zone, resume_after, resume_idle=worker.empty_samples)
-    since, last = reader.span()
-    if resume_after is not None:
-        since = max(since, resume_after + period)
-        if last < since:
-            newest, until = moments([last, since], settings.tz)
-            raise DataError(f"the table ends at {newest}, and the model has learned up to {until}; give later rows")
-    total = max(1, ceil((last - since) / period))
+    first, last = reader.span()
+    if last < since:
+        newest, until = moments([last, since], settings.tz)
+        raise DataError(f"the table ends at {newest}, and the model has learned up to {until}; give later rows")
+    total = max(1, ceil((last - max(first, since)) / period))
     with tqdm(total=total, unit=" samples", desc=what, delay=_SLOW, disable=not progress) as bar:
         for part in reader.parts():
             _take(session, alignment.add(ZONE, part.readings, part.now), bar)

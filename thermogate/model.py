@@ -20,7 +20,10 @@ from estimator.types import ParameterSummary
 from estimator.verification.scores import gaussian_crps
 from service.errors import DataError
 from service.fields.durations import format_duration
+from service.fields.numbers import is_level, number_in, whole_in
+from service.fields.words import shown
 from service.records.skill import Skill
+from thermogate.arguments import items, plain
 from thermogate.files import write_model
 from thermogate.frames import Frame, moments, pandas, table
 from thermogate.learning import learn
@@ -89,9 +92,9 @@ class Model:
         Returns a DataFrame by time with mean, median, sd, and lower_0.95 and upper_0.95 for the level .95. With several
         measured temperatures every column is a pair (output, quantity).
         """
-        _check_levels(levels)
+        checked = _checked_levels(levels)
         _, rows = self._planned(plan, horizon)
-        fan = self._session.worker.fan(levels, rows)
+        fan = self._session.worker.fan(checked, rows)
         assert fan is not None
         columns: dict[Any, list[float]] = {}
         for step in fan.steps:
@@ -107,17 +110,21 @@ class Model:
     def scenarios(self, plan: Any = None, horizon: str | float | timedelta = "24h", count: int = 100) -> Frame:
         """`count` equally likely futures [degC] of the measured temperatures, without measurement noise: one column per
         future, and rows, plan and horizon as in `forecast`. DataError if the estimator samples none."""
-        estimator = self._session.worker.estimator
+        worker = self._session.worker
+        estimator = worker.estimator
         if not hasattr(estimator, "scenarios"):
             raise DataError(
                 f'the estimator {self.estimator} samples no futures; fit with estimator="mkf" for scenarios'
             )
-        if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= 100_000:
-            raise DataError(f"count must be a whole number from 1 to 100000, not {count}")
+        number = whole_in(plain(count), 1, 100_000)
+        if number is None:
+            raise DataError(f"count must be a whole number from 1 to 100000, not {shown(items(count))}")
         standing, rows = self._planned(plan, horizon)
-        held = [used.value for used in standing.update.forecast.inputs]
-        inputs = [[row.get(name, value) for name, value in zip(self.network.inputs, held, strict=True)] for row in rows]
-        paths = estimator.scenarios(standing.state, np.array(inputs), int(count))
+        inputs = worker.foresight.outlook(standing.update.forecast, standing.day, len(rows)).rows
+        for step, row in zip(inputs, rows, strict=True):
+            for channel, value in row.items():
+                step[self.network.inputs.index(channel)] = value
+        paths = estimator.scenarios(standing.state, inputs, number)
         first, period = standing.update.forecast.valid_time, self._settings.zone.period
         columns = {
             self._key(output, place): paths[place, :, i]
@@ -128,8 +135,9 @@ class Model:
 
     def parameters(self, levels: Sequence[float] = QUANTILES) -> Frame:
         """Quantiles at `levels` of every parameter, its unit, the bounds of its prior, and whether it is learned."""
-        network, summary = self.network, self._summary(levels)
-        columns: dict[str, Any] = _quantiles(levels, summary.parameters)
+        checked = _checked_levels(levels)
+        network, summary = self.network, self._summary(checked)
+        columns: dict[str, Any] = _quantiles(checked, summary.parameters)
         columns["unit"] = [parameter.unit for parameter in network.parameters]
         for name in ("lower", "upper"):
             bounds = [getattr(p, name) if p.free else float("nan") for p in network.parameters]
@@ -140,15 +148,18 @@ class Model:
 
     def time_constants(self, levels: Sequence[float] = QUANTILES) -> Frame:
         """Quantiles at `levels` of the time constants [h], the fastest first."""
-        found = self._summary(levels).time_constants / 3600.0
+        checked = _checked_levels(levels)
+        found = self._summary(checked).time_constants / 3600.0
         names = [f"tau_{rank}" for rank in range(1, len(found) + 1)]
-        return table({**_quantiles(levels, found), "unit": ["h"] * len(found)}, pandas().Index(names, name="parameter"))
+        columns = {**_quantiles(checked, found), "unit": ["h"] * len(found)}
+        return table(columns, pandas().Index(names, name="parameter"))
 
     def heat_loss(self, levels: Sequence[float] = QUANTILES) -> Any:
         """Quantiles at `levels` of the heat loss coefficient [W/K], from the first measured node to all boundaries in
         steady state: a Series."""
-        values = self._summary(levels).heat_loss
-        return pandas().Series(values, index=[f"q{level:g}" for level in levels], name="heat_loss")
+        checked = _checked_levels(levels)
+        values = self._summary(checked).heat_loss
+        return pandas().Series(values, index=[f"q{level:g}" for level in checked], name="heat_loss")
 
     @property
     def predictions(self) -> Frame:
@@ -223,13 +234,13 @@ class Model:
         of persistence (nothing changes) and of an online ARX model, and the skill against both, the share by which the
         model's rmse is smaller: 1 is perfect, 0 as good, below 0 worse.
         """
-        found = self._skill()
-        if days not in found.windows:
+        found, number = self._skill(), number_in(plain(days))
+        if number is None or number not in found.windows:
             known = ", ".join(map(str, found.windows))
-            raise DataError(f"days must be one of {known}, not {days}")
+            raise DataError(f"days must be one of {known}, not {shown(items(days))}")
         period = self._settings.zone.period
         rows: dict[str, dict[str, float]] = {}
-        for one in found.windows[days]:
+        for one in found.windows[int(number)]:
             against = {"skill_persistence": one.against_persistence, "skill_arx": one.against_arx}
             rows[_horizon(one.lead, period)] = {**one._asdict(), **against}
         index = pandas().Index(list(rows), name="horizon")
@@ -302,7 +313,6 @@ class Model:
         return found
 
     def _summary(self, levels: Sequence[float]) -> ParameterSummary:
-        _check_levels(levels)
         estimator = self._session.worker.estimator
         if not estimator.physical:
             raise DataError(
@@ -324,18 +334,18 @@ def _quantiles(levels: Sequence[float], values: Array) -> dict[str, Any]:
     return {f"q{level:g}": values[:, place] for place, level in enumerate(levels)}
 
 
-def _plain(duration: Any) -> Any:
-    """A duration as the configuration knows it: a timedelta as seconds, anything else as it is."""
-    return duration.total_seconds() if isinstance(duration, timedelta) else duration
-
-
 def _horizon(lead: float, period: float) -> str:
     return "1 step" if lead == period else f"{lead / 3600:g}h"
 
 
-def _check_levels(levels: Sequence[float]) -> None:
-    if isinstance(levels, str | float | int) or not len(levels) or not all(0.0 < level < 1.0 for level in levels):
-        raise DataError(f"levels must be a list of numbers between 0 and 1, such as [0.5, 0.95], not {levels}")
+def _checked_levels(levels: object) -> list[float]:
+    """`levels` as numbers; DataError if they are no list of numbers between 0 and 1."""
+    found = items(levels)
+    numbers = [number_in(level) for level in found] if isinstance(found, list) else []
+    checked = [number for number in numbers if number is not None and is_level(number)]
+    if not checked or len(checked) < len(numbers):
+        raise DataError(f"levels must be a list of numbers between 0 and 1, such as [0.5, 0.95], not {shown(found)}")
+    return checked
 
 
 def _count(number: int, noun: str) -> str:

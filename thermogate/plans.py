@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import timedelta
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from service.fields.durations import format_duration, parse_duration
 from service.fields.words import shown, suggestion
 from service.sources.channel import edge_of
 from service.zone.aggregation import Span, aggregate
+from thermogate.arguments import duration, plain
 from thermogate.frames import clock, moments, numbers, pandas
 from thermogate.settings import Settings
 
@@ -23,9 +23,8 @@ _ROUNDING = 1e-6
 
 def steps_in(horizon: object, period: float) -> int:
     """How many periods [s] make up `horizon`; DataError for none or no whole number."""
-    seconds = horizon.total_seconds() if isinstance(horizon, timedelta) else horizon
     try:
-        length = parse_duration(seconds)
+        length = parse_duration(duration(horizon))
     except ValueError as error:
         raise DataError(f"horizon: {error}") from None
     steps = round(length / period)
@@ -41,7 +40,7 @@ def steps_in(horizon: object, period: float) -> int:
 def plan_rows(plan: object, settings: Settings, begin: float, steps: int) -> list[dict[str, float]]:
     """The planned inputs of `steps` steps, of which the first begins at `begin` UTC s, in the network's units.
 
-    What a row does not name is held as it was last measured. DataError with the place of what cannot be used.
+    A row names only what is planned. DataError with the place of what cannot be used.
     """
     rows: list[dict[str, float]] = [{} for _ in range(steps)]
     for name, values in _planned(plan, settings).items():
@@ -104,7 +103,9 @@ def _meant(name: str, settings: Settings, plan: object) -> list[tuple[str, Edge]
 
 def _series(name: str, values: Any, settings: Settings, channel: str, begin: float, steps: int) -> Array:
     """The planned values (steps,) of one column, in its own unit; NaN before the first."""
-    if isinstance(values, int | float | np.number) and not isinstance(values, bool):
+    if isinstance(values, np.generic | np.ndarray) and values.ndim == 0:
+        values = plain(values)
+    if isinstance(values, int | float) and not isinstance(values, bool):
         return np.full(steps, float(values))
     pd = pandas()
     if isinstance(values, pd.Series) and isinstance(values.index, pd.DatetimeIndex):

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
-from datetime import timedelta, timezone
+from datetime import datetime, timedelta, timezone, tzinfo
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -15,6 +15,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pandas as pd
 import pytest
+from dateutil.tz import tzoffset
 from support.harness import ROOT
 
 import thermogate as tg
@@ -150,6 +151,52 @@ def test_times_mean_the_same_in_every_zone(model: tg.Model) -> None:
     assert str(tg.fit(room(), "tite", tz="Europe/Berlin", **FEW).gate.index.tz) == "Europe/Berlin"
 
 
+class Nameless(tzinfo):
+    """Two hours from UTC, as pytz's FixedOffset and dateutil's tzoffset are: without a name to find it by."""
+
+    zone = None
+
+    def utcoffset(self, dt: datetime | None) -> timedelta:
+        return timedelta(hours=2)
+
+    def dst(self, dt: datetime | None) -> timedelta:
+        return timedelta(0)
+
+    def tzname(self, dt: datetime | None) -> str:
+        return "two"
+
+
+@pytest.mark.parametrize(
+    ("hours", "name", "shown"),
+    [
+        # In July, the zone that is called CET is two hours from UTC.
+        (1.0, "CET", "UTC+01:00"),
+        (-3.5, "here", "UTC-03:30"),
+        (0.0, "WET", "UTC"),
+    ],
+)
+def test_a_fixed_offset_counts_and_not_its_name(hours: float, name: str, shown: str) -> None:
+    table, zone = room("2025-07-01 00:00"), timezone(timedelta(hours=hours), name)
+    expected = tg.fit(table, "tite", **FEW)
+    found = tg.fit(table.tz_convert(zone).tz_localize(None), "tite", tz=zone, **FEW)
+    assert_same(found, expected)
+    assert str(found.gate.index.tz) == shown
+    aware = tg.fit(table.tz_convert(zone), "tite", **FEW)
+    assert_same(aware, expected)
+    assert str(aware.gate.index.tz) == shown
+
+
+@pytest.mark.parametrize("zone", [Nameless(), tzoffset("x", 7200), timezone(timedelta(hours=1, seconds=30))])
+def test_a_zone_without_a_name_shifts_no_time(zone: tzinfo, model: tg.Model) -> None:
+    aware = room().tz_convert(zone)
+    found = tg.fit(aware, "tite", **FEW)
+    assert_same(found, model)
+    assert str(found.gate.index.tz) == "UTC"
+    for table in (aware, aware.tz_localize(None)):
+        with pytest.raises(tg.DataError, match=r"tz: the time zone .*; give a name such as .* or an offset such as"):
+            tg.fit(table, "tite", tz=zone, **FEW)
+
+
 def test_the_hour_that_autumn_repeats_is_told_apart_by_the_order_of_the_rows() -> None:
     table = room("2024-10-26 20:00", samples=60)
     local = table.tz_convert("Europe/Berlin").tz_localize(None)
@@ -164,6 +211,45 @@ def test_a_local_time_that_spring_skips_is_not_used() -> None:
     assert model.faults == {"bad_timestamp": 18}
     with pytest.raises(tg.DataError, match="skips every time"):
         tg.fit(local.iloc[12:18], "tite", tz="Europe/Berlin", period="10min", **FEW)
+
+
+def test_faults_of_rows_that_are_passed_over_are_not_told_again() -> None:
+    table = room(samples=80)
+    table.loc[table.index[[5, 70]], "T_i"] = [300.0, 400.0]
+    with pytest.warns(UserWarning, match="not used"):
+        model = tg.fit(table.iloc[:60], "tite", **FEW)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.update(table.iloc[:65])
+    assert model.faults == {"out_of_range": 1}
+    with pytest.warns(UserWarning, match="not used") as told:
+        model.update(table)
+    assert [str(one.message).partition(";")[0] for one in told] == [
+        'column "T_i": 1 value not used (out of range), the first 400 at 2025-01-10 11:40:00+00:00'
+    ]
+    assert model.faults == {"out_of_range": 2}
+
+
+def test_times_that_cannot_be_and_are_passed_over_are_not_counted_again() -> None:
+    # Spring skips rows 12 to 17.
+    local = room("2025-03-30 00:00", samples=60, tz=None)
+    whole = {"tz": "Europe/Berlin", **FEW}
+    model = tg.fit(local.iloc[:12], "tite", **whole)
+    with pytest.warns(UserWarning, match=r"18 readings not used \(bad timestamp\)"):
+        model.update(local.iloc[:30])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.update(local)
+    assert model.faults == {"bad_timestamp": 18}
+    with pytest.warns(UserWarning, match="bad timestamp"):
+        assert_same(model, tg.fit(local, "tite", **whole))
+    ancient = room("1969-12-31 22:00", samples=80)
+    with pytest.warns(UserWarning, match="bad timestamp"):
+        model = tg.fit(ancient.iloc[:60], "tite", **FEW)
+    before = model.faults
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert model.update(ancient).faults == before
 
 
 def test_values_that_cannot_be_are_not_used_and_named() -> None:
@@ -260,6 +346,18 @@ def test_no_other_file_is_taken_for_a_model(tmp_path: Path, model: tg.Model) -> 
         model.save(tmp_path / "nowhere" / "m.npz")
 
 
+def test_a_model_that_cannot_be_written_leaves_nothing_behind(
+    tmp_path: Path, model: tg.Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "models"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for path in (folder, "", "."):
+        with pytest.raises(tg.DataError, match=r"cannot be written to .*; choose another file"):
+            model.save(path)
+    assert [path.name for path in tmp_path.rglob("*")] == ["models"]
+
+
 def test_a_forecast_begins_with_the_next_sample(model: tg.Model) -> None:
     fan = model.forecast(horizon="2h", levels=[0.5, 0.95])
     assert list(fan.columns) == ["mean", "median", "sd", "lower_0.5", "upper_0.5", "lower_0.95", "upper_0.95"]
@@ -318,6 +416,23 @@ def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
         model.scenarios(count=0)
     disturbance = model.disturbance.iloc[-1]
     assert disturbance["measurement_sd_T_i_lower"] <= disturbance["measurement_sd_T_i_upper"]
+
+
+def test_scenarios_foresee_what_is_not_planned_as_a_forecast_does() -> None:
+    table = room(samples=200)
+    model = tg.fit(table, "tite", estimator="mkf", estimator_options={"particles": 16})
+    # A day has 144 periods. Its shape begins with the value in force.
+    outside, day, steps = table["T_out"].to_numpy(), 144, 36
+    foreseen = outside[-day : steps - day] + (outside[-1] - outside[-1 - day])
+    known = {"T_out": foreseen, "u_heat": table["u_heat"].iloc[-1]}
+    expected = bits(model.scenarios(known, "6h", count=20))
+    assert bits(model.scenarios(horizon="6h", count=20)) == expected
+    assert bits(model.forecast(horizon="6h")) == bits(model.forecast(known, "6h"))
+    assert bits(model.scenarios({"T_out": outside[-1]}, "6h", count=20)) != expected
+    late = {"u_heat": pd.Series([300.0], index=model.forecast(horizon="6h").index[[18]])}
+    heat = np.where(np.arange(steps) < 18, table["u_heat"].iloc[-1], 300.0)
+    planned = bits(model.scenarios({"T_out": foreseen, "u_heat": heat}, "6h", count=20))
+    assert bits(model.scenarios(late, "6h", count=20)) == planned != expected
 
 
 def test_what_was_learned_has_units_bounds_and_quantiles(model: tg.Model) -> None:
@@ -437,12 +552,22 @@ def with_text(table: Any) -> Any:
         ),
         (fit(columns={"T_i": 3}), "columns.T_i: must be the name of a column, a pair of name and unit"),
         (fit(columns=["T_i"]), "columns must be a dict such as"),
+        (fit(columns=5), "columns must be a dict such as .*, not 5"),
+        (fit(columns=pd.Series(["T_i"])), "columns must be a dict such as"),
         (fit(columns={"u_heat": ("u_heat", "K")}), "columns.u_heat.unit: unit 'K' cannot be converted to W"),
         (fit(columns={"u_heat": {"aggregate": "median"}}), 'columns.u_heat.aggregate: "median" is not known'),
         (fit(columns={"u_heat": {"colour": "red"}}), "columns.u_heat.colour: is not a known key"),
         (fit(estimator="kalman"), 'estimator: there is no estimator "kalman"; the estimators are rbpf, ekf'),
         (fit(estimator_options={"particles": 3}), "estimator_options.particles"),
+        (fit(estimator_options=[1]), r"estimator_options: must be a table, .*, not \[1\]"),
+        (fit(estimator_options=7), "estimator_options: must be a table"),
         (fit(levels=[1.5]), "levels.*: must lie between 0 and 1"),
+        (fit(levels=1), "levels.*: must lie between 0 and 1, such as 0.95, not 1"),
+        (fit(levels="0.9"), "levels: must be a list of levels"),
+        (fit(levels=True), "levels.*: must be a number"),
+        (fit(tz=5), 'tz must be a time zone such as "Europe/Berlin", not an int'),
+        (fit(lambda t: t.tz_localize(None), tz=["UTC"]), "tz must be a time zone"),
+        (fit(seed=np.int64(-1)), "seed: must be a whole number .*, not -1"),
         (fit(seed=-1), "seed: must be a whole number"),
         (fit(hold_inputs="soon"), 'hold_inputs: "soon" is not a duration'),
     ],
@@ -453,6 +578,58 @@ def test_a_mistake_is_one_sentence(call: Callable[[], Any], sentence: str) -> No
     assert len(str(told.value).splitlines()) == 1
 
 
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    table = room()
+    own = tg.fit(
+        table,
+        {"preset": "tite", "parameters": {"C_i": {"value": 2_000_000}}},
+        columns={"u_heat": {"scale": 2, "valid": [0, 5000]}},
+        period=600,
+        estimator="mkf",
+        estimator_options={"particles": 16},
+        seed=3,
+        levels=[0.5, 0.75],
+        max_gap=4,
+        hold_inputs=3600,
+    )
+    numpy = tg.fit(
+        table,
+        {"preset": "tite", "parameters": {"C_i": {"value": np.int32(2_000_000)}}},
+        columns={"u_heat": {"scale": np.int64(2), "valid": np.array([0, 5000])}},
+        period=np.int64(600),
+        estimator="mkf",
+        estimator_options={"particles": np.uint16(16)},
+        seed=np.int64(3),
+        levels=np.array([0.5, 0.75], dtype=np.float32),
+        max_gap=np.array(4),
+        hold_inputs=np.int64(3600),
+    )
+    assert_same(numpy, own)
+    numpy.save(tmp_path / "m.npz")
+    assert_same(tg.load(tmp_path / "m.npz"), own)
+    hour = bits(own.forecast({"u_heat": 5.0}, "1h"))
+    for number in (np.array(5.0), np.float32(5.0), np.int8(5), np.longdouble(5.0)):
+        assert bits(own.forecast({"u_heat": number}, np.int64(3600))) == hour
+    assert own.scenarios(horizon=np.float64(3600), count=np.int64(3)).shape == (7, 3)
+    assert own.skill(np.int64(7)).equals(own.skill(7))
+    assert own.parameters(pd.Series([0.5])).equals(own.parameters([0.5]))
+
+
+@pytest.mark.parametrize(
+    "levels", [None, ["a"], [None], [[0.5]], [], 0.9, "0.9", [True], [95], [np.nan], np.array(0.5)]
+)
+def test_levels_that_are_none_are_refused_in_one_sentence(levels: Any, model: tg.Model) -> None:
+    for call in (model.forecast, model.parameters, model.time_constants, model.heat_loss):
+        with pytest.raises(tg.DataError, match="levels must be a list of numbers between 0 and 1"):
+            call(levels=levels)
+
+
+@pytest.mark.parametrize("days", [[7], "7", None, True, 2])
+def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: tg.Model) -> None:
+    with pytest.raises(tg.DataError, match="days must be one of 1, 7, 30, not"):
+        model.skill(days)
+
+
 @pytest.mark.parametrize(
     ("plan", "horizon", "sentence"),
     [
@@ -461,6 +638,9 @@ def test_a_mistake_is_one_sentence(call: Callable[[], Any], sentence: str) -> No
         ({"u_het": 1.0}, "1h", 'the plan has "u_het", which is no input .* are T_out .degC., u_heat .W.; did you mean'),
         ({"T_i": 20.0}, "1h", 'the plan has "T_i", which is no input of the model'),
         ({"u_heat": [1.0, 2.0]}, "1h", '2 values of "u_heat", but the horizon has 6 steps .* or horizon="20min"'),
+        ({"u_heat": np.array("on")}, "1h", 'the plan\'s "u_heat" must be a number or one number for every step'),
+        ({"u_heat": np.timedelta64(5, "s")}, "1h", 'the plan\'s "u_heat" must be a number'),
+        ({"u_heat": np.complex128(5j)}, "1h", 'the plan\'s "u_heat" must be a number'),
         ({"u_heat": "on"}, "1h", 'the plan\'s "u_heat" must be a number or one number for every step'),
         ({"u_heat": ["on"] * 6}, "1h", 'the plan: column "u_heat" holds "on" at 0, which is no number'),
         (
