@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Iterable, Mapping
+from collections.abc import Awaitable, Collection, Iterable, Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -194,12 +194,17 @@ class Steward:
             return
         self._nodes = await asyncio.to_thread(peers.nodes)
         names = self._wanted(plan)
-        await asyncio.to_thread(self._create, plan)
+        present = await asyncio.to_thread(peers.members, self._site)
+        for name in [name for name in names if name in self._known and name not in present]:
+            # Ray starts a process anew until its constructor fails; after that not even the name is left.
+            _log.error("%s could not be started anew; it is created again", name)
+            self._known.pop(name)
+        await asyncio.to_thread(self._create, plan, present)
         for name in names:
             # One that does not answer must not keep the others waiting.
             if name not in self._hearing:
                 self._hearing[name] = asyncio.create_task(self._hear(name))
-        for name in await asyncio.to_thread(peers.members, self._site) - {*names, STEWARD}:
+        for name in present - {*names, STEWARD}:
             _log.info("%s is not wanted any more", name)
             if name.startswith(_GATEWAY):
                 # Its machine is lost.
@@ -233,15 +238,16 @@ class Steward:
         """The members that there should be."""
         return [*(f"{_GATEWAY}{node[:8]}" for node in self._nodes), READER, *plan.all_shards]
 
-    def _create(self, plan: Plan) -> None:
+    def _create(self, plan: Plan, present: Collection[str]) -> None:
+        """Let there be every member that is wanted and not `present`."""
         fleet = _fleet(plan.config)
         for node in self._nodes:
-            if f"{_GATEWAY}{node[:8]}" not in self._known:
+            if f"{_GATEWAY}{node[:8]}" not in present:
                 peers.create("gateway", self._site, f"{_GATEWAY}{node[:8]}", node=node)
-        if READER not in self._known:
+        if READER not in present:
             peers.create("reader", self._site, READER)
         for shard in plan.all_shards:
-            if shard not in self._known:
+            if shard not in present:
                 peers.create("shard", self._site, shard, fleet.shard_cpus)
 
     def _peer(self, name: str) -> Peer:

@@ -8,6 +8,7 @@ noted at a start was at work when the process ended. Whoever was, with the same 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import tempfile
 import threading
@@ -23,6 +24,8 @@ MOST = 3
 
 _WIDTH = 128
 """Bytes of a note."""
+
+_log = logging.getLogger(__name__)
 
 
 class Suspect(NamedTuple):
@@ -43,20 +46,23 @@ class Crashes:
     zone's fault."""
 
     def __init__(self, site: str, name: str, folder: Path | None = None) -> None:
-        """Reads what the process before has left."""
-        folder = folder or Path(tempfile.gettempdir()) / f"thermogate-fleet-{os.getuid()}"
-        folder.mkdir(mode=0o700, exist_ok=True)
-        self._at_work = folder / f"{site}.{name}.steps"
-        self._counts = folder / f"{site}.{name}.crashes"
+        """Reads what the process before has left. A folder that cannot be written costs the notes alone."""
+        self._folder = folder or Path(tempfile.gettempdir()) / f"thermogate-fleet-{os.getuid()}"
+        self._at_work = self._folder / f"{site}.{name}.steps"
+        self._counts = self._folder / f"{site}.{name}.crashes"
         self.suspects = self._judged()
         """Who was at work the last time, and how often."""
         self._suspected = {(suspect.zone, suspect.time) for suspect in self.suspects if suspect.crashes < MOST}
         self._alone = threading.Lock()
-        self._keep(self.suspects)
-        self._file = os.open(self._at_work, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
         self._slots: dict[int, int] = {}
         """Place of each thread's note in the file."""
         self._lock = threading.Lock()
+        self._fails = False
+        self._file = -1
+        try:
+            self._file = self._begun()
+        except OSError as error:
+            self._say(error)
 
     @property
     def guilty(self) -> Mapping[str, Suspect]:
@@ -81,15 +87,42 @@ class Crashes:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
-        for path in (self._at_work, self._counts):
-            path.unlink(missing_ok=True)
+        with suppress(OSError):
+            for path in (self._at_work, self._counts):
+                path.unlink(missing_ok=True)
+
+    def _begun(self) -> int:
+        """The file of notes, empty, once what it held is counted. Raises OSError, and then it holds that still."""
+        self._folder.mkdir(mode=0o700, exist_ok=True)
+        file = os.open(self._at_work, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            self._keep(self.suspects)
+            os.ftruncate(file, 0)
+        except OSError:
+            os.close(file)
+            raise
+        return file
 
     def _note(self, text: str) -> None:
         thread = threading.get_ident()
         with self._lock:
             slot = self._slots.setdefault(thread, len(self._slots))
-            if self._file >= 0:
+            if self._file < 0:
+                return
+            try:
                 os.pwrite(self._file, text.encode().ljust(_WIDTH)[:_WIDTH], slot * _WIDTH)
+            except OSError as error:
+                self._say(error)
+
+    def _say(self, error: OSError) -> None:
+        if not self._fails:
+            self._fails = True
+            _log.error(
+                "%s cannot be written (%s); make room there and let this account write, or a zone that brings down its "
+                "process again and again cannot be found, and takes its shard along every time",
+                self._folder,
+                error.strerror,
+            )
 
     def _judged(self) -> tuple[Suspect, ...]:
         before: dict[tuple[str, int], int] = {}

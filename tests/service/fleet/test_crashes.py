@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import logging
+import os
 import subprocess
 import sys
 import textwrap
@@ -78,3 +81,45 @@ def test_an_error_that_the_process_survives_is_no_crash(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="of its own"), crashes.stepping("cellar", 600):
         raise ValueError("of its own")
     assert Crashes("campus", "shard-0", tmp_path).suspects == ()
+
+
+def test_a_folder_that_cannot_be_written_costs_the_notes_and_not_the_shard(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "notes"
+    folder.write_text("no folder", encoding="utf-8")
+    crashes = Crashes("campus", "shard-0", folder)
+    with crashes.stepping("cellar", 600):
+        pass
+    crashes.close()
+    assert (crashes.suspects, dict(crashes.guilty)) == ((), {})
+    told = [record.getMessage() for record in caplog.records if record.levelno == logging.ERROR]
+    assert len(told) == 1
+    assert "cannot be found" in told[0]
+
+
+def test_a_full_disk_at_a_start_counts_no_crash_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    die(tmp_path, 1200)
+    with monkeypatch.context() as full:
+        full.setattr(Path, "write_text", _fail)
+        for _ in range(MOST + 1):
+            assert Crashes("campus", "shard-0", tmp_path).suspects == (("cellar", 1200, 1),)
+    assert Crashes("campus", "shard-0", tmp_path).suspects == (("cellar", 1200, 1),)
+    assert Crashes("campus", "shard-0", tmp_path).suspects == ()
+
+
+def test_a_disk_that_fills_up_stops_no_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    crashes = Crashes("campus", "shard-0", tmp_path)
+    monkeypatch.setattr(os, "pwrite", _fail)
+    stepped = []
+    for time in (600, 1200):
+        with crashes.stepping("cellar", time):
+            stepped.append(time)
+    assert stepped == [600, 1200]
+    assert len(caplog.records) == 1
+
+
+def _fail(*arguments: object, **named: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
