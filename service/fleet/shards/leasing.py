@@ -50,10 +50,12 @@ class Leased:
         """Close the store, and let the next owner in at once."""
         self._over.set()
         await asyncio.to_thread(self._thread.join)
-        await asyncio.to_thread(self.store.close)
-        with suppress(ServiceError):
-            await asyncio.to_thread(self._leases.release, self._lease)
-        await asyncio.to_thread(self._leases.close)
+        try:
+            await asyncio.to_thread(self.store.close)
+        finally:
+            with suppress(ServiceError):
+                await asyncio.to_thread(self._leases.release, self._lease)
+            await asyncio.to_thread(self._leases.close)
 
     def _renew(self) -> None:
         while not self._over.wait(self._seconds / RENEWALS):

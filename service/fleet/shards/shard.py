@@ -9,6 +9,7 @@ import secrets
 import threading
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack
 from importlib.metadata import version
 from typing import Any
 
@@ -234,35 +235,46 @@ class _Work:
 
     @classmethod
     async def begin(cls, site: str, name: str, boot: str, config: Config, crashes: Crashes) -> _Work:
-        """Wait for the lease and start the zones."""
+        """Wait for the lease and start the zones. Where that fails, nothing of it is left, the lease included."""
         assert config.fleet is not None
         owner = f"process {os.getpid()} on {own_node()[:8]} ({boot})"
         leased = await take_lease(config.fleet, site, name, owner, end_process)
-        opened = []
-        for kind in SINK_KINDS.values():
-            sink = await asyncio.to_thread(kind.open, config.table(kind.name), site)
-            opened += [] if sink is None else [sink]
-        sound, refused = await _sound(config, name, leased, crashes)
-        work = cls(site, name, boot, sound, leased, opened, crashes)
-        work.herald.refused = refused
-        for sink in opened:
+        async with AsyncExitStack() as undo:
+            undo.push_async_callback(leased.release)
+            opened = []
+            for kind in SINK_KINDS.values():
+                sink = await asyncio.to_thread(kind.open, config.table(kind.name), site)
+                if sink is not None:
+                    opened.append(sink)
+                    undo.push_async_callback(asyncio.to_thread, sink.close)
+            sound, refused = await _sound(config, name, leased, crashes)
+            work = cls(site, name, boot, sound, leased, opened, crashes)
+            # It stops what was opened before it as well.
+            undo.pop_all()
+            undo.push_async_callback(work.stop)
+            work.herald.refused = refused
+            await work._start(site)
+            undo.pop_all()
+        return work
+
+    async def _start(self, site: str) -> None:
+        for sink in self._opened:
             if isinstance(sink, Publisher):
                 # What concerns several zones the gateways answer, who know those of all shards.
-                answering = answers(site, work.zones, lambda: leased.held)
+                answering = answers(site, self.zones, lambda: self.leased.held)
                 await asyncio.to_thread(sink.answer_with, answering, of_site=False)
-        await work.runtime.declare()
-        await work.runtime.restore()
-        work.runtime.start_zones()
-        await work.runtime.start_feeds()
-        store, limits = leased.store, Limits(config.site.keep_history, config.site.max_journal)
-        work._watching = [
-            asyncio.create_task(store.keep_within(limits)),
+        await self.runtime.declare()
+        await self.runtime.restore()
+        self.runtime.start_zones()
+        await self.runtime.start_feeds()
+        site_table, store = self.runtime.config.site, self.leased.store
+        self._watching = [
+            asyncio.create_task(store.keep_within(Limits(site_table.keep_history, site_table.max_journal))),
             asyncio.create_task(store.watch()),
             asyncio.create_task(collect_garbage()),
-            asyncio.create_task(work.herald.watch()),
+            asyncio.create_task(self.herald.watch()),
         ]
-        work.runtime.broken.add_done_callback(_broken)
-        return work
+        self.runtime.broken.add_done_callback(_broken)
 
     async def go_over(self, config: Config) -> None:
         """Run the zones of `config`; those that are the same go on untouched. Raises ServiceError."""
@@ -280,16 +292,18 @@ class _Work:
             configure_logging(config.log)
 
     async def stop(self) -> None:
-        """Stop in order."""
+        """Stop in order. Where something cannot be stopped, the rest is all the same, and then it is raised."""
         self._stopping.set()
-        await self.runtime.stop_feeds()
-        await self.runtime.drain()
-        await end(self._watching)
-        for sink in self._opened:
-            await asyncio.to_thread(sink.close)
-        for executor in (self._asking, self._pool):
-            executor.shutdown(wait=True, cancel_futures=True)
-        await self.leased.release()
+        # The last one first.
+        async with AsyncExitStack() as rest:
+            rest.push_async_callback(self.leased.release)
+            for executor in (self._pool, self._asking):
+                rest.callback(executor.shutdown, wait=True, cancel_futures=True)
+            for sink in reversed(self._opened):
+                rest.push_async_callback(asyncio.to_thread, sink.close)
+            rest.push_async_callback(end, self._watching)
+            rest.push_async_callback(self.runtime.drain)
+            rest.push_async_callback(self.runtime.stop_feeds)
 
 
 async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) -> tuple[Config, dict[str, str]]:

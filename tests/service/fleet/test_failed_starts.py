@@ -1,0 +1,123 @@
+"""A shard whose start fails leaves nothing behind that stands against the next one."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from support.campus import write_recording, write_site
+from support.postgres import Server
+
+from service.config.load import load
+from service.daemon.runtime import Runtime
+from service.errors import JournalError, ServiceError
+from service.store.postgres.leases import Leases
+from service.store.postgres.store import PostgresStore
+
+pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
+
+from service.fleet.shards import shard as module
+from service.fleet.shards.crashes import Crashes
+from service.fleet.shards.shard import _Work
+
+
+class Outlet:
+    """A sink that is open or not."""
+
+    def __init__(self) -> None:
+        self.closed = 0
+
+    def add(self, zone: str) -> None:
+        pass
+
+    remove = publish = add
+
+    def settle(self) -> None:
+        pass
+
+    def measures(self) -> list[Any]:
+        return []
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def fail(*arguments: object, **named: object) -> None:
+    raise JournalError("the database cannot be written now")
+
+
+async def fail_later(*arguments: object, **named: object) -> None:
+    fail()
+
+
+STEPS: dict[str, list[tuple[type, str]]] = {
+    "the second sink": [],
+    "the zones are taken": [(PostgresStore, "take")],
+    "the zones are declared": [(Runtime, "declare")],
+    "the zones are restored": [(Runtime, "restore")],
+    "the sources begin": [(Runtime, "start_feeds")],
+    "the zones are stopped as well": [(Runtime, "start_feeds"), (Runtime, "drain")],
+}
+"""What fails at each step; the sink is no class of its own."""
+
+
+def own_threads() -> list[str]:
+    """The threads of leases and pools."""
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith(("lease", "estimator", "asking"))]
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
+    step: str, tmp_path: Path, postgres_server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = f"begin-{os.getpid()}-{list(STEPS).index(step)}"
+    write_recording(tmp_path / "recording.csv", 2, 4)
+    config = load(
+        write_site(tmp_path, "postgresql://db/x", site=site, count=2, shards=2, pace=600.0, lease=2.0, cpus=1.0)
+    )
+    ended, sinks = [], [Outlet(), Outlet()]
+    monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
+    monkeypatch.setattr(module, "end_process", lambda: ended.append(1))
+    monkeypatch.setattr("service.fleet.shards.leasing.connection_of", lambda fleet: postgres_server.connection)
+    kinds: list[Any] = [
+        SimpleNamespace(name=name, open=lambda table, site, sink=sink: sink)
+        for name, sink in zip(("zenoh", "mqtt"), sinks, strict=True)
+    ]
+    for kind in kinds:
+        monkeypatch.setitem(module.SINK_KINDS, kind.name, kind)
+    crashes = Crashes(site, "shard-0", tmp_path)
+
+    async def scenario() -> None:
+        before = own_threads()
+        with monkeypatch.context() as patch:
+            for place, method in STEPS[step]:
+                patch.setattr(place, method, fail_later)
+            if not STEPS[step]:
+                patch.setattr(kinds[1], "open", fail)
+            with pytest.raises(ServiceError, match="cannot be written now"):
+                await _Work.begin(site, "shard-0", "boot", config, crashes)
+        assert own_threads() == before
+        opened = sinks if STEPS[step] else sinks[:1]
+        assert [sink.closed for sink in opened] == [1] * len(opened)
+        leases = Leases(postgres_server.connection, site)
+        try:
+            # Nobody else could have it for 2 s.
+            leases.release(leases.acquire("shard-0", "another process", 600.0))
+        finally:
+            leases.close()
+        work = await _Work.begin(site, "shard-0", "boot", config, crashes)
+        assert work.leased.held
+        assert len(work.zones) == 3
+        await work.stop()
+        assert own_threads() == before
+        assert not ended
+
+    try:
+        asyncio.run(scenario())
+    finally:
+        crashes.close()
