@@ -138,11 +138,16 @@ class Shard:
                 await work.zones[zone.id].source_failed(source, reason)
 
     async def take(self, posted: Sequence[Posted], zone: str | None, expected: Collection[str]) -> Handed:
-        """Take what clients posted for the zones `expected`; durable on return. Raises ServiceError."""
-        work = self._working()
-        if missing := [name for name in expected if name not in work.zones]:
-            raise Away(f"zone '{missing[0]}' is being moved; post the readings again")
-        return await hand(work.runtime.feeds, posted, zone)
+        """Take what clients posted for the zones `expected`; durable on return. Raises ServiceError: then all of it may
+        be posted again, and counts as repeated where it was taken."""
+        work, version = self._working(), self._version
+        _have(work.zones, expected)
+        handed = await hand(work.runtime.feeds, posted, zone)
+        # A zone that left meanwhile has taken nothing, and nobody was told.
+        _have(work.zones, expected)
+        if self._adopting.locked() or version != self._version:
+            raise Away(f"{self._name} is going over to another plan; post the readings again")
+        return handed
 
     async def news(self, boot: str, since: int) -> News:
         """What the zones have announced since."""
@@ -294,7 +299,7 @@ class _Work:
     async def stop(self) -> None:
         """Stop in order. Where something cannot be stopped, the rest is all the same, and then it is raised."""
         self._stopping.set()
-        # The last one first.
+        # What is pushed first comes last.
         async with AsyncExitStack() as rest:
             rest.push_async_callback(self.leased.release)
             for executor in (self._pool, self._asking):
@@ -328,6 +333,12 @@ async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) ->
             _log.error("zone '%s' passes over its sample: %s", zone.id, told(suspect))
             await leased.store.skip(zone.id, suspect.time, told(suspect))
     return narrowed(config, [zone.id for zone in config.zones if zone.id not in refused]), refused
+
+
+def _have(zones: Collection[str], expected: Collection[str]) -> None:
+    """Raises Away where one of the `expected` zones is not among `zones`."""
+    if missing := [name for name in expected if name not in zones]:
+        raise Away(f"zone '{missing[0]}' is being moved; post the readings again")
 
 
 def _own(latest: Update | None, asked: Update) -> Update:

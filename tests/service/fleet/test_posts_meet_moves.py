@@ -1,0 +1,99 @@
+"""What is posted while a shard goes over to another plan is taken by every zone, or asked for again."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from support.campus import told_by_clients, write_recording, write_site
+
+from adapters.http.posted import Posted
+from adapters.reading import Reading
+from service.config.load import load
+from service.daemon.supply.feeds import Feed, OwnSources, Tally
+from service.records.receipt import Receipt
+
+pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
+
+from service.fleet.messages import Away
+from service.fleet.shards import shard as module
+from service.fleet.shards.shard import Shard
+
+ZONES = ("posted", "attic")
+
+
+class Slow:
+    """A zone, and what happens while it makes readings durable."""
+
+    def __init__(self) -> None:
+        self.taken: list[Reading] = []
+        self.meanwhile: Callable[[], object] = lambda: None
+
+    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
+        await asyncio.sleep(0)
+        self.meanwhile()
+        repeated = sum(reading in self.taken for reading in readings)
+        self.taken += readings
+        return Receipt(len(readings) - repeated, repeated, Counter())
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Shard, dict[str, Any]]:
+    """A shard with two zones that one source posts to, and these zones."""
+    write_recording(tmp_path / "recording.csv", 1, 3)
+    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=1, pace=60.0, lease=5.0, cpus=1.0)
+    path.write_text(path.read_text(encoding="utf-8") + told_by_clients("attic", 600), encoding="utf-8")
+    monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    shard, zones = Shard("campus", "shard-0"), {name: Slow() for name in ZONES}
+    running: Any = zones
+    feed = Feed("clients", load(path), running, ZONES, Tally(), OwnSources())
+    work: Any = SimpleNamespace(zones=zones, runtime=SimpleNamespace(feeds=[feed]))
+    shard._work = work
+    shard._version = 1
+    return shard, zones
+
+
+def post(shard: Shard) -> Any:
+    return shard.take([Posted(f"{zone}/T_i", 20.0, 600.0) for zone in ZONES], None, set(ZONES))
+
+
+def test_a_post_is_answered_once_every_zone_has_its_readings(scene: tuple[Shard, dict[str, Any]]) -> None:
+    shard, zones = scene
+    assert asyncio.run(post(shard)).receipt.accepted == 2
+    assert [len(zone.taken) for zone in zones.values()] == [1, 1]
+
+
+def test_a_zone_that_leaves_meanwhile_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
+    shard, zones = scene
+    first, left = zones["posted"], zones["attic"]
+    first.meanwhile = lambda: zones.pop("attic")
+    with pytest.raises(Away, match="'attic' is being moved"):
+        asyncio.run(post(shard))
+    # It is back, as it is in the shard that has it next.
+    first.meanwhile, zones["attic"] = lambda: None, left
+    receipt = asyncio.run(post(shard)).receipt
+    assert (receipt.accepted, receipt.repeated) == (1, 1)
+
+
+def test_a_plan_that_is_adopted_meanwhile_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
+    shard, zones = scene
+    zones["posted"].meanwhile = lambda: setattr(shard, "_version", 2)
+    with pytest.raises(Away, match="post the readings again"):
+        asyncio.run(post(shard))
+
+
+def test_a_plan_that_is_being_adopted_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
+    shard, _ = scene
+
+    async def scenario() -> None:
+        async with shard._adopting:
+            with pytest.raises(Away, match="post the readings again"):
+                await post(shard)
+
+    asyncio.run(scenario())
