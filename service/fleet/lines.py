@@ -46,15 +46,21 @@ class _Kept(NamedTuple):
 class Line:
     """The source `name` by `plan`, and its ends at the shards."""
 
-    def __init__(self, name: str, plan: Plan, peer: Callable[[str], Peer]) -> None:
+    def __init__(self, name: str, plan: Plan, peer: Callable[[str], Peer], before: Line | None = None) -> None:
+        """`before` is the line in whose place it comes: what a live source has delivered is not to be had again."""
         self.name = name
         self._peer = peer
+        self._table, self._bindings = plan.config.sources[name], plan.config.bindings(name)
         self._source = plan.config.build_source(name)
         self._live = plan.config.is_live(name)
+        self._over = False
+        """Whether the source has come to its end, or stays off."""
         self._kept: deque[_Kept] = deque()
         self._readings = 0
         """How many readings are kept."""
         self._lost = 0
+        if before is not None and before._live and self._live:
+            self._kept, self._readings, self._lost = deque(before._kept), before._readings, before._lost
         self._ends: dict[str, _End] = {}
         self._held_from: float | None = None
         """The earliest time of which zones that are on their way to another shard may want something."""
@@ -75,11 +81,22 @@ class Line:
             f"sources.{self.name}: {self._lost} readings were given up, because shards did not take them for too long"
         ]
 
+    def can_follow(self, plan: Plan) -> bool:
+        """Whether it can go over to `plan` with the source that it reads: from the same table, and for the same
+        channels unless it is live."""
+        if plan.config.sources[self.name] != self._table:
+            return False
+        return (self._live and not self._over) or plan.config.bindings(self.name) == self._bindings
+
     def assign(self, plan: Plan) -> None:
-        """Deliver as `plan` says from now on."""
+        """Deliver as `plan` says from now on; it is one that the line can follow."""
         owner = plan.owners()
         channels: dict[str, set[str]] = {}
-        for binding in plan.config.bindings(self.name):
+        bindings = plan.config.bindings(self.name)
+        if bindings != self._bindings:
+            plan.config.rebind_source(self.name, self._source)
+            self._bindings = bindings
+        for binding in bindings:
             zone = binding.id.split("/", 1)[0]
             if zone not in plan.moving:
                 channels.setdefault(owner[zone], set()).add(binding.id)
@@ -99,6 +116,7 @@ class Line:
         """Read until the source ends, and then stay for shards that are started anew."""
         position = None if self._live else await self._position()
         await feed(self._source, self, self._ends, position)
+        self._over = True
         await asyncio.Event().wait()
 
     def split(self, batch: Batch) -> list[Delivery]:
@@ -125,17 +143,21 @@ class Line:
         await self._source.close()
 
     async def _position(self) -> float | None:
-        """Where a recording goes on: where the zone is that is furthest behind."""
-        times: dict[str, float | None] = {}
-        while missing := [shard for shard in self._ends if shard not in times]:
-            for shard in missing:
+        """Where a recording goes on: where the zone is that is furthest behind, of all zones: while some are on their
+        way to another shard, nobody can tell where they are."""
+        acks: dict[str, Ack] = {}
+        while self._moving or not all(self._tells(acks.get(shard)) for shard in self._ends):
+            for shard in tuple(self._ends):
                 with suppress(ServiceError):
-                    ack: Ack = await self._peer(shard).ask("position", self.name, "")
-                    if ack.version >= self.version:
-                        times[shard] = ack.durable
+                    acks[shard] = await self._peer(shard).ask("position", self.name, "")
             await asyncio.sleep(AGAIN)
-        known = [time for time in times.values() if time is not None]
+        times = [acks[shard].durable for shard in self._ends]
+        known = [time for time in times if time is not None]
         return min(known) if known and len(known) == len(times) else None
+
+    def _tells(self, ack: Ack | None) -> bool:
+        """Whether a shard has told where all the zones are that it has by the plan."""
+        return ack is not None and ack.version >= self.version
 
     def _trim(self) -> None:
         """Keep no longer what is durable wherever it is wanted."""

@@ -56,15 +56,17 @@ class Reader:
                 for name, table in plan.config.sources.items()
                 if table.kind != HTTP_KIND.name and plan.config.zones_of(name)
             }
-            for name in list(self._lines):
-                if name not in wanted or (before is not None and _is_other(name, before, plan)):
-                    await self._stop(name)
+            for name in set(self._lines) - set(wanted):
+                await self._stop(name)
             for name in wanted:
-                if name in self._lines:
-                    self._lines[name][0].assign(plan)
-                else:
-                    line = Line(name, plan, self._peer)
-                    self._lines[name] = line, asyncio.create_task(line.run(), name=f"source {name}")
+                line, _ = self._lines.get(name, (None, None))
+                if line is not None and line.can_follow(plan):
+                    line.assign(plan)
+                    continue
+                if line is not None:
+                    await self._stop(name)
+                line = Line(name, plan, self._peer, line)
+                self._lines[name] = line, asyncio.create_task(line.run(), name=f"source {name}")
             self._plan = plan
 
     async def stop(self) -> None:
@@ -80,12 +82,3 @@ class Reader:
 
     def _peer(self, shard: str) -> Peer:
         return Peer(self._site, shard)
-
-
-def _is_other(name: str, before: Plan, after: Plan) -> bool:
-    """Whether a source has to be read anew: it has another table, or other channels are asked of it."""
-    if before.config.sources[name] != after.config.sources[name]:
-        return True
-    if before.config is after.config:
-        return False
-    return before.config.bindings(name) != after.config.bindings(name)

@@ -140,6 +140,26 @@ def test_a_recording_begins_where_the_zone_is_that_is_furthest_behind(config: Co
     asyncio.run(scenario())
 
 
+def test_a_recording_that_begins_while_zones_move_waits_until_they_have_a_shard(config: Config, source: Told) -> None:
+    async def scenario() -> None:
+        plan = Plan(1, config, shard_names(1)).followed_by(shards=shard_names(2))
+        assert plan.moving
+        shards = {name: Shard(plan.version) for name in shard_names(2)}
+        shards["shard-0"].durable, shards["shard-1"].durable = START + 1200.0, START + 600.0
+        line, task = await run(plan, shards)
+        await asyncio.sleep(0.1)
+        assert source.began_at == -inf
+        settled = plan.settled()
+        line.assign(settled)
+        for shard in shards.values():
+            shard.version = settled.version
+        await until(lambda: source.began_at != -inf)
+        assert source.began_at == START + 600.0, "a zone that has moved is further behind"
+        await stop(line, task)
+
+    asyncio.run(scenario())
+
+
 def test_a_shard_in_a_new_process_gets_again_what_is_not_durable(config: Config, source: Told) -> None:
     async def scenario() -> None:
         plan, shards = Plan(1, config, shard_names(2)), {name: Shard() for name in shard_names(2)}
