@@ -144,7 +144,7 @@ class Line:
 
     async def _position(self) -> float | None:
         """Where a recording goes on: where the zone is that is furthest behind, of all zones: while some are on their
-        way to another shard, nobody can tell where they are."""
+        way to another shard or to quarantine, nobody can tell where they are."""
         acks: dict[str, Ack] = {}
         while self._moving or not all(self._tells(acks.get(shard)) for shard in self._ends):
             for shard in tuple(self._ends):
@@ -157,7 +157,7 @@ class Line:
 
     def _tells(self, ack: Ack | None) -> bool:
         """Whether a shard has told where all the zones are that it has by the plan."""
-        return ack is not None and ack.version >= self.version
+        return ack is not None and ack.version >= self.version and ack.durable != -inf
 
     def _trim(self) -> None:
         """Keep no longer what is durable wherever it is wanted."""

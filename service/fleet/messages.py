@@ -33,7 +33,7 @@ class Beat(NamedTuple):
 class Ack(NamedTuple):
     """The answer of a shard to a batch. `boot` is its process; a batch for another one was not taken. `version` is that
     of its plan. What its zones had from the source before `durable` (UTC s) is not wanted again, whatever happens to
-    the shard; None: a zone has not begun."""
+    the shard; None: a zone has not begun, -inf: a zone is on its way to quarantine, which alone can tell."""
 
     boot: str
     version: int

@@ -33,6 +33,7 @@ class Inlets:
         self._ended: set[str] = set()
         self._caught_up: set[str] = set()
         self._news = asyncio.Event()
+        self._withheld: frozenset[str] = frozenset()
 
     def build(self, config: Config, name: str) -> Source:
         """The source `name` for the zones of `config`."""
@@ -80,9 +81,16 @@ class Inlets:
         for inlet in self._open.get(source, ()):
             inlet.end()
 
+    def withhold(self, config: Config) -> None:
+        """The zones of `config` are not run here and have no other shard yet: what their sources deliver is wanted from
+        wherever they stopped."""
+        self._withheld = frozenset(name for name in config.sources if config.zones_of(name))
+
     async def durable_until(self, source: str, config: Config) -> float | None:
         """UTC s up to which all that the zones of `config` had from the source is durable; None where one has not
-        begun."""
+        begun, -inf where it cannot be told."""
+        if source in self._withheld:
+            return -inf
         zones = [self._zones[zone.id] for zone in config.zones_of(source) if zone.id in self._zones]
         known = await asyncio.gather(*(zone.durable_until() for zone in zones))
         times = [time for time in known if time is not None]

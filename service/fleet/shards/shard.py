@@ -7,7 +7,7 @@ import logging
 import os
 import secrets
 import threading
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from importlib.metadata import version
@@ -33,7 +33,7 @@ from service.fleet.messages import Ack, Beat, News
 from service.fleet.peers import end_process, own_node, remembered
 from service.fleet.plan import QUARANTINE, narrowed
 from service.fleet.questions import answers
-from service.fleet.shards.crashes import Crashes, told
+from service.fleet.shards.crashes import Crashes, Suspect, told
 from service.fleet.shards.herald import Herald
 from service.fleet.shards.inlets import Inlets
 from service.fleet.shards.leasing import Leased, Vouched, take_lease
@@ -89,9 +89,7 @@ class Shard:
         work = self._work
         zones, problems = (0, []) if work is None else (len(work.zones), work.leased.store.problems())
         beat = Beat(self._name, self._boot, self._node, os.getpid(), self._version, zones, work is not None, problems)
-        if self._name == QUARANTINE:
-            return beat
-        return beat._replace(guilty={zone: told(suspect) for zone, suspect in self._crashes.guilty.items()})
+        return beat._replace(guilty={zone: told(each) for zone, each in _blamed(self._name, self._crashes).items()})
 
     async def adopt(self, version: int, config: Config) -> None:
         """Run the zones of `config`, and no others, from now on. Raises ServiceError."""
@@ -257,7 +255,7 @@ class _Work:
             # It stops what was opened before it as well.
             undo.pop_all()
             undo.push_async_callback(work.stop)
-            work.herald.refused = refused
+            work._refuse(refused, config)
             await work._start(site)
             undo.pop_all()
         return work
@@ -281,9 +279,15 @@ class _Work:
         ]
         self.runtime.broken.add_done_callback(_broken)
 
+    def _refuse(self, refused: dict[str, str], config: Config) -> None:
+        """Tell why zones of `config` are not run, and keep the reader from letting go of what quarantine wants."""
+        self.herald.refused = refused
+        self.inlets.withhold(narrowed(config, list(_blamed(self._name, self._crashes))))
+
     async def go_over(self, config: Config) -> None:
         """Run the zones of `config`; those that are the same go on untouched. Raises ServiceError."""
-        sound, self.herald.refused = await _sound(config, self._name, self.leased, self._crashes)
+        sound, refused = await _sound(config, self._name, self.leased, self._crashes)
+        self._refuse(refused, config)
         before = self.runtime.config
         self._leaving |= {zone.id for zone in before.zones}
         # The other tables take effect with the next start of the shard.
@@ -314,9 +318,9 @@ class _Work:
 async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) -> tuple[Config, dict[str, str]]:
     """`config` with the zones that the shard can run, and why it cannot run the others: one zone's mistake is not the
     others'. The shard holds none of those that it refuses, so that another one can take them."""
-    guilty = {} if name == QUARANTINE else crashes.guilty
+    blamed = _blamed(name, crashes)
     refused = {
-        zone.id: f"{told(guilty[zone.id])}; it goes on in quarantine" for zone in config.zones if zone.id in guilty
+        zone.id: f"{told(blamed[zone.id])}; it goes on in quarantine" for zone in config.zones if zone.id in blamed
     }
     wanted = [zone for zone in config.zones if zone.id not in refused]
     await leased.store.take([zone.id for zone in wanted])
@@ -333,6 +337,11 @@ async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) ->
             _log.error("zone '%s' passes over its sample: %s", zone.id, told(suspect))
             await leased.store.skip(zone.id, suspect.time, told(suspect))
     return narrowed(config, [zone.id for zone in config.zones if zone.id not in refused]), refused
+
+
+def _blamed(name: str, crashes: Crashes) -> Mapping[str, Suspect]:
+    """The zones that the shard `name` leaves to quarantine."""
+    return {} if name == QUARANTINE else crashes.guilty
 
 
 def _have(zones: Collection[str], expected: Collection[str]) -> None:

@@ -160,6 +160,21 @@ def test_a_recording_that_begins_while_zones_move_waits_until_they_have_a_shard(
     asyncio.run(scenario())
 
 
+def test_a_recording_that_begins_while_a_zone_goes_to_quarantine_waits_for_it(config: Config, source: Told) -> None:
+    async def scenario() -> None:
+        shards = {name: Shard() for name in shard_names(2)}
+        shards["shard-0"].durable, shards["shard-1"].durable = START + 1200.0, -inf
+        line, task = await run(Plan(1, config, shard_names(2)), shards)
+        await asyncio.sleep(0.1)
+        assert source.began_at == -inf
+        shards["shard-1"].durable = START + 600.0
+        await until(lambda: source.began_at != -inf)
+        assert source.began_at == START + 600.0
+        await stop(line, task)
+
+    asyncio.run(scenario())
+
+
 def test_a_shard_in_a_new_process_gets_again_what_is_not_durable(config: Config, source: Told) -> None:
     async def scenario() -> None:
         plan, shards = Plan(1, config, shard_names(2)), {name: Shard() for name in shard_names(2)}
