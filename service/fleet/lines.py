@@ -212,11 +212,13 @@ class _End:
         """The shard has these channels from now on; of those it did not have it gets all that is `kept`."""
         fresh, owed = channels - self._channels, {id(one): asked for one, asked, _ in self._owed}
         self._kept, self._channels = kept, channels
+        # It may have built zones that have not heard of the end.
+        self._told_end = False
+        self._news.set()
         if fresh:
             self.durable = -inf
             # One clock for all channels: they come in the order in which they were read.
             self._owed = deque((one, frozenset(owed.get(id(one), ())) | fresh, True) for one in kept)
-            self._news.set()
 
     def owe(self, kept: _Kept) -> None:
         """The shard gets a batch."""
@@ -270,7 +272,9 @@ class _End:
                 self._doubt = False
                 self._room.set()
         elif self._finished and not self._told_end:
-            self._told_end = self._heard(await self._ask("finish"))
+            version = self._line.version
+            heard = self._heard(await self._ask("finish"))
+            self._told_end = heard and version == self._line.version
         else:
             self._heard(await self._peer.ask("position", name, self._boot, timeout=10 * LOOK))
             self._news.clear()

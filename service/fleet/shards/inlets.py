@@ -28,9 +28,11 @@ class Inlets:
     def __init__(self, zones: Mapping[str, Zone]) -> None:
         self._zones = zones
         self._open: dict[str, set[_Inlet]] = {}
+        """The inlets of every source that have not come to their end."""
         self._seen: dict[str, float] = {}
         """The latest clock of every source: what is not later may have been delivered before."""
         self._ended: set[str] = set()
+        """Sources that have come to their end for all zones that there were then."""
         self._caught_up: set[str] = set()
         self._news = asyncio.Event()
         self._withheld: frozenset[str] = frozenset()
@@ -39,7 +41,9 @@ class Inlets:
         """The source `name` for the zones of `config`."""
         if config.sources[name].kind == HTTP_KIND.name:
             return config.build_source(name)
-        return _Inlet(name, _channels(config, name), self._opened, self._closed, name in self._ended)
+        inlet = _Inlet(name, _channels(config, name), self._closed)
+        self._open.setdefault(name, set()).add(inlet)
+        return inlet
 
     def rebind(self, config: Config, name: str, source: Source) -> None:
         """Let a source at work deliver to the zones of `config`."""
@@ -67,16 +71,19 @@ class Inlets:
     async def deliver(self, source: str, batch: Batch, again: bool) -> None:
         """Hand a batch, which they may have had `again`, to the zones; what closed by it is durable on return. Raises
         Away where the source is not at work yet."""
-        if not self._open.get(source):
+        inlets = tuple(self._open.get(source, ()))
+        if not inlets and source in self._ended:
+            # The zones have had all of it.
+            return
+        if not inlets or not all(inlet.at_work for inlet in inlets):
             raise Away(f"sources.{source} is not at work in this shard yet")
-        self._ended.discard(source)
         if again or batch.now <= self._seen.get(source, -inf):
             batch = Batch([reading for reading in batch.readings if self._is_new(reading)], batch.now)
-        await asyncio.gather(*(inlet.put(batch) for inlet in tuple(self._open[source])))
+        await asyncio.gather(*(inlet.put(batch) for inlet in inlets))
         self._seen[source] = max(batch.now, self._seen.get(source, -inf))
 
     async def finish(self, source: str) -> None:
-        """The source has come to its end."""
+        """The source has come to its end, also for zones that came to it after it had for others."""
         self._ended.add(source)
         for inlet in self._open.get(source, ()):
             inlet.end()
@@ -100,30 +107,20 @@ class Inlets:
         name = reading.channel.split("/", 1)[0]
         return name in self._zones and not self._zones[name].knows(reading)
 
-    def _opened(self, inlet: _Inlet) -> None:
-        self._open.setdefault(inlet.name, set()).add(inlet)
-
     def _closed(self, inlet: _Inlet) -> None:
-        self._open.get(inlet.name, set()).discard(inlet)
+        self._open[inlet.name].discard(inlet)
 
 
 class _Inlet:
     """A source that somebody else reads."""
 
-    def __init__(
-        self,
-        name: str,
-        channels: Collection[str],
-        opened: Callable[[_Inlet], None],
-        closed: Callable[[_Inlet], None],
-        ended: bool,
-    ) -> None:
+    def __init__(self, name: str, channels: Collection[str], closed: Callable[[_Inlet], None]) -> None:
         self.name = name
         self.channels = channels
-        self._opened, self._closed = opened, closed
+        self.at_work = False
+        """Whether somebody takes what is put."""
+        self._closed = closed
         self._batches: asyncio.Queue[tuple[Batch, asyncio.Future[None]] | object] = asyncio.Queue()
-        if ended:
-            self.end()
 
     def check(self) -> list[str]:
         """What the reader looks at."""
@@ -142,7 +139,7 @@ class _Inlet:
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is put, in order, until the end. The reader knows where to begin."""
-        self._opened(self)
+        self.at_work = True
         taken: asyncio.Future[None] | None = None
         try:
             while (item := await self._batches.get()) is not _END:
@@ -152,7 +149,7 @@ class _Inlet:
                 if not taken.done():
                     taken.set_result(None)
         finally:
-            self._closed(self)
+            self.at_work = False
             self._give_up(taken)
             while not self._batches.empty():
                 item = self._batches.get_nowait()
@@ -163,7 +160,8 @@ class _Inlet:
         return []
 
     async def close(self) -> None:
-        """The reader holds the connection."""
+        """The reader holds the connection; nothing is wanted of it for these zones any more."""
+        self._closed(self)
 
     def _give_up(self, taken: asyncio.Future[None] | None) -> None:
         if taken is not None and not taken.done():

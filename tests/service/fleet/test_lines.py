@@ -57,6 +57,8 @@ class Shard:
         self.again: list[bool] = []
         self.durable: float | None = None
         self.ended = 0
+        self.told: list[str] = []
+        """What was delivered or told, in order."""
 
     async def ask(self, method: str, source: str, boot: str, *arguments: Any, timeout: float | None = None) -> Ack:
         await asyncio.sleep(0)
@@ -66,10 +68,14 @@ class Shard:
             plan, batch, again = arguments
             if plan != self.version:
                 raise Away("plans differ")
+            self.told.append(method)
             self.got.append((batch.now, {reading.channel.split("/")[0] for reading in batch.readings}))
             self.again.append(again)
             self.durable = batch.now
         if boot == self.boot and method == "finish":
+            if arguments != (self.version,):
+                raise Away("plans differ")
+            self.told.append(method)
             self.ended += 1
         return Ack(self.boot, self.version, self.durable)
 
@@ -225,6 +231,56 @@ def test_a_zone_that_moves_takes_what_is_not_durable_along(config: Config, sourc
         await until(lambda: taken and taken[-1][0] == START + PERIOD * 4.0)
         came = [now for now, zones in taken if zones == moving.moving]
         assert came[-3:] == [START + PERIOD * step for step in (2.0, 3.0, 4.0)]
+        await stop(line, task)
+
+    asyncio.run(scenario())
+
+
+def test_zones_that_move_after_the_end_get_what_is_kept_and_then_the_end(config: Config, source: Told) -> None:
+    async def scenario() -> None:
+        # The shard that takes them has others of the recording, which have heard of its end.
+        plan = Plan(1, config, shard_names(2))
+        shards = {name: Shard() for name in shard_names(2)}
+        line, task = await run(plan, shards)
+        source.tell(0)
+        source.given.put_nowait(None)
+        await until(lambda: all(shard.ended == 1 for shard in shards.values()))
+        fewer = plan.followed_by(shards=shard_names(1))
+        for shard in shards.values():
+            shard.version = fewer.version
+        line.assign(fewer)
+        await until(lambda: shards["shard-0"].ended == 2)
+        settled = fewer.settled()
+        shards["shard-0"].version, shards["shard-0"].told = settled.version, []
+        line.assign(settled)
+        await until(lambda: shards["shard-0"].ended == 3)
+        assert shards["shard-0"].told == ["deliver", "finish"]
+        assert shards["shard-0"].got[-1] == (float(START), fewer.moving)
+        await asyncio.sleep(0.05)
+        assert shards["shard-0"].ended == 3, "it is told once"
+        await stop(line, task)
+
+    asyncio.run(scenario())
+
+
+def test_a_plan_that_comes_while_the_end_is_told_has_it_told_again(config: Config, source: Told) -> None:
+    async def scenario() -> None:
+        plan = Plan(1, config, shard_names(1))
+        shard = Shard()
+        line, task = await run(plan, {"shard-0": shard})
+        followed = plan.followed_by(config)
+        asked = shard.ask
+
+        async def ask(method: str, *arguments: Any, timeout: float | None = None) -> Ack:
+            ack = await asked(method, *arguments, timeout=timeout)
+            if method == "finish" and shard.ended == 1:
+                line.assign(followed)
+                shard.version = followed.version
+            return ack
+
+        shard.ask = ask  # type: ignore[method-assign]
+        source.given.put_nowait(None)
+        await until(lambda: shard.ended == 2)
         await stop(line, task)
 
     asyncio.run(scenario())
