@@ -66,7 +66,12 @@ def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]
             value is None or (isinstance(value, int | float) and not isinstance(value, bool)) for value in values
         ):
             raise SourceUnavailable(f"{block}.{name} must hold numbers or null")
-        numbers = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        try:
+            numbers = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+        except OverflowError:
+            raise SourceUnavailable(
+                f"{block}.{name} holds a number that is too large to be one of the weather"
+            ) from None
         unit = str(units.get(name, ""))
         # Radiation is told as the mean of the time before, unless the name says instant.
         preceding = any(word in name for word in _PRECEDING) and not name.endswith("_instant")

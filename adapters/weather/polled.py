@@ -7,6 +7,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import AsyncIterator, Callable, Sequence
+from http.client import HTTPException
 from pathlib import Path
 
 from adapters.csv.table import CsvChannel, Layout, column_problems, read_header, read_table
@@ -93,7 +94,7 @@ class PolledAddress:
         except urllib.error.HTTPError as error:
             with error:
                 raise SourceUnavailable(f"the address answers {error.code} {error.reason}; check url") from error
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, HTTPException) as error:
             reason = getattr(error, "reason", None) or error
             raise SourceUnavailable(f"the address cannot be reached ({reason}); check url and network") from error
 

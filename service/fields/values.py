@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import difflib
 import ipaddress
 import math
@@ -238,8 +237,9 @@ def delimiter(value: object) -> str:
 
 def encoding(value: object) -> str:
     try:
-        codecs.lookup(text(value))
-    except LookupError:
+        # The codecs of Python that turn bytes into bytes are none.
+        "".encode(text(value))
+    except (LookupError, ValueError):
         raise ValueError(f'{shown(value)} is not a text encoding; use for example "utf-8" or "cp1252"') from None
     return str(value)
 
@@ -252,6 +252,8 @@ def context(info: ValidationInfo) -> dict[str, Any]:
 def path(value: object, info: ValidationInfo) -> Path:
     """An absolute path; a relative one is taken from the configuration file's folder (`folder` of the context)."""
     given = Path(value if isinstance(value, Path) else text(value))
+    if "\0" in str(given):
+        raise ValueError(f"{shown(str(given))} has a character in it that no path has")
     if "-----BEGIN" in str(given) or "\n" in str(given):
         raise ValueError(
             "is the content of a file; put it into a file that only the daemon can read, and give its path"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
+from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
@@ -40,6 +41,12 @@ class WeatherCsvConfig(BaseModel):
     refresh: PositiveDuration = 60.0
     max_age: PositiveDuration = _DAY
 
+    @model_validator(mode="after")
+    def _readable(self) -> Self:
+        if self.delimiter == self.decimal:
+            raise ValueError(f'delimiter and decimal are both "{self.decimal}"; they must differ')
+        return self
+
     @property
     def described(self) -> str:
         """What it reads, for the summary of a check."""
@@ -63,6 +70,8 @@ class OpenMeteoConfig(BaseModel):
             raise ValueError("needs either file or url")
         if self.url is not None and not self.url.startswith(("http://", "https://")):
             raise ValueError("url must begin with http:// or https://")
+        if self.url is not None and not _is_address(self.url):
+            raise ValueError("url must be an address such as https://api.example/v1/forecast?latitude=47.7")
         return self
 
     @property
@@ -90,6 +99,15 @@ class ZenohWeatherConfig(SessionConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"{self.key} from {', '.join(self.connect)}"
+
+
+def _is_address(url: str) -> bool:
+    """Whether something may be at `url`: it has a host, a port if it names one, and no blanks."""
+    try:
+        parts = urlsplit(url)
+        return bool(parts.hostname) and parts.port != 0 and url.isprintable() and " " not in url
+    except ValueError:
+        return False
 
 
 class WeatherKind(NamedTuple):

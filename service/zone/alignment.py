@@ -255,10 +255,11 @@ class Alignment:
         samples: list[Sample] = []
         for index in sorted(index for index in self._open if index <= last):
             interval = self._open.pop(index)
+            # What is meant from here on does not hold for the silence before.
+            samples += self._silence(index)
             self._note_setpoint(index, interval)
             if not any(interval.readings[: self._width]):
                 continue
-            samples += self._silence(index)
             samples.append(self._sample(index, interval))
             self._idle = 0
             self._next = index + 1

@@ -135,6 +135,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "long delimiter": (log(delimiter=";;"), "sources.log.delimiter", ("one character", 'not ";;"')),
     "delimiter is the decimal mark": (log(decimal=","), "sources.log", ("delimiter and decimal are both",)),
     "bad decimal": (log(decimal="'"), "sources.log.decimal", ('must be "." or ",", not',)),
+    "a codec that makes no text": (log(encoding="hex"), "sources.log.encoding", ('"hex" is not a text encoding',)),
     "unknown encoding": (log(encoding="utf-9"), "sources.log.encoding", ('"utf-9" is not a text encoding',)),
     "a range beyond anything": (air(valid=[-1e300, 1e300]), f"{AIR}.valid", ("goes beyond", "-273.15 to 10000")),
     "non-loopback host": (

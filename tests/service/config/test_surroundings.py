@@ -92,6 +92,9 @@ def test_what_is_shown_can_be_loaded_and_state_stays_valid(tmp_path: Path) -> No
     assert [fingerprint(zone) for zone in plain.zones] == [fingerprint(zone) for zone in config.zones]
 
 
+CSV = {"kind": "csv", "file": "forecast.csv", "timestamp": {"column": "t", "format": "iso8601"}}
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -99,6 +102,12 @@ def test_what_is_shown_can_be_loaded_and_state_stays_valid(tmp_path: Path) -> No
         ({"kind": None}, "weather.outlook.kind: is missing; the kinds are csv, open-meteo, zenoh"),
         ({"url": "http://x/"}, "weather.outlook: needs either file or url"),
         ({"file": None, "url": "ftp://x/"}, "weather.outlook: url must begin with http:// or https://"),
+        ({"file": None, "url": "http://a b/"}, "weather.outlook: url must be an address such as"),
+        ({"file": None, "url": "http://h:port/"}, "weather.outlook: url must be an address such as"),
+        ({"file": None, "url": "https:///x"}, "weather.outlook: url must be an address such as"),
+        (CSV | {"decimal": ","}, 'weather.outlook: delimiter and decimal are both ","; they must differ'),
+        (CSV | {"encoding": "base64"}, 'weather.outlook.encoding: "base64" is not a text encoding'),
+        (CSV | {"file": "a\0b"}, "weather.outlook.file: "),
         ({"refresh": "soon"}, "weather.outlook.refresh: "),
         ({"colour": 1}, "weather.outlook.colour: is not a known key"),
         ({"kind": "zenoh", "file": None, "key": "a//b", "connect": ["tcp/127.0.0.1:1"]}, "weather.outlook.key: "),

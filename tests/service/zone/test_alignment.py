@@ -264,6 +264,21 @@ def test_a_set_point_comes_with_the_samples_and_holds_for_a_while():
     assert all(len(sample.inputs) == 2 for sample in samples)
 
 
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_setpoint_holds_over_a_gap_however_readings_are_batched(at_once):
+    align = alignment(sources=("a",), setpoint_age=86400.0, idle_limit=9)
+    rows = [(k, [indoor(300.0 * k), Reading("setpoint", 300.0 * k, 21.0)]) for k in (3, 4, 9, 10)]
+    rows.append((11, [Reading("setpoint", 3300.0, 19.0)]))
+    samples = []
+    if at_once:
+        samples = align.add("a", [reading for _, readings in rows for reading in readings], 3900.0)
+    else:
+        for k, readings in rows:
+            samples += align.add("a", readings, 300.0 * k)
+        samples += align.add("a", [], 3900.0)
+    assert [sample.setpoint for sample in samples] == [21.0] * 8 + [19.0] * 2
+
+
 def test_a_set_point_makes_no_sample_and_wakes_no_silent_zone():
     align = alignment(sources=("a",), setpoint_age=0.0, idle_limit=1)
     assert align.add("a", [Reading("setpoint", 10.0, 21.0)], 900) == []
