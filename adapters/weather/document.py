@@ -69,9 +69,7 @@ def _series(document: Mapping[str, Any], block: str) -> dict[str, WeatherSeries]
         try:
             numbers = np.array([np.nan if value is None else value for value in values], dtype=np.float64)
         except OverflowError:
-            raise SourceUnavailable(
-                f"{block}.{name} holds a number that is too large to be one of the weather"
-            ) from None
+            raise SourceUnavailable(f"{block}.{name} holds a number too large for any weather") from None
         unit = str(units.get(name, ""))
         # Radiation is told as the mean of the time before, unless the name says instant.
         preceding = any(word in name for word in _PRECEDING) and not name.endswith("_instant")

@@ -76,6 +76,7 @@ def test_finer_series_count_and_a_document_may_say_when_it_was_issued() -> None:
         (written(hourly={"time": [NOON], "t": [1.0, 2.0]}), "as many values as there are times"),
         (written(hourly={"time": [NOON], "t": ["cold"]}), "must hold numbers or null"),
         (written(hourly={"time": [True], "t": [1]}), "True is no time"),
+        (written(hourly={"time": [NOON], "t": [10**400]}), "hourly.t holds a number too large"),
         (written(utc_offset_seconds="CET"), "utc_offset_seconds is 'CET'"),
         (written(issued=[]), "is no time"),
         (b" " * (LONGEST + 1), "longer than 4000000 bytes; ask for fewer series"),
