@@ -174,6 +174,9 @@ class _Watched:
         if fault is not None or isinstance(posted.value, Fault):
             return self._converter.bad(when, fault or Fault.NON_NUMERIC)
         if self.channel.edge.counter:
+            if self._counted_until > arrived + max_ahead:
+                # It would be refused by now: the clock that dated it was wrong, and has been set back.
+                self._counted_until = -inf
             if when <= self._counted_until:
                 # Most probably posted a second time, which the zone knows.
                 return self._converter.bad(when, Fault.OUT_OF_ORDER)

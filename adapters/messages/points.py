@@ -79,9 +79,18 @@ class _Watched:
         self.newest = float("-inf")
         """Time of the newest value so far, UTC s."""
         self.known_until = float("-inf")
-        """What is not newer was had before the session was opened anew."""
+        """What is not newer was had before the session was opened anew, UTC s."""
         self.heard = False
         self._said: dict[Fault, float] = {}
+
+    def forget_after(self, arrived: float) -> None:
+        """Forget what was had if it is dated after `arrived` (UTC s), the time of arrival of a new sample.
+
+        The clock that dated it was wrong and has been set back. Until it catches up, everything new would pass for
+        something that was had.
+        """
+        if self.known_until > arrived:
+            self.known_until = float("-inf")
 
     def say(self, rejected: Rejected, key: str) -> None:
         """Log what is wrong, now and then."""
@@ -141,6 +150,8 @@ class Channels:
         return (watched for listed in self._at.values() for watched in listed)
 
     def _read(self, watched: _Watched, incoming: Incoming) -> Iterator[Reading]:
+        watched.forget_after(incoming.arrived)
+        latest = incoming.arrived + self._dating.max_ahead
         for when, entry, origin in _dated(watched.channel.format, self._dating, incoming):
             if isinstance(entry, Rejected):
                 watched.say(entry, incoming.key)
@@ -152,7 +163,8 @@ class Channels:
                         continue
                     entry = entry._replace(quality=Quality.UNCERTAIN)
                 else:
-                    watched.newest = max(watched.newest, when)
+                    # A time that would be refused by now comes from a clock that has been set back since.
+                    watched.newest = when if watched.newest > latest else max(watched.newest, when)
                 reading = _reading(watched, when, entry)
                 if reading is not None:
                     yield reading

@@ -118,6 +118,21 @@ def test_counts_become_power_in_the_order_of_their_times_and_once() -> None:
     assert last.value == 60000.0, "what was posted twice has not moved the counter"
 
 
+def test_counts_of_a_clock_that_was_set_back_do_not_stop_the_counter() -> None:
+    posted = source()
+    for ahead, count in ((7200, 100.0), (7260, 101.0)):
+        posted.receive([Posted("office/u_heat", count)], None, NOW + ahead)
+    first, second, third = (posted.receive([Posted("office/u_heat", 102.0 + k)], None, NOW + 60 * k) for k in range(3))
+    assert (first.readings, first.begun) == ([], 1)
+    assert [(one.time, one.value) for one in second.readings + third.readings] == [
+        (NOW + 60, pytest.approx(60_000.0)),
+        (NOW + 120, pytest.approx(60_000.0)),
+    ]
+    # A publisher whose clock is ahead by less than what is allowed still repeats itself.
+    again = posted.receive([Posted("office/u_heat", 104.0, NOW + 120)], None, NOW + 115)
+    assert [one.fault for one in again.readings] == [Fault.OUT_OF_ORDER]
+
+
 def test_a_channel_that_stays_through_a_reload_remembers_its_counter() -> None:
     meter = source(METER)
     meter.receive([Posted("office", 10.0, NOW - 60, "u_heat")], None, NOW)

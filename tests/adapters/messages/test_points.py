@@ -1,0 +1,87 @@
+"""From samples to readings: what was had before, what a wrong clock has dated, and what a broker had kept."""
+
+from __future__ import annotations
+
+from adapters.edge import Edge
+from adapters.messages.inbox import Incoming
+from adapters.messages.points import Channels, Dating, MessageChannel
+from adapters.payload.json_pointer import parse
+from adapters.payload.payload import PayloadFormat
+from adapters.reading import Reading
+
+NOW = 1_772_000_000.0
+AHEAD = 7200.0
+TOPIC = "home/room/T"
+PLAIN = MessageChannel("room/T", TOPIC)
+DATED = MessageChannel("room/T", TOPIC, PayloadFormat("json", parse("/value"), parse("/time"), time_format="epoch"))
+
+
+def channels(*listed: MessageChannel) -> Channels:
+    return Channels(listed, Dating(("payload", "arrival")), 900.0, "topic")
+
+
+def came(arrived: float, payload: object = 20, retained: bool = False) -> Incoming:
+    written = str(payload).encode()
+    return Incoming(TOPIC, written, len(written), None, arrived, retained)
+
+
+def dated(time: float, arrived: float) -> Incoming:
+    return came(arrived, f'{{"value": 20, "time": {time}}}')
+
+
+def readings(taken: Channels, *samples: Incoming) -> list[Reading]:
+    return list(taken.readings(TOPIC, samples))
+
+
+def times(taken: Channels, *samples: Incoming) -> list[float]:
+    return [reading.time for reading in readings(taken, *samples)]
+
+
+def test_what_was_had_is_passed_over_when_the_session_is_opened_anew() -> None:
+    taken = channels(DATED)
+    assert times(taken, dated(NOW - 60, NOW)) == [NOW - 60]
+    taken.start_again()
+    recovered = [dated(NOW - 60, NOW + 30), dated(NOW - 30, NOW + 30)]
+    assert times(taken, *recovered) == [NOW - 30]
+
+
+def test_a_clock_that_is_set_back_before_the_session_is_opened_anew_silences_nobody() -> None:
+    taken = channels(PLAIN)
+    assert times(taken, came(NOW + AHEAD)) == [NOW + AHEAD]
+    taken.start_again()
+    minutes = [NOW + 60 * k for k in range(3)]
+    assert times(taken, *(came(minute) for minute in minutes)) == minutes
+
+
+def test_a_clock_that_is_set_back_after_the_session_was_opened_anew_silences_nobody() -> None:
+    taken = channels(PLAIN)
+    readings(taken, came(NOW + AHEAD))
+    taken.start_again()
+    assert times(taken, came(NOW)) == [NOW]
+    # Neither when the clock reaches the wrong time again, nor in later sessions.
+    late = NOW + AHEAD + 1
+    assert times(taken, came(late)) == [late]
+
+
+def test_what_waited_at_the_broker_after_the_clock_was_set_back_counts() -> None:
+    taken = channels(DATED)
+    readings(taken, dated(NOW + AHEAD, NOW + AHEAD))
+    assert times(taken, dated(NOW, NOW)) == [NOW]
+    taken.start_again()
+    waited = [dated(NOW, NOW + 600), dated(NOW + 300, NOW + 600)]
+    assert times(taken, *waited) == [NOW + 300]
+
+
+def test_a_counter_counts_on_after_the_clock_was_set_back() -> None:
+    taken = channels(MessageChannel("room/u", TOPIC, edge=Edge(counter=True)))
+    readings(taken, came(NOW + AHEAD, 1000))
+    taken.start_again()
+    found = readings(taken, came(NOW, 2000), came(NOW + 60, 2600), came(NOW + 120, 3800))
+    assert [(reading.time, reading.value) for reading in found] == [(NOW + 60, 10.0), (NOW + 120, 20.0)]
+
+
+def test_a_retained_value_without_a_time_is_passed_over_even_after_the_clock_was_set_back() -> None:
+    taken = channels(PLAIN)
+    readings(taken, came(NOW + AHEAD))
+    taken.start_again()
+    assert readings(taken, came(NOW, retained=True)) == []
