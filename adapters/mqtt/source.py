@@ -7,9 +7,10 @@ import difflib
 import logging
 import secrets
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.messages.inbox import Inbox, Incoming
@@ -262,15 +263,14 @@ class _Link:
                 await client.publish(topic, ONLINE)
             await client.subscribe(self._topics)
             self._loop.call_soon_threadsafe(self._open.set)
-            following = asyncio.create_task(self._follow(client))
             try:
-                await client.lost()
+                await _first_failure(client.lost(), self._follow(client))
             finally:
-                following.cancel()
                 if topic is not None:
                     await _said_goodbye(client, topic)
 
     async def _follow(self, client: Client) -> None:
+        """Take the subscriptions to every change. Raises SourceUnavailable where the broker does not confirm one."""
         while True:
             more, less = await self._changes.get()
             await client.subscribe(more)
@@ -278,6 +278,20 @@ class _Link:
 
     def _take(self, incoming: Incoming) -> None:
         self._inbox.put(EVERYTHING if self._everything else incoming.key, incoming)
+
+
+async def _first_failure(*work: Coroutine[Any, Any, None]) -> None:
+    """Run `work`, which never ends by itself, until one of it raises, and raise that; none of it is left behind."""
+    tasks = [asyncio.create_task(one) for one in work]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            if task.done():
+                task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _said_goodbye(client: Client, topic: str) -> None:

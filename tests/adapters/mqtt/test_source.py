@@ -7,8 +7,8 @@ import json
 import logging
 import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -286,6 +286,60 @@ def test_other_channels_over_the_same_connection(running: Mosquitto, party: Part
             assert len(heard.values()) == before
             assert watched._link is link
             assert heard.failures == []
+
+    asyncio.run(run())
+
+
+class Unconfirmed:
+    """A client whose broker does not confirm the second subscription of the first connection."""
+
+    def __init__(self) -> None:
+        self.asked: list[list[str]] = []
+        """The topics of the subscriptions, by connection."""
+        self.left: list[set[str]] = []
+        """The tasks that were there when a connection was left, by connection."""
+
+    @asynccontextmanager
+    async def connected(self, *_: object) -> AsyncIterator[Unconfirmed]:
+        self.asked.append([])
+        try:
+            yield self
+        finally:
+            mine = asyncio.current_task()
+            self.left.append({task.get_name() for task in asyncio.all_tasks() if task is not mine})
+
+    async def subscribe(self, topics: dict[str, int]) -> None:
+        more = bool(self.asked[-1])
+        self.asked[-1] += topics
+        if more and len(self.asked) == 1:
+            raise SourceUnavailable("Operation timed out")
+
+    async def unsubscribe(self, topics: set[str]) -> None:
+        pass
+
+    async def lost(self) -> None:
+        await asyncio.Event().wait()
+
+
+def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    client = Unconfirmed()
+    monkeypatch.setattr(adapters.mqtt.source, "connected", client.connected)
+    more = MessageChannel("room/other", "home/other")
+    still_more = MessageChannel("room/u", "home/meter")
+
+    async def run() -> None:
+        watched = source(1, T)
+        async with listening(watched) as heard:
+            await heard.until(lambda: heard.batches)
+            watched.rebind([T, more])
+            await heard.until(lambda: heard.failures)
+            assert "Operation timed out" in heard.failures[0]
+            await heard.until(lambda: len(client.asked) == 2)
+            watched.rebind([T, more, still_more])
+            await heard.until(lambda: len(client.asked[1]) == 3)
+            assert len(heard.failures) == 1
+        assert client.asked == [[TOPIC, "home/other"], [TOPIC, "home/other", "home/meter"]]
+        assert client.left == [set(), set()], "no task outlives its connection, failed or cancelled"
 
     asyncio.run(run())
 
