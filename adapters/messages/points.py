@@ -45,16 +45,18 @@ class Dating:
     max_ahead: float = 10.0
 
     def date(self, decoded: Decoded, incoming: Incoming) -> tuple[float, str] | Rejected:
-        """The time in UTC s and where it comes from."""
+        """The time in UTC s and where it comes from: for one that the payload counts from the arrival, that is the
+        arrival, which a message that was kept or that waited does not tell right."""
         absolute = {
             "payload": None if decoded.relative else decoded.time,
             "zenoh": incoming.stamp,
             "arrival": incoming.arrived,
         }
         for name in self.times:
-            when = absolute[name]
+            when, origin = absolute[name], name
             if name == "payload" and decoded.relative and decoded.time is not None:
                 when = decoded.time + (incoming.arrived if incoming.stamp is None else incoming.stamp)
+                origin = "arrival" if incoming.stamp is None else name
             if when is None:
                 continue
             if when > incoming.arrived + self.max_ahead:
@@ -64,7 +66,7 @@ class Dating:
                 return Rejected(Fault.AHEAD_OF_TIME, sentence)
             if when < EARLIEST:
                 return Rejected(Fault.BAD_TIMESTAMP, "is dated before 1970; look at time_format")
-            return when, name
+            return when, origin
         return Rejected(Fault.BAD_TIMESTAMP, f"has no time of any kind in times ({', '.join(self.times)})")
 
 

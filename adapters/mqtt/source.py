@@ -173,7 +173,8 @@ class MqttSource:
         """The topics, each with the quality of service of its subscription.
 
         What waits at the broker while the connection is lost must say itself of when it is. A value without a time
-        would be dated when the connection is back; it is therefore not waited with.
+        would be dated when the connection is back; it is therefore not waited with. Whether a SenML pack has a time is
+        not known before it is there: it is taken to have one, since what does not wait is lost for good.
         """
         wanted: dict[str, int] = {}
         for channel in self._listed:

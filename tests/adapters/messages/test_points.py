@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from adapters.edge import Edge
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import Channels, Dating, MessageChannel
+from adapters.messages.points import Channels, Dating, MessageChannel, probed
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import PayloadFormat
-from adapters.reading import Reading
+from adapters.reading import Quality, Reading
 
 NOW = 1_772_000_000.0
 AHEAD = 7200.0
 TOPIC = "home/room/T"
 PLAIN = MessageChannel("room/T", TOPIC)
 DATED = MessageChannel("room/T", TOPIC, PayloadFormat("json", parse("/value"), parse("/time"), time_format="epoch"))
+
+SENML = MessageChannel("room/T", TOPIC, PayloadFormat("senml"))
+RELATIVE = '[{"n": "T", "v": 20, "t": -2}]'
 
 
 def channels(*listed: MessageChannel) -> Channels:
@@ -85,3 +90,29 @@ def test_a_retained_value_without_a_time_is_passed_over_even_after_the_clock_was
     readings(taken, came(NOW + AHEAD))
     taken.start_again()
     assert readings(taken, came(NOW, retained=True)) == []
+
+
+def test_a_retained_value_with_a_relative_time_is_one_without_a_time() -> None:
+    taken = channels(SENML)
+    (first,) = readings(taken, came(NOW, RELATIVE, retained=True))
+    assert (first.time, first.quality) == (NOW - 2, Quality.UNCERTAIN)
+    (live,) = readings(taken, came(NOW + 60, RELATIVE))
+    assert (live.time, live.quality) == (NOW + 58, Quality.GOOD)
+    taken.start_again()
+    assert readings(taken, came(NOW + AHEAD, RELATIVE, retained=True)) == []
+
+
+def test_a_retained_counter_with_a_relative_time_makes_no_power() -> None:
+    taken = channels(replace(SENML, edge=Edge(counter=True)))
+    assert readings(taken, came(NOW, RELATIVE, retained=True), came(NOW + 60, RELATIVE)) == []
+
+
+def test_a_relative_time_counts_from_a_stamp_if_there_is_one() -> None:
+    stamped = came(NOW, RELATIVE)._replace(stamp=NOW - 30)
+    assert times(channels(SENML), stamped) == [NOW - 32]
+
+
+def test_probe_does_not_tell_the_age_of_a_retained_value_with_a_relative_time() -> None:
+    found = probed(SENML, Dating(("payload", "arrival")), [came(NOW, RELATIVE, retained=True)], "nothing came")
+    assert found.time is None
+    assert "its age is not known" in found.hints[0]
