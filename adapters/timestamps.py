@@ -21,15 +21,23 @@ LATEST = datetime(2100, 1, 1, tzinfo=UTC).timestamp()
 _EPOCH = datetime(1970, 1, 1)  # noqa: DTZ001 - wall-clock time counts from a wall-clock epoch
 _DAY = 86400.0
 
+_OF_TIME = frozenset("HIMSfpXc")
+"""Directives of strptime for parts of the time of day."""
+
+# strptime takes literal text in any case, but the Z of %z in upper case alone.
+_ZONE_NAME = re.compile(r"(?<![a-z])(?:z|utc|gmt)(?![a-z])", re.IGNORECASE)
+_UTC_WORD = re.compile(r"(?<![A-Za-z])(?:UTC|GMT)(?![A-Za-z+-])")
 
 Parser = Callable[[str], tuple[float, bool]]
 """Seconds since 1970, and whether they are wall-clock time; ValueError if the text is no timestamp."""
 
 
 def timestamp_parser(pattern: str) -> Parser:
-    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern.
+    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern, whose %z reads the
+    words UTC and GMT as well.
 
-    Raises SourceConfigError for a pattern that cannot be parsed or does not hold a full date.
+    Raises SourceConfigError for a pattern that cannot be parsed, does not hold a full date, or ignores a part of
+    the time that it names.
     """
     if pattern == "iso8601":
         return lambda text: _seconds(datetime.fromisoformat(text))
@@ -46,7 +54,34 @@ def timestamp_parser(pattern: str) -> Parser:
             f"timestamp format '{pattern}' is not usable; use 'iso8601', 'epoch' or a strptime pattern "
             "with year, month and day such as '%d.%m.%Y %H:%M:%S'"
         )
+    directives, literals = _split(pattern)
+    if "I" in directives and "p" not in directives:
+        raise SourceConfigError(
+            f"timestamp format '{pattern}' reads afternoons as mornings; use %H for hours from 0 to 23, or add %p "
+            "where AM or PM is written"
+        )
+    named = any(_ZONE_NAME.search(literal) for literal in literals)
+    if "z" not in directives:
+        if "Z" in directives or named:
+            raise SourceConfigError(
+                f"timestamp format '{pattern}' ignores the time zone that it names; use 'iso8601', or write %z in "
+                "its place, which reads an offset, Z, UTC or GMT"
+            )
+    elif not named:
+        return lambda text: _seconds(datetime.strptime(_UTC_WORD.sub("Z", text), pattern))  # noqa: DTZ007
     return lambda text: _seconds(datetime.strptime(text, pattern))  # noqa: DTZ007
+
+
+def _split(pattern: str) -> tuple[set[str], list[str]]:
+    """The letters of the directives of a strptime pattern, and the literal texts that follow a directive of the
+    time."""
+    directives: set[str] = set()
+    literals: list[str] = []
+    for letter, literal in re.findall(r"%(.)([^%]*)", pattern, re.DOTALL):
+        directives.add(letter)
+        if directives & _OF_TIME:
+            literals.append(literal)
+    return directives, literals
 
 
 def _seconds(moment: datetime) -> tuple[float, bool]:

@@ -37,6 +37,13 @@ def wall_clock(utc, zone):
         ("epoch", "1746230410.5", "2025-05-03T00:00:10.5"),
         ("%d.%m.%Y %H:%M", "03.05.2025 02:00", "2025-05-03T00:00:00"),
         ("%Y-%m-%d %H:%M:%S%z", "2025-05-03 00:00:10-0100", "2025-05-03T01:00:10"),
+        ("%Y-%m-%dT%H:%M:%S%z", "2025-05-03T00:00:10Z", "2025-05-03T00:00:10"),
+        ("%Y-%m-%d %H:%M:%S %z", "2025-05-03 00:00:10 UTC", "2025-05-03T00:00:10"),
+        ("%Y-%m-%d %H:%M%z", "2025-05-03 00:00GMT", "2025-05-03T00:00:00"),
+        ("%Y-%m-%d %H:%M:%S %z UTC", "2025-05-03 00:00:10 +0000 UTC", "2025-05-03T00:00:10"),
+        ("%Y-%m-%d %H:%M UTC%z", "2025-05-03 02:00 UTC+0200", "2025-05-03T00:00:00"),
+        ("%d.%m.%Y %I:%M %p", "03.05.2025 02:00 PM", "2025-05-03T12:00:00"),
+        ("Zeit %d.%m.%Y %H:%M Uhr", "Zeit 03.05.2025 02:00 Uhr", "2025-05-03T00:00:00"),
     ],
 )
 def test_timestamps_become_utc(pattern, text, expected):
@@ -84,6 +91,26 @@ def test_no_text_can_crash_the_parser(texts, pattern):
 def test_a_pattern_without_a_full_date_is_refused(pattern):
     with pytest.raises(SourceConfigError, match="use 'iso8601', 'epoch' or a strptime pattern"):
         timestamp_parser(pattern)
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "%Y-%m-%dT%H:%M:%SZ",
+        "%Y-%m-%dT%H:%M:%S.%fz",
+        "%Y-%m-%d %H:%M:%S %Z",
+        "%Y-%m-%d %H:%M:%S UTC",
+        "%H:%M GMT %d.%m.%Y",
+    ],
+)
+def test_a_pattern_that_ignores_a_time_zone_is_refused(pattern):
+    with pytest.raises(SourceConfigError, match="ignores the time zone that it names; use 'iso8601', or write %z"):
+        timestamp_parser(pattern)
+
+
+def test_a_pattern_that_ignores_the_half_of_the_day_is_refused():
+    with pytest.raises(SourceConfigError, match=r"afternoons as mornings; use %H .* or add %p"):
+        timestamp_parser("%d.%m.%Y %I:%M")
 
 
 @pytest.mark.parametrize("name", ["Europe/Atlantis", "Europe", "../etc", ""])
