@@ -13,6 +13,7 @@ import numpy.typing as npt
 from adapters.errors import SourceConfigError
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 
 EARLIEST = 0.0
 LATEST = datetime(2100, 1, 1, tzinfo=UTC).timestamp()
@@ -115,7 +116,7 @@ def local_to_utc(local: Array, zone: ZoneInfo) -> Array:
         repeated = np.flatnonzero(first > second)
         backwards = bool(local[-1] < local[0])
         later = np.zeros(near.size, dtype=np.bool_)
-        later[repeated] = _second_pass(near[repeated], backwards)
+        later[repeated] = _second_pass(local, changing[repeated], (first - second)[repeated], backwards)
         utc[changing] = near - np.where(later, second, first)
         utc[changing[first < second]] = np.nan
     return utc
@@ -132,23 +133,45 @@ def _offset(zone: ZoneInfo, local: float, fold: int) -> float:
     return (moment.utcoffset() or timedelta(0)).total_seconds()
 
 
-def _second_pass(local: Array, backwards: bool) -> npt.NDArray[np.bool_]:
-    """Which of the repeated wall-clock times belong to the second pass.
+def _second_pass(local: Array, repeated: Indices, length: Array, backwards: bool) -> npt.NDArray[np.bool_]:
+    """Which of the rows `repeated` (k,) of the file, whose wall-clock times the clock repeats, belong to the second
+    pass.
 
     The second pass begins where local time steps back furthest, so that a record or two out of order does not pass for
-    the clock change. Without any step back there was one pass only, taken to be the first. `backwards` says that the
-    file runs from new to old.
+    the clock change. Without any step back there was one pass only, taken to be the first; unless each pass has one
+    record, as in an hourly recording (`_one_each`). `local` (n,) are the wall-clock seconds of all rows; `length` (k,)
+    is how much wall-clock time the clock change repeats, in s. `backwards` says that the file runs from new to old.
     """
-    later = np.zeros(local.size, dtype=np.bool_)
-    order = np.argsort(local, kind="stable")
+    near = local[repeated]
+    later = np.zeros(near.size, dtype=np.bool_)
+    order = np.argsort(near, kind="stable")
     # Clock changes are months apart: times more than a day apart belong to different ones.
-    change = np.empty(local.size, dtype=np.intp)
-    change[order] = np.cumsum(np.diff(local[order], prepend=local[order[:1]]) > _DAY)
+    change = np.empty(near.size, dtype=np.intp)
+    change[order] = np.cumsum(np.diff(near[order], prepend=near[order[:1]]) > _DAY)
     for one in np.unique(change):
         rows = np.flatnonzero(change == one)
         if backwards:
             rows = rows[::-1]
-        steps = np.diff(local[rows])
+        steps = np.diff(near[rows])
         if steps.size and steps.min() < 0:
             later[rows[steps.argmin() + 1 :]] = True
+        elif rows.size == 2 and _one_each(local, repeated[rows], length[rows[0]]):
+            later[rows[1]] = True
     return later
+
+
+def _one_each(local: Array, pair: Indices, length: float) -> bool:
+    """Whether the rows `pair` of one repeated stretch of `length` s are one record of either pass.
+
+    They have the same wall-clock time then. Other records are at least `length` s away, so a recording with a shorter
+    step has merely written a row twice; and their times do not repeat, as they would if every row was written twice.
+    Without other records neither can be told.
+    """
+    first, last = pair.min(), pair.max()
+    sides = (local[max(first - 2, 0) : first], local[last + 1 : last + 3])
+    return bool(
+        local.size > 2
+        and last - first == 1
+        and local[first] == local[last]
+        and all(np.unique(side).size == side.size and (abs(side - local[first]) >= length).all() for side in sides)
+    )

@@ -137,6 +137,44 @@ def test_a_recording_over_a_clock_change_comes_back_as_it_was(zone, change, cade
     assert np.array_equal(local_to_utc(wall_clock(utc, ZoneInfo(zone)), ZoneInfo(zone)), utc)
 
 
+@pytest.mark.parametrize(
+    ("zone", "change", "step"),
+    [
+        ("Europe/Berlin", "2025-10-26T01:00:00", 3600.0),
+        ("America/New_York", "2025-11-02T06:00:00", 3600.0),
+        ("Australia/Lord_Howe", "2025-04-05T15:00:00", 1800.0),
+        ("Atlantic/Azores", "2025-10-26T01:00:00", 3600.0),
+    ],
+)
+@pytest.mark.parametrize("part", [0.0, 0.25, 0.5])
+@pytest.mark.parametrize("direction", [1, -1], ids=["oldest first", "newest first"])
+@pytest.mark.parametrize("rows", [slice(None), slice(5, None), slice(None, 7)])
+def test_one_record_in_each_pass_is_told_apart(zone, change, step, part, direction, rows):
+    # The clock is set back between the records 5 and 6.
+    utc = (seconds(change) + step * (part + np.arange(-6, 6)))[rows][::direction]
+    assert np.array_equal(local_to_utc(wall_clock(utc, ZoneInfo(zone)), ZoneInfo(zone)), utc)
+
+
+@pytest.mark.parametrize(
+    "clocks",
+    [
+        "01:00 01:00 02:00 02:00 03:00 03:00",  # every row is written twice
+        "01:00 02:00 02:00 03:00 03:00",
+        "01:00 01:00 02:00 02:00 03:00",
+        "01:30 02:00 02:00 03:00",  # a shorter step than an hour
+        "01:00 02:15 02:15 03:00",
+        "01:00 02:00 03:00 02:00",
+        "01:00 02:00 02:00 02:00 03:00",
+        "02:00 02:00",
+    ],
+)
+@pytest.mark.parametrize("direction", [1, -1], ids=["oldest first", "newest first"])
+def test_a_time_that_is_written_twice_does_not_pass_for_two_passes(clocks, direction):
+    local = np.array([seconds(f"2025-10-26T{clock}:00") for clock in clocks.split()])[::direction]
+    summer = 7200.0 * (local < seconds("2025-10-26T03:00:00")) + 3600.0 * (local >= seconds("2025-10-26T03:00:00"))
+    assert np.array_equal(local_to_utc(local, BERLIN), local - summer)
+
+
 def test_two_autumns_in_one_file_are_told_apart():
     hours = np.arange(-3 * 3600, 3 * 3600, 600.0)
     utc = np.concatenate([seconds("2024-10-27T01:00:00") + hours, seconds("2025-10-26T01:00:00") + hours])
