@@ -25,20 +25,19 @@ _DAY = 86400.0
 _OF_TIME = frozenset("HIMSfpXc")
 """Directives of strptime for parts of the time of day."""
 
-# strptime takes literal text in any case, but the Z of %z in upper case alone.
-_ZONE_NAME = re.compile(r"(?<![a-z])(?:z|utc|gmt)(?![a-z])", re.IGNORECASE)
-_UTC_WORD = re.compile(r"(?<![A-Za-z])(?:UTC|GMT)(?![A-Za-z+-])")
+_UTC = re.compile(r"(?<![a-z])(?:z|utc|gmt)(?![a-z])", re.IGNORECASE)
+"""What says that a time is in UTC."""
 
 Parser = Callable[[str], tuple[float, bool]]
 """Seconds since 1970, and whether they are wall-clock time; ValueError if the text is no timestamp."""
 
 
 def timestamp_parser(pattern: str) -> Parser:
-    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern, whose %z reads the
-    words UTC and GMT as well.
+    """A parser for `pattern`: "iso8601", "epoch" (seconds since 1970, UTC) or a strptime pattern, in which a literal Z,
+    UTC or GMT after the time, or such a word where %Z is, says that the time is in UTC.
 
-    Raises SourceConfigError for a pattern that cannot be parsed, does not hold a full date, or ignores a part of
-    the time that it names.
+    Raises SourceConfigError for a pattern that cannot be parsed, does not hold a full date, or cannot tell an afternoon
+    from a morning.
     """
     if pattern == "iso8601":
         return lambda text: _seconds(datetime.fromisoformat(text))
@@ -61,16 +60,15 @@ def timestamp_parser(pattern: str) -> Parser:
             f"timestamp format '{pattern}' reads afternoons as mornings; use %H for hours from 0 to 23, or add %p "
             "where AM or PM is written"
         )
-    named = any(_ZONE_NAME.search(literal) for literal in literals)
-    if "z" not in directives:
-        if "Z" in directives or named:
-            raise SourceConfigError(
-                f"timestamp format '{pattern}' ignores the time zone that it names; use 'iso8601', or write %z in "
-                "its place, which reads an offset, Z, UTC or GMT"
-            )
-    elif not named:
-        return lambda text: _seconds(datetime.strptime(_UTC_WORD.sub("Z", text), pattern))  # noqa: DTZ007
-    return lambda text: _seconds(datetime.strptime(text, pattern))  # noqa: DTZ007
+    in_utc = any(_UTC.search(literal) for literal in literals)
+
+    def parse(text: str) -> tuple[float, bool]:
+        moment = datetime.strptime(text, pattern)  # noqa: DTZ007
+        # strptime reads the words and drops what they say.
+        said = in_utc or ("Z" in directives and _UTC.search(text) is not None)
+        return _seconds(moment.replace(tzinfo=UTC) if said and moment.tzinfo is None else moment)
+
+    return parse
 
 
 def _split(pattern: str) -> tuple[set[str], list[str]]:
