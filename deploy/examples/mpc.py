@@ -11,6 +11,7 @@ needs NumPy and SciPy. Writing the power to the plant is yours: Thermogate never
 from __future__ import annotations
 
 import argparse
+import http.client
 import itertools
 import json
 import math
@@ -115,6 +116,8 @@ def rest(url: str, key: str | None = None, timeout: float = 20.0) -> Ask:
         except urllib.error.HTTPError as error:
             with error:
                 raise OSError(json.load(error)["detail"]) from error
+        except http.client.HTTPException as error:
+            raise OSError(f"the answer broke off: {error!r}") from error
 
     return ask
 
@@ -351,9 +354,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def measured(ask: Ask, zone: str) -> tuple[float, float | None]:
-    """When the last sample was taken, UTC s, and its temperature [degC]: None where it is missing or was refused."""
-    row = ask("GET", f"/zones/{urllib.parse.quote(zone)}/history?limit=1", None)["rows"][-1]
-    return seconds(row["time"]), None if row["y"] is None else float(row["y"])
+    """When the last sample was taken, UTC s, and its temperature [degC]: None where it is missing or was refused, or
+    where the zone is stalled or failed, and nobody knows how warm it has become since."""
+    path = f"/zones/{urllib.parse.quote(zone)}"
+    row = ask("GET", f"{path}/history?limit=1", None)["rows"][-1]
+    silent = ask("GET", path, None)["status"]["state"] in ("stalled", "failed")
+    return seconds(row["time"]), None if silent or row["y"] is None else float(row["y"])
 
 
 def seconds(time: str) -> float:

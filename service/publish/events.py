@@ -97,7 +97,10 @@ class Streams:
     @property
     def overtaken(self) -> int:
         """How many events clients were too slow for."""
-        return self._overtaken + sum(stream.overtaken for streams in tuple(self._open.values()) for stream in streams)
+        # Asked from other threads than that of the event loop.
+        return self._overtaken + sum(
+            stream.overtaken for streams in tuple(self._open.values()) for stream in tuple(streams)
+        )
 
     @contextmanager
     def opened(self, zone: str) -> Iterator[Stream]:

@@ -102,7 +102,9 @@ def create_app(
 
 def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
     """The routes that read zones, without what guards them: for questions that come another way."""
-    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app = FastAPI(
+        docs_url=None, redoc_url=None, openapi_url=None, dependencies=[Depends(api_problems.known_parameters)]
+    )
     api_problems.install(app)
     app.include_router(zone_routes(site, zones))
     app.include_router(control_routes(site, zones))

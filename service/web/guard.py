@@ -46,8 +46,12 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
+        begun = False
+
         async def hardened(message: Message) -> None:
+            nonlocal begun
             if message["type"] == "http.response.start":
+                begun = True
                 self._answers[str(message["status"])] += 1
                 headers = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
@@ -55,10 +59,19 @@ class Guard:
             await send(message)
 
         refused = self._refused(scope)
-        if refused is None:
-            await self._app(scope, receive, hardened)
-        else:
+        if refused is not None:
             await refusal(refused)(scope, receive, hardened)
+            return
+        try:
+            await self._app(scope, receive, hardened)
+        except Exception:
+            if not begun:
+                # The client learns nothing of the inside.
+                sentence = "the daemon failed to answer this request; its log says why"
+                failure = RequestRefused(HTTPStatus.INTERNAL_SERVER_ERROR, [sentence])
+                await refusal(failure)(scope, receive, hardened)
+            # For the log.
+            raise
 
     def _refused(self, scope: Scope) -> RequestRefused | None:
         """Why this request gets no further; None if it does."""

@@ -148,6 +148,21 @@ def test_a_broken_connection_is_told_and_mended(visit: Any) -> None:
         eventually(page, "document.querySelector('tr[data-zone]').dataset.zone === 'room-1'")
 
 
+def test_an_answer_that_fails_once_is_asked_for_again(visit: Any) -> None:
+    def failing(page: Any) -> None:
+        page.route("**/overview", lambda route: route.fulfill(status=503, body="busy"), times=1)
+
+    with building(many(3)) as served:
+        page = visit(served.url, quiet=False, before=failing).page
+        page.wait_for_selector("text=no connection to the daemon")
+        page.wait_for_selector(ROWS)
+        page.wait_for_selector(".live")
+        served.step("room-1", state="failed", reason="the estimator diverged")
+        page.wait_for_selector("text=the estimator diverged")
+        # What is still being loaded is given up before the daemon goes.
+        page.goto("about:blank")
+
+
 def test_a_room_that_is_chosen_without_a_connection_shows_once_there_is_one(visit: Any) -> None:
     with building(many(3)) as served:
         page = visit(served.url, quiet=False).page

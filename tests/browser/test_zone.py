@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -375,6 +376,41 @@ def test_off_until_six(visit: Any, house: Building) -> None:
     assert plan[:36] == [0.0] * 36
     assert set(plan[36:]) == {5.5}
     assert page.locator(".plan-then").inner_text() == "From 06:00 on 5.5 W; drag the bars for something else."
+
+
+def test_a_plan_that_is_refused_stands_beside_no_other_fan_and_is_forgotten_once_one_is_not(
+    visit: Any, house: Building
+) -> None:
+    refusals = [{"type": "about:blank", "title": "Unprocessable", "status": 422, "detail": "u_heat plans too much"}]
+
+    def refusing(page: Any) -> None:
+        def answer(route: Any) -> None:
+            if route.request.method == "POST" and refusals:
+                route.fulfill(status=422, content_type="application/problem+json", body=json.dumps(refusals.pop()))
+            else:
+                route.continue_()
+
+        page.route("**/zones/living/forecast", answer)
+
+    page = opened(visit, house, quiet=False, before=refusing).page
+    page.wait_for_selector("text=With everything as it is now, the lowest is")
+    page.locator(".plan-box input[type=time]").fill("06:00")
+    off = page.locator(".plan-box button", has_text="Off until")
+    off.click()
+    page.wait_for_selector("[role=alert]:has-text('u_heat plans too much')")
+    page.wait_for_selector("text=With everything as it is now, the lowest is")
+    off.click()
+    page.wait_for_selector("text=Under this plan, the lowest is")
+    page.wait_for_selector("[role=alert]", state="hidden")
+
+
+def test_a_room_whose_first_answer_fails_shows_with_the_next(visit: Any, house: Building) -> None:
+    def failing(page: Any) -> None:
+        page.route("**/zones/living", lambda route: route.fulfill(status=503, body="busy"), times=1)
+
+    page = visit(house.url, "/#/zone/living", quiet=False, before=failing).page
+    page.wait_for_selector("h1:has-text('living')")
+    page.wait_for_selector("text=With everything as it is now, the lowest is")
 
 
 def test_a_room_without_a_sample_says_so(visit: Any, house: Building) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import socket
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -246,7 +248,34 @@ def test_it_runs_against_a_daemon(mpc: ModuleType, tmp_path: Path, capsys: pytes
         (zone,) = zones
         arguments = ["--url", daemon.url(), "--zone", zone, "--step", "600", "--times", "1"]
         assert mpc.main(arguments) == 0
-    printed = capsys.readouterr().out
-    # The recording has come to its end, so nobody can vouch for a forecast any more.
-    assert "by thermostat" in printed
-    assert "its recording has come to an end" in printed
+    # The recording has come to its end, so nobody knows any more how warm it is.
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert "no decision (nothing is measured" in told.err
+    assert "the plant's own thermostat has to heat" in told.err
+
+
+@pytest.mark.parametrize(("state", "known"), [("running", True), ("stalled", False), ("failed", False)])
+def test_a_temperature_that_nobody_vouches_for_is_none(mpc: ModuleType, state: str, known: bool) -> None:
+    def ask(method: str, path: str, body: Any = None) -> Any:
+        if "history" in path:
+            return {"rows": [{"time": "2026-01-15T12:00:00Z", "y": 20.5}]}
+        return {"status": {"state": state}}
+
+    assert mpc.measured(ask, "office") == (1768478400.0, 20.5 if known else None)
+
+
+def test_an_answer_that_breaks_off_is_none(mpc: ModuleType) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with server.accept()[0] as client:
+                client.recv(65536)
+                client.sendall(b'HTTP/1.1 200 OK\r\nContent-Length: 5000\r\n\r\n{"rows": ')
+
+        breaking = threading.Thread(target=answer)
+        breaking.start()
+        ask = mpc.rest(f"http://127.0.0.1:{server.getsockname()[1]}")
+        with pytest.raises(OSError, match="the answer broke off"):
+            ask("GET", "/zones/office", None)
+        breaking.join()

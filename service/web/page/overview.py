@@ -14,6 +14,7 @@ from service.fields.times import utc
 from service.publish.changes import Changes
 from service.publish.events import RECONNECT_MS
 from service.publish.payloads import to_json
+from service.records.update import Update
 from service.records.view import ZoneView
 from service.web.access import OVERVIEW_PREFIX, Asking, Caller
 from service.web.limits import stream_slot
@@ -41,6 +42,9 @@ PAUSE = 1.0
 
 ROWS_AT_ONCE = 100
 """Rows in an event; other requests have their turn before the next."""
+
+_KEPT_SECONDS = 900.0
+"""What was expected is shown for so many s of the zone's time, or three periods: with many zones it takes a while."""
 
 _SILENT = ("stalled", "failed", "waiting")
 """States in which nobody vouches for what was expected."""
@@ -109,7 +113,7 @@ def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -
     """`zone` at a glance, with as much of its outlook and its last day as is known."""
     status, update = zone.status(), zone.latest()
     trust = zone.trust().at(scaled(LEADS[-1], zone.period))
-    if status.state in _SILENT:
+    if status.state in _SILENT or (outlook is not None and _is_old(outlook, update, zone.period)):
         outlook = None
     return OverviewRow(
         id=zone.id,
@@ -129,6 +133,11 @@ def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -
 
 
 _HIGH = "high"
+
+
+def _is_old(outlook: Outlook, update: Update | None, period: float) -> bool:
+    """Whether `outlook` is of before the look at the table that is under way: nobody looks ahead while nobody looks."""
+    return update is None or update.time - outlook.sample_time > max(3.0 * period, _KEPT_SECONDS)
 
 
 def _expected(lead: float, mean: float, lower: float, upper: float) -> ExpectedPayload:

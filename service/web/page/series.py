@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Annotated
 
 import numpy as np
@@ -33,6 +34,10 @@ class SeriesQuery(QueryModel):
     points: int = Field(default=_DEFAULT_POINTS, ge=10, le=MAX_POINTS, description="how many buckets at most")
 
 
+_EARLIEST, _LATEST = (int(datetime(year, 1, 1, tzinfo=UTC).timestamp()) for year in (1900, 2200))
+"""What is asked for beyond these times, UTC s, holds nothing."""
+
+
 def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     """The route over `zones`."""
     router = APIRouter(prefix="/zones", tags=["zones"])
@@ -47,6 +52,8 @@ def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         view = find_zone(zones, zone, caller)
         end = math.ceil(query.end.timestamp()) if query.end is not None else _end(view)
         start = math.ceil(query.start.timestamp()) if query.start is not None else end - DAY
+        # Times that a time stamp can say, whatever is asked for.
+        start, end = max(start, _EARLIEST), min(end, _LATEST)
         if start >= end:
             raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
         return Response(

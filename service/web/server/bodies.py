@@ -118,6 +118,6 @@ def _unreadable(headers: Mapping[str, str], body: bytes) -> RequestRefused | Non
         except UnicodeEncodeError:
             sentence = "the body has half a character in it, such as \\ud800; send text that is Unicode"
             return RequestRefused(HTTPStatus.BAD_REQUEST, [sentence])
-        except ValueError:
+        except (ValueError, RecursionError):
             return None  # For the application to explain.
     return None

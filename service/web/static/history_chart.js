@@ -15,7 +15,7 @@ const INPUT_COLOURS = { degC: ["--cold", "--alpha", "--gate"], W: ["--heat", "--
 const SHORT_PERIOD = 30_000;
 
 // The chart of zone `id`, whose samples come every `period` ms, with its controls; `expert()` tells whether alpha and gate are wanted, `failed(error)` is told
-// what went wrong. `newest` is called with the time of every newer sample.
+// what went wrong, and null once it works again. `newest` is called with the time of every newer sample.
 export function historyChart(id, period, { expert, failed }) {
   const short = period < SHORT_PERIOD;
   const usual = short ? HOUR / 6 : 24 * HOUR;
@@ -91,6 +91,7 @@ export function historyChart(id, period, { expert, failed }) {
       shown.end = end;
       drawn = { series, start, end };
       await draw();
+      failed(null);
     } catch (error) {
       if (error.name !== "AbortError") failed(error);
     }

@@ -18,7 +18,7 @@ const LEVELS = [0.95, 0.5];
 const ASK_MS = 250;
 const RENEW_MS = 30_000;
 
-// The card of zone `id` as `zone` describes it; `failed(error)` is told what went wrong.
+// The card of zone `id` as `zone` describes it; `failed(error)` is told what went wrong, and null once it works again.
 export function nextHours(id, zone, failed) {
   const plot = element("div", { className: "plot fan", role: "img", tabIndex: -1 });
   const lines = element("ul", { className: "legend muted", "aria-label": t("chart.lines") });
@@ -63,6 +63,7 @@ export function nextHours(id, zone, failed) {
       else {
         planned = null;
         await draw();
+        failed(null);
       }
     } catch (error) {
       if (error instanceof Refused && error.status === 503) result.textContent = t("fan.none");
@@ -111,6 +112,7 @@ export function nextHours(id, zone, failed) {
           askPaced.cancel();
           planned = null;
           draw();
+          failed(null);
         } else askSoon(values);
       },
     });
@@ -142,9 +144,14 @@ export function nextHours(id, zone, failed) {
       // A sample has come meanwhile: both fans begin where the newer one does.
       if (planned.valid_time !== held.valid_time) held = await get(`${zonePath(id)}/forecast?${heldQuery()}`, own.signal);
       if (own === asked) await draw();
+      failed(null);
     } catch (error) {
+      if (error.name === "AbortError") return;
+      // What was forecast under other bars must not stand beside these.
+      planned = null;
+      await draw();
       if (error instanceof Refused && error.status === 503) result.textContent = t("fan.none");
-      else if (error.name !== "AbortError") failed(error);
+      else failed(error);
     }
   }
 

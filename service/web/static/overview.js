@@ -91,7 +91,7 @@ export function showOverview(place, frame) {
   }
 
   const stop = follow("overview/stream", {
-    opened: () => load().catch((error) => error.name === "AbortError" || frame.lost(error, again)),
+    opened: load,
     event(kind, change) {
       if (kind !== "rows") return;
       if (early) {
@@ -102,14 +102,9 @@ export function showOverview(place, frame) {
       frame.connected();
       rearrange();
     },
-    lost: (error) => frame.lost(error, again),
+    lost: (error) => frame.lost(error),
   });
-  let ended = false;
-  function again() {
-    if (!ended) frame.restart();
-  }
   return () => {
-    ended = true;
     loading?.abort();
     rearrange.cancel();
     table.end();

@@ -6,8 +6,9 @@ const SILENCE_MS = 40_000;
 const FIRST_PAUSE_MS = 1000;
 const LONGEST_PAUSE_MS = 30_000;
 
-// Follows the stream at `path` until the returned function is called. `opened` is called at every connection,
-// `event(kind, data)` with each event, `lost(error)` when the connection is gone and will be tried again.
+// Follows the stream at `path` until the returned function is called. `opened` is called at every connection; where what
+// it does fails, the connection is given up and tried again. `event(kind, data)` is called with each event, `lost(error)`
+// when the connection is gone and will be tried again.
 export function follow(path, { opened, event, lost }) {
   let stopped = false;
   let attempt = null;
@@ -17,17 +18,30 @@ export function follow(path, { opened, event, lost }) {
   let wake = () => {};
 
   async function connect() {
-    attempt = new AbortController();
+    const own = new AbortController();
+    attempt = own;
     const headers = { Accept: "text/event-stream", ...(lastId && { "Last-Event-ID": lastId }) };
     const response = await request(path, { headers, signal: attempt.signal, cache: "no-store" });
     if (!response.ok) throw new Error(`${response.status} ${response.statusText}`);
     heard = performance.now();
-    pause = FIRST_PAUSE_MS;
-    opened?.();
+    let refused = null;
+    Promise.resolve(opened?.()).then(
+      () => {
+        pause = FIRST_PAUSE_MS;
+      },
+      (error) => {
+        // Another connection has taken over what it did.
+        if (error.name === "AbortError") return;
+        refused = error;
+        own.abort();
+      },
+    );
     const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
     let text = "";
     for (;;) {
-      const { value, done } = await reader.read();
+      const { value, done } = await reader.read().catch((error) => {
+        throw refused ?? error;
+      });
       if (done) throw new Error("the stream has ended");
       heard = performance.now();
       const blocks = (text + value.replaceAll("\r", "")).split("\n\n");

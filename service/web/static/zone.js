@@ -40,10 +40,19 @@ export function showZone(place, frame, id) {
     cards.history?.redraw();
   });
 
-  function failed(error) {
-    if (ended) return;
-    if (error instanceof KeyNeeded) frame.lost(error);
-    else set(trouble, { hidden: false, textContent: said(error.message).text });
+  // What does not work now, by what it is.
+  const troubles = new Map();
+  function failing(what) {
+    return (error) => {
+      if (ended) return;
+      if (error instanceof KeyNeeded) {
+        frame.lost(error);
+        return;
+      }
+      if (error) troubles.set(what, said(error.message).text);
+      else troubles.delete(what);
+      set(trouble, { hidden: troubles.size === 0, textContent: [...troubles.values()].join(" ") });
+    };
   }
 
   async function load() {
@@ -56,7 +65,6 @@ export function showZone(place, frame, id) {
       useTimeZone(site.time_zone);
     }
     Object.assign(known, { zone, status: zone.status, forecast, skill: found });
-    trouble.hidden = true;
     if (!cards.history) {
       build(zone);
       learned.replaceChildren(element("h2", { textContent: t("learned.title") }), element("p", { className: "muted", textContent: t("loading") }));
@@ -68,8 +76,8 @@ export function showZone(place, frame, id) {
   }
 
   function build(zone) {
-    cards.history = historyChart(id, known.zone.period_s * 1000, { expert: () => expert.open, failed });
-    cards.next = nextHours(id, zone, failed);
+    cards.history = historyChart(id, known.zone.period_s * 1000, { expert: () => expert.open, failed: failing("history") });
+    cards.next = nextHours(id, zone, failing("next"));
     place.replaceChildren(
       element("nav", { "aria-label": t("zone.back") }, element("a", { href: "#/", textContent: `← ${t("zone.back")}` })),
       element("div", { className: "zone-head" }, element("h1", { textContent: id }), pill, about),
@@ -155,8 +163,9 @@ export function showZone(place, frame, id) {
       const open = learned.querySelector("details")?.open;
       showLearned(learned, known.zone, parameters);
       if (open) learned.querySelector("details").open = true;
+      failing("learned")(null);
     } catch (error) {
-      failed(error);
+      failing("learned")(error);
     }
   }, LEARNED_MS);
 
@@ -167,7 +176,7 @@ export function showZone(place, frame, id) {
     learn();
   }, SHOW_MS);
   const stop = follow(`${zonePath(id)}/stream`, {
-    opened: () => load().catch(failed),
+    opened: load,
     event(kind, data) {
       if (kind in known) known[kind] = data;
       frame.connected();

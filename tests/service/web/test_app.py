@@ -132,6 +132,11 @@ def test_an_internal_error_tells_the_client_nothing(app: FastAPI, zones: dict[st
     document = problem(get(app, "/zones/living/history"), 500)
     assert document["detail"] == "the daemon failed to answer this request; its log says why"
     assert "secret" not in str(document)
+    # Hardened and counted as any other answer.
+    answer = get(app, "/zones/living/history")
+    assert answer.headers["cache-control"] == "no-store"
+    assert "content-security-policy" in answer.headers
+    assert app.state.answers["500"] == 2
 
 
 @pytest.mark.parametrize("path", ["/../service/api.py", "/%2e%2e/api.py", "/..%2fapi.py", "//etc/passwd"])

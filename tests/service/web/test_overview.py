@@ -21,7 +21,7 @@ from service.records.update import Disturbance
 from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import outlook, overview
-from service.web.page.outlook import Outlooks, scaled
+from service.web.page.outlook import Outlook, Outlooks, scaled
 from service.web.page.payloads import OverviewChange, OverviewPayload, SeriesPayload
 
 
@@ -110,6 +110,14 @@ def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
             await client.close()
 
     asyncio.run(run())
+
+
+def test_what_was_expected_long_ago_is_not_shown(zones: dict[str, FakeZone]) -> None:
+    zone = zones["living"]
+    update = zone.updates[-1]
+    fresh, old = (Outlook(update.time - age, update.time, ((3600.0, 20.0, 19.0, 21.0),)) for age in (600, 7200))
+    assert overview.overview_row(zone, fresh, None).expected
+    assert overview.overview_row(zone, old, None).expected == []
 
 
 def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -269,6 +277,9 @@ def test_a_zone_without_samples_has_an_empty_series(app: FastAPI) -> None:
 
 
 def test_wrong_stretches_are_refused(app: FastAPI) -> None:
+    for path in ("end=0001-01-01T00:00:00Z", "end=9999-12-31T23:59:59.5Z"):
+        assert "is not before end" in problem(get(app, f"/zones/living/series?{path}"), 422)["detail"]
+    assert get(app, "/zones/living/series?start=0001-01-01T00:00:00Z").status_code == 200
     backwards = get(app, "/zones/living/series?start=2025-05-03T02:00:00Z&end=2025-05-03T01:00:00Z")
     assert "is not before end" in problem(backwards, 422)["detail"]
     assert "points" in problem(get(app, "/zones/living/series?points=9999"), 422)["detail"]
