@@ -10,7 +10,7 @@ import pytest
 from support.waiting import until
 
 from adapters.reading import Batch, Reading, Source
-from service.fleet.messages import Away
+from service.errors import Away
 from service.fleet.shards import inlets as module
 from service.fleet.shards.inlets import Inlets
 

@@ -13,8 +13,9 @@ from service.config.load import load
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
+from service.errors import Away
 from service.fleet import peers
-from service.fleet.messages import Away, Beat
+from service.fleet.messages import Beat
 from service.fleet.plan import Plan, shard_names
 from service.fleet.steward import Steward
 

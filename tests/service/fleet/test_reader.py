@@ -17,8 +17,9 @@ from service.config.site import Config
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
+from service.errors import Away
 from service.fleet import reader as module
-from service.fleet.messages import Ack, Away
+from service.fleet.messages import Ack
 from service.fleet.plan import Plan, shard_names
 from service.fleet.reader import Reader
 
