@@ -1,5 +1,7 @@
 """What all tests share: a database server, and the daemon's choice of a kernel cache, made before Numba is imported."""
 
+import logging
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,3 +25,13 @@ def postgres_server() -> Iterator[postgres.Server]:
     """A PostgreSQL server for tests that leave it as it is; each takes a site of its own. Skips where there is none."""
     with postgres.server() as running:
         yield running
+
+
+@pytest.fixture
+def restored() -> Iterator[None]:
+    """The root logger, and what else logging changes, as they were."""
+    root, hook = logging.getLogger(), threading.excepthook
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers, root.level, threading.excepthook = handlers, level, hook
+    logging.captureWarnings(False)

@@ -14,16 +14,6 @@ from service.daemon.logs import JsonFormatter, LimitedHandler, PlainFormatter, P
 _log = logging.getLogger("service.test")
 
 
-@pytest.fixture
-def restored():
-    """The root logger, and what else logging changes, as they were."""
-    root, hook = logging.getLogger(), threading.excepthook
-    handlers, level = root.handlers[:], root.level
-    yield
-    root.handlers, root.level, threading.excepthook = handlers, level, hook
-    logging.captureWarnings(False)
-
-
 class Written:
     """A limited log of its own, with a clock of its own."""
 
