@@ -315,6 +315,34 @@ def test_ranges_zoom_and_pan_ask_the_server_for_what_is_shown(visit: Any, house:
     assert zoomed != day
 
 
+def test_an_answer_that_comes_late_does_not_move_what_was_asked_for_since(visit: Any, house: Building) -> None:
+    page = opened(visit, house).page
+    held: list[Any] = []
+    asked: list[str] = []
+
+    def answer(route: Any) -> None:
+        asked.append(route.request.url)
+        if held:
+            route.continue_()
+        else:
+            held.append(route)
+
+    page.route("**/series?start=**", answer)
+    # Long enough between what a person asks for and the request for another answer to come in between.
+    page.evaluate(
+        "() => { const real = setTimeout; window.setTimeout = (run, pause) => real(run, Math.max(pause, 1000)); }"
+    )
+    buttons = page.locator(".controls").first
+    buttons.locator("button", has_text="←").click()
+    while not held:
+        page.wait_for_timeout(20)
+    buttons.locator("input[type=date]").fill("2025-05-03")
+    held[0].continue_()
+    while len(asked) < 2:
+        page.wait_for_timeout(20)
+    assert "start=2025-05-02T22%3A00" in asked[1]
+
+
 def test_the_plan_is_made_by_hand_and_the_fan_follows(visit: Any, house: Building) -> None:
     page = opened(visit, house).page
     zone = house.zones["living"]

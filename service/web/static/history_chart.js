@@ -77,18 +77,19 @@ export function historyChart(id, period, { expert, failed }) {
   }
 
   const load = paced(async () => {
-    if (newest === null || asked?.live) return;
+    if (newest === null) return;
     asked?.abort();
     const own = new AbortController();
     asked = own;
     const end = Math.ceil((shown.follows ? newest : shown.end) / 1000) * 1000;
+    // Now, not with the answer: by then another stretch may have been asked for.
+    shown.end = end;
     const start = end - shown.span;
     const points = Math.min(1200, Math.max(300, plot.clientWidth || 800));
     const query = new URLSearchParams({ start: new Date(start).toISOString(), end: new Date(end).toISOString(), points: String(Math.round(points)) });
     try {
       const [series] = await Promise.all([get(`${zonePath(id)}/series?${query}`, own.signal), loadPlotly()]);
       if (own !== asked) return;
-      shown.end = end;
       drawn = { series, start, end };
       await draw();
       failed(null);
