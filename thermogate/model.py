@@ -120,11 +120,8 @@ class Model:
         if number is None:
             raise DataError(f"count must be a whole number from 1 to 100000, not {shown(items(count))}")
         standing, rows = self._planned(plan, horizon)
-        inputs = worker.foresight.outlook(standing.update.forecast, standing.day, len(rows)).rows
-        for step, row in zip(inputs, rows, strict=True):
-            for channel, value in row.items():
-                step[self.network.inputs.index(channel)] = value
-        paths = estimator.scenarios(standing.state, inputs, number)
+        outlook = worker.foresight.outlook(standing.update.forecast, standing.day, len(rows)).under(rows)
+        paths = estimator.scenarios(standing.state, outlook.rows, number)
         first, period = standing.update.forecast.valid_time, self._settings.zone.period
         columns = {
             self._key(output, place): paths[place, :, i]

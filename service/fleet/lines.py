@@ -16,6 +16,7 @@ from service.daemon.tasks import end
 from service.errors import Away, ServiceError
 from service.fleet.messages import Ack
 from service.fleet.plan import Plan
+from service.pauses import within
 from service.sources.routing import Delivery
 
 if TYPE_CHECKING:
@@ -279,9 +280,7 @@ class _End:
             self._heard(await self._peer.ask("position", name, self._boot, timeout=10 * LOOK))
             self._news.clear()
             if not self._owed:
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(LOOK):
-                        await self._news.wait()
+                await within(self._news, LOOK)
 
     async def _ask(self, method: str, *arguments: Any) -> Ack:
         ack: Ack = await self._peer.ask(method, self._line.name, self._boot, self._line.version, *arguments)

@@ -18,6 +18,7 @@ from service.fleet import peers
 from service.fleet.messages import Beat
 from service.fleet.peers import READER, STEWARD, Peer
 from service.fleet.plan import Plan, shard_names
+from service.pauses import within
 
 LOOK = 0.5
 """How often the members are looked after, s."""
@@ -120,9 +121,7 @@ class Steward:
 
     async def reload_wanted(self) -> bool:
         """Whether a client has asked for a reload, as soon as one does, or after a while."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(RELOAD_SECONDS / 3):
-                await self._asked_to_reload.wait()
+        await within(self._asked_to_reload, RELOAD_SECONDS / 3)
         self._asked_to_reload.clear()
         return bool(self._reloads)
 

@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from service.pauses import within
 from service.publish.events import KEEP_ALIVE
 from service.publish.sinks import Announcement
 from service.records.measures import Measure
@@ -40,15 +41,11 @@ class Watcher:
 
     async def rest(self, seconds: float) -> None:
         """Let news gather for so long, or until the end."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                await self._over.wait()
+        await within(self._over, seconds)
 
     async def changed(self) -> list[str]:
         """The zones with news, longest ago first, once there are any; none after KEEP_ALIVE s without."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(KEEP_ALIVE):
-                await self._news.wait()
+        await within(self._news, KEEP_ALIVE)
         self._news.clear()
         changed, self._changed = list(self._changed), {}
         return changed

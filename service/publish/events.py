@@ -14,6 +14,7 @@ from typing import NamedTuple
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from service.fields.times import written_time
+from service.pauses import within
 from service.publish.sinks import Announcement
 from service.records.measures import Measure, single
 
@@ -72,10 +73,7 @@ class Stream:
         """What the client is to be sent, as it comes, until the stream ends."""
         yield format_sse_event(retry=RECONNECT_MS)
         while self._pending or not self._ended:
-            try:
-                async with asyncio.timeout(KEEP_ALIVE):
-                    await self._news.wait()
-            except TimeoutError:
+            if not await within(self._news, KEEP_ALIVE):
                 yield KEEPALIVE_COMMENT
                 continue
             self._news.clear()

@@ -25,6 +25,12 @@ class TimestampConfig(BaseModel):
     zone: TimeZone | None = None
 
 
+def require_distinct(delimiter: str, decimal: str) -> None:
+    """Raises ValueError where what separates the columns also marks decimals."""
+    if delimiter == decimal:
+        raise ValueError(f'delimiter and decimal are both "{decimal}"; they must differ')
+
+
 class CsvConfig(BaseModel):
     """[sources.<name>] of kind "csv": recorded files, read in order."""
 
@@ -44,8 +50,7 @@ class CsvConfig(BaseModel):
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
-        if self.delimiter == self.decimal:
-            raise ValueError(f'delimiter and decimal are both "{self.decimal}"; they must differ')
+        require_distinct(self.delimiter, self.decimal)
         return self
 
     @property

@@ -19,7 +19,7 @@ from adapters.zenoh.access import ANYBODY, collecting
 from service.fields.tables import TABLE
 from service.fields.values import Delimiter, Encoding, FilePath, PositiveDuration, Text, choice
 from service.fields.zenoh_session import Mode, SessionConfig
-from service.sources.csv import TimestampConfig
+from service.sources.csv import TimestampConfig, require_distinct
 
 _DAY = 86400.0
 
@@ -43,8 +43,7 @@ class WeatherCsvConfig(BaseModel):
 
     @model_validator(mode="after")
     def _readable(self) -> Self:
-        if self.delimiter == self.decimal:
-            raise ValueError(f'delimiter and decimal are both "{self.decimal}"; they must differ')
+        require_distinct(self.delimiter, self.decimal)
         return self
 
     @property

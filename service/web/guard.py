@@ -11,7 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.config.http import HttpConfig
-from service.web.server.refusal import RequestRefused, refusal
+from service.web.server.refusal import RequestRefused, failure_answer, refusal
 
 # plotly.js writes style attributes and draws its own images; everything else comes from this host.
 HEADERS = {
@@ -66,10 +66,7 @@ class Guard:
             await self._app(scope, receive, hardened)
         except Exception:
             if not begun:
-                # The client learns nothing of the inside.
-                sentence = "the daemon failed to answer this request; its log says why"
-                failure = RequestRefused(HTTPStatus.INTERNAL_SERVER_ERROR, [sentence])
-                await refusal(failure)(scope, receive, hardened)
+                await failure_answer()(scope, receive, hardened)
             # For the log.
             raise
 

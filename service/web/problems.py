@@ -16,7 +16,7 @@ from starlette.routing import Match
 
 from service.errors import ServiceError, TooManyQuestions
 from service.fields.problems import extended, own_sentence
-from service.web.server.refusal import MEDIA_TYPE, RequestRefused, few, problem_answer, refusal
+from service.web.server.refusal import MEDIA_TYPE, RequestRefused, failure_answer, few, problem_answer, refusal
 
 RETRY_SECONDS = 60
 SOON_SECONDS = 5
@@ -140,9 +140,7 @@ def _allowed(request: Request) -> list[str]:
 
 
 async def _internal(request: Request, error: Exception) -> Response:
-    # The server logs the traceback; the client learns nothing of the inside.
-    sentence = "the daemon failed to answer this request; its log says why"
-    return problem_answer(HTTPStatus.INTERNAL_SERVER_ERROR, sentence)
+    return failure_answer()
 
 
 def sentence_of(detail: Mapping[str, Any]) -> str:

@@ -6,7 +6,6 @@ the threshold by a margin, so that a controller does not switch to and fro.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, Diagnosis
@@ -73,18 +72,12 @@ def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagno
         old = {one.lead: one for one in horizons}
         horizons = tuple(
             _verified(old.get(week.lead), week, day, diagnosis, update.time)
-            for week, day in zip(_filled(skill.windows[7]), _filled(skill.windows[1]), strict=True)
+            for week, day in zip(skill.windows[7], skill.windows[1], strict=True)
         )
     usual = before.usual if skill is None else skill.windows[7][0].width
     disturbed = _disturbed(before.disturbed, update, usual)
     told = tuple(_told(one, update, disturbed) for one in horizons)
     return Trust(update.time, told, disturbed, usual if usual > 0.0 else 0.0)
-
-
-def _filled(horizons: Sequence[HorizonSkill]) -> list[HorizonSkill]:
-    """A horizon that is no longer than one step is that step, which is verified as such."""
-    first = horizons[0]
-    return [one if one.lead > first.lead else first for one in horizons if one is first or one.lead > first.lead]
 
 
 def _verified(

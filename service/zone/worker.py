@@ -26,7 +26,7 @@ from estimator.verification.summaries import summary
 from service.errors import NoModel, ServiceError
 from service.records.fan import Fan, FanStep
 from service.records.model import CompactFan, CompactOutput, ZoneModel
-from service.records.outlook import InputOrigin, Outlook, Weather
+from service.records.outlook import Outlook, Weather
 from service.records.sample import Sample
 from service.records.skill import Skill
 from service.records.trust import Trust
@@ -217,15 +217,7 @@ class ZoneWorker:
         if standing is None:
             return None
         state, update = standing.state, standing.update
-        rows, origins = self.foresight.outlook(update.forecast, standing.day, len(plan), weather)
-        planned = {channel for changes in plan for channel in changes}
-        for row, changes in zip(rows, plan, strict=True):
-            for channel, value in changes.items():
-                row[self.network.inputs.index(channel)] = value
-        origins = tuple(
-            InputOrigin(one.channel, "plan", "", float("nan"), Quality.GOOD) if one.channel in planned else one
-            for one in origins
-        )
+        rows, origins = self.foresight.outlook(update.forecast, standing.day, len(plan), weather).under(plan)
         first, steps = update.forecast.valid_time, []
         for ahead, mixture in enumerate(self.estimator.forecast(state, rows)):
             steps.append(FanStep(first + ahead * self.period, self._outputs(mixture, levels)))

@@ -57,6 +57,12 @@ def problem_answer(status: int, detail: str, headers: Mapping[str, str] | None =
     return Response(json.dumps(document), status, dict(headers or {}), MEDIA_TYPE)
 
 
+def failure_answer() -> Response:
+    """The answer to a request that the daemon failed at: the client learns nothing of the inside, the log does."""
+    sentence = "the daemon failed to answer this request; its log says why"
+    return problem_answer(HTTPStatus.INTERNAL_SERVER_ERROR, sentence)
+
+
 def refusal(error: RequestRefused) -> Response:
     """The answer to a request that is refused."""
     return problem_answer(error.status, str(error), error.headers, **error.members)

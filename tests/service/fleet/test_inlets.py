@@ -67,14 +67,20 @@ def channels(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_channels", lambda config, name: frozenset(f"{room}/T_i" for room in config.rooms))
 
 
+async def ended() -> Scene:
+    """A recording that has come to its end, which the attic has had."""
+    scene = Scene()
+    scene.add("attic")
+    await asyncio.sleep(0)
+    await scene.deliver(1.0, "attic")
+    await scene.inlets.finish("log")
+    await until(scene.feeds[0].done)
+    return scene
+
+
 def test_a_zone_that_comes_after_the_end_gets_what_it_is_owed_and_then_the_end() -> None:
     async def scenario() -> None:
-        scene = Scene()
-        scene.add("attic")
-        await asyncio.sleep(0)
-        await scene.deliver(1.0, "attic")
-        await scene.inlets.finish("log")
-        await until(scene.feeds[0].done)
+        scene = await ended()
         scene.add("cellar")
         await asyncio.sleep(0)
         await scene.deliver(0.5, "cellar", again=True)
@@ -89,12 +95,7 @@ def test_a_zone_that_comes_after_the_end_gets_what_it_is_owed_and_then_the_end()
 
 def test_what_comes_again_after_the_end_is_taken_for_nothing() -> None:
     async def scenario() -> None:
-        scene = Scene()
-        scene.add("attic")
-        await asyncio.sleep(0)
-        await scene.deliver(1.0, "attic")
-        await scene.inlets.finish("log")
-        await until(scene.feeds[0].done)
+        scene = await ended()
         # A reader in a new process reads the recording again, for a shard that is further behind.
         await scene.deliver(1.0, "attic", again=True)
         await scene.inlets.finish("log")

@@ -135,12 +135,6 @@ def test_a_measurement_that_cannot_be_explained_takes_all_trust_until_the_next()
     assert level(after(trust, None)) == "trusted"
 
 
-def test_a_horizon_that_is_one_step_is_verified_as_that_step():
-    hourly = tuple(HorizonSkill(3600, n, 0.95, 0.2, 0.4, 0.2, 0.8, 0.5) for n in (100, 0))
-    trust = after(Trust(), Skill(0, 0.95, dict.fromkeys((1, 7, 30), hourly), {}))
-    assert [(one.lead, one.level) for one in trust.horizons] == [(3600, "trusted")]
-
-
 def test_the_horizon_of_a_plan_is_the_next_longer_one():
     trust = after(Trust(), skill())
     assert [trust.at(lead).lead for lead in (60, 300, 301, 21600, 90000)] == [300, 300, 21600, 21600, 21600]
