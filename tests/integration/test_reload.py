@@ -17,7 +17,7 @@ from support.harness import Daemon, reload, thermogate
 
 from replay.simulated.home import write_demo
 
-SPEED = 40_000
+SPEED = 20_000
 
 
 def zone(table: dict[str, Any], name: str) -> dict[str, Any]:
@@ -29,7 +29,7 @@ class Home:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir()
-        self.path = write_demo(folder, days=4, port=0, pace=SPEED)
+        self.path = write_demo(folder, days=2, port=0, pace=SPEED)
         self.table = tomllib.loads(self.path.read_text())
         for zone in self.table["zones"]:
             zone.setdefault("estimator_options", {})["particles"] = 300
