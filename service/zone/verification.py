@@ -73,16 +73,23 @@ class Verification:
 
     def update(
         self, verified: Verified, published: Forecast, posterior: Posterior, outputs: Array, time: int
-    ) -> Verified:
-        """After the sample at `time` [UTC s] with `outputs` (n_y,), for which `published` was the forecast."""
+    ) -> tuple[Verified, Any]:
+        """After the sample at `time` [UTC s] with `outputs` (n_y,), for which `published` was the forecast.
+
+        Also the state of `posterior`, told of the errors of the forecasts whose time has come. A sample that the
+        estimator refused is none of its errors.
+        """
         hour, y = time // 3600, float(outputs[0])
-        book, arx = verified.book, verified.arx
+        book, arx, state = verified.book, verified.arx, posterior.state
         if np.isfinite(y):
             book = noted(book, hour, 0, self._one_step(published, arx, verified.outputs, y))
             due = tuple(self._hindsight.due(verified.pending))
             own = {one.lead: one.mixture for one in posterior.verified}
             if not self._estimator.verifies_itself:
                 own = {one.lead: one.mixtures[0] for one in due}
+                if posterior.outcome is not Outcome.VANISHED:
+                    for lead, mixture in own.items():
+                        state = self._estimator.verified(state, lead, outputs - mixture.mean())
             for one in due:
                 last = verified.outputs[len(verified.outputs) - one.lead] if one.lead <= len(verified.outputs) else None
                 reference = one.mixtures[-1]
@@ -92,7 +99,7 @@ class Verification:
                 arx = self._arx.verified(arx, one.lead, outputs - reference.mean())
         arx = self._reference(arx, outputs, verified.outputs[-1])
         kept = np.concatenate([verified.outputs, outputs[None]])[-max(self._leads) :]
-        return verified._replace(arx=arx, outputs=kept, book=book)
+        return verified._replace(arx=arx, outputs=kept, book=book), state
 
     def predict(self, verified: Verified, state: Any, inputs: Array, seed: int) -> Verified:
         """One period on under `inputs` (n_u,), to which the estimator has predicted its `state`."""

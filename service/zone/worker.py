@@ -429,7 +429,8 @@ class ZoneWorker:
             self.progress = self.progress._replace(vanished=vanished)
             if vanished < VANISHED_LIMIT:
                 published, before = self.standing.update.forecast, self.standing.verified
-                return posterior, score, verification.update(before, published, posterior, sample.outputs, sample.time)
+                verified, state = verification.update(before, published, posterior, sample.outputs, sample.time)
+                return posterior._replace(state=state), score, verified
         self.progress = self.progress._replace(vanished=0, segment=self.progress.segment + 1)
         inputs = self.held.values
         if self.standing is None:

@@ -128,6 +128,18 @@ def test_the_reference_follows_a_sensor_that_was_moved_and_not_one_wrong_reading
     assert (once.standing.verified.arx.seen > 15.0).all()
 
 
+@pytest.mark.parametrize("name", ["arx", "daily"])
+def test_a_regression_learns_from_the_errors_of_its_own_forecasts(name):
+    level = 20.0 + 0.1 * np.sin(np.arange(200) / 9)
+    level[180] = 60.0
+    zone = stepped(of_a_room(name, 1800, {}), level)
+    state = zone.standing.state
+    assert sorted(state.leads[state.leads > 0.0]) == [2.0, 12.0, 48.0]
+    squares, counts = state.errors[:3, 0].T
+    assert (counts > 50.0).all()
+    assert (squares / counts < 1.0).all(), "a reading that it refused is no error"
+
+
 def test_before_the_first_sample_there_is_none():
     assert worker().skill() is None
     assert WINDOWS == (1, 7, 30)
