@@ -307,12 +307,17 @@ class Bank:
     def _members_after(
         self, state: BankState, posteriors: Sequence[Posterior], vanished: Array, outputs: Array, due: Sequence[Due]
     ) -> BankState:
-        """The members after a sample, told of the errors of what was `due`; who is lost starts anew."""
+        """The members after a sample, told of the errors of what was `due` unless they refused the sample; who is lost
+        starts anew."""
         members = [posterior.state for posterior in posteriors]
+        if np.isnan(outputs).all():
+            # Without a measurement a member that is lost does not show that it found back.
+            return state._replace(members=tuple(members))
         lost = np.where(vanished, state.lost + 1.0, 0.0)
         for one in due:
-            for place, (member, part) in enumerate(zip(self.members, one.mixtures, strict=True)):
-                members[place] = member.verified(members[place], one.lead, outputs - part.mean())
+            for place in np.flatnonzero(np.logical_not(vanished)).tolist():
+                errors = outputs - one.mixtures[place].mean()
+                members[place] = self.members[place].verified(members[place], one.lead, errors)
         # State of an earlier version may know no inputs yet: who is lost then waits for the next sample.
         if not vanished.all() and len(state.pending.inputs):
             for place in np.flatnonzero(lost >= _LOST).tolist():

@@ -179,6 +179,28 @@ def test_a_member_that_explains_nothing_is_left_out_and_started_anew():
     assert abs(bank.predictive(state).mean()[0] - 20.0) < 0.1
 
 
+def test_a_sample_without_a_measurement_brings_no_lost_member_back():
+    members = {"good": SomeForecaster(0.0, 0.0, NOISE), "deaf": SomeForecaster(5.0, 5.0, NOISE, deaf=True)}
+    bank = bank_of(members)
+    outputs = samples(22)
+    outputs[1::2] = np.nan
+    state, _, _ = played(bank, outputs[:4])
+    assert bank.member_weights(state)["deaf"].max() < 1e-9
+    state, _, _ = played(bank, outputs[4:], state)
+    assert state.members[1].restarts == 1
+
+
+def test_a_member_is_not_told_how_far_it_was_from_a_sample_that_it_refused():
+    bank = bank_of({"good": SomeForecaster(0.0, 0.0, NOISE), "arx": build("arx", NETWORK, PERIOD, {})})
+    outputs = samples(200)
+    outputs[[150, 153]] = 60.0
+    state, posteriors, _ = played(bank, outputs)
+    assert posteriors[150].outcome is Outcome.ASSIMILATED
+    squares, counts = state.members[1].errors[: len(bank.leads) - 1, 0].T
+    assert (counts > 50.0).all()
+    assert (squares / counts < 1.0).all()
+
+
 def test_a_member_that_is_lost_before_the_first_forecast_is_issued_is_started_anew():
     members = {"good": SomeForecaster(0.0, 0.0, NOISE), "deaf": SomeForecaster(5.0, 5.0, NOISE, deaf=True)}
     bank = bank_of(members, period=60.0)
