@@ -38,12 +38,13 @@ def family(network: Network) -> dict[str, Network]:
 def with_ground(network: Network) -> Network | None:
     """`network` with a conductance from its envelope, the heaviest node, to a ground that stays as it is.
 
-    None where it has one, where there is no envelope beside the room, and where nothing leads outside.
+    None where it has one, where there is no envelope beside the room, where nothing leads outside, and where the names
+    of the ground are taken.
     """
     outside = [
         network.parameter(edge.name) for edge in network.conductances if set(edge.between) & set(network.boundaries)
     ]
-    if GROUND in network.nodes or len(network.nodes) < 2 or not outside:
+    if _taken(network, GROUND, "C_ground", "g_ground") or len(network.nodes) < 2 or not outside:
         return None
     heaviest = max(network.nodes, key=lambda node: _middle(network.parameter(network.capacitances[node])))
     lower = min(parameter.lower for parameter in outside)
@@ -65,7 +66,8 @@ def with_ground(network: Network) -> Network | None:
 def with_two_layers(network: Network) -> Network | None:
     """`network` with its envelope in two layers, the outer of which is tied to the outdoors in its place.
 
-    The envelope is the heaviest unmeasured node with a conductance to the first boundary. None without such a node.
+    The envelope is the heaviest unmeasured node with a conductance to the first boundary. None without such a node, and
+    where the names of the outer layer are taken.
     """
     outdoors = next(iter(network.boundaries), "")
     skins = {
@@ -74,7 +76,7 @@ def with_two_layers(network: Network) -> Network | None:
         for node in edge.between
         if outdoors in edge.between and node in network.nodes and node not in network.measured
     }
-    if OUTER in network.nodes or not skins:
+    if _taken(network, OUTER, "C_outer", "g_layers") or not skins:
         return None
     envelope = max(skins, key=lambda node: _middle(network.parameter(network.capacitances[node])))
     capacitance = network.parameter(network.capacitances[envelope])
@@ -101,8 +103,10 @@ def with_direct_heat(network: Network) -> Network | None:
     """`network` with a learned share of the heating that goes straight into the room, past the heater's mass.
 
     At its upper end this is a network without a heater node. None unless one known heat flow [W] enters an unmeasured
-    node that is tied to a measured one.
+    node that is tied to a measured one, and where the name of the share is taken.
     """
+    if _taken(network, _SHARE.name):
+        return None
     for heat in network.heat_inputs:
         alone = sum(other.channel == heat.channel for other in network.heat_inputs) == 1
         rooms = [
@@ -125,6 +129,12 @@ def with_direct_heat(network: Network) -> Network | None:
                 parameters=(*network.parameters, _SHARE),
             )
     return None
+
+
+def _taken(network: Network, *names: str) -> bool:
+    """Whether a node, channel or parameter of `network` has one of `names`."""
+    own = {*network.nodes, *network.inputs, *(parameter.name for parameter in network.parameters)}
+    return not own.isdisjoint(names)
 
 
 def _middle(parameter: Parameter) -> float:

@@ -1,8 +1,11 @@
 """Variants of a network: the same channels and parameters, and some more."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from estimator.errors import OptionsError
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from estimator.network.family import family, with_direct_heat, with_two_layers
@@ -93,3 +96,23 @@ def test_a_room_inside_has_no_ground_and_no_outer_layer():
         measured=("T_i",),
     )
     assert tuple(family(inside)) == ("own",)
+
+
+@pytest.mark.parametrize(
+    ("taken", "left_out"), [("T_ground", "ground"), ("g_ground", "ground"), ("T_outer", "two-layers")]
+)
+def test_a_variant_whose_names_the_network_has_itself_is_left_out(taken, left_out):
+    base = network("titeth")
+    boundary, edge = (taken, "g_more") if taken.startswith("T_") else ("T_cellar", taken)
+    own = replace(
+        base,
+        boundaries=(*base.boundaries, boundary),
+        conductances=(*base.conductances, Conductance(edge, ("T_e", boundary))),
+        parameters=(*base.parameters, Parameter(edge, "W/K", 1.0, 1e3)),
+    ).validate()
+    found = family(own)
+    assert set(VARIANTS) - set(found) == {left_out}
+    for variant in found.values():
+        variant.validate()
+    with pytest.raises(OptionsError, match=f"'{left_out}' must be one of own, "):
+        build("bank", own, 600.0, {"members": {"a": {"estimator": "ekf", "network": left_out}}})
