@@ -58,6 +58,19 @@ class BankState(NamedTuple):
     """(): which steps issue the forecasts that are verified."""
 
 
+class _Drawn(NamedTuple):
+    """K draws from one member, whose own network has n_x states."""
+
+    weights: Array
+    """(K,): they add up to the member's weight."""
+    theta: Array
+    """(n_theta, K): the parameters of the bank's network."""
+    time_constants: Array
+    """(n_x, K) in seconds, fastest first."""
+    heat_loss: Array
+    """(K,) in W/K."""
+
+
 class Bank:
     """The bank of one zone. See `estimator.types.Estimator` for the moves."""
 
@@ -158,23 +171,27 @@ class Bank:
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
         """Quantiles over draws from all physical members, each with the weight that it has a few hours ahead.
 
-        Of a member with another network than the bank's, only the parameters that both have count. Not a number where
-        no member has physics.
+        Of a member with another network than the bank's, only the parameters that both have count. Its time constants
+        count if it has as many nodes as the bank's network, for those of more nodes are others; where no member has as
+        many, the fastest stand for them. Not a number where no member has physics.
         """
         if not any(member.physical for member in self.members):
             return self.members[0].parameters(state.members[0], levels)
-        drawn = zip(*self._drawn(state), strict=True)
-        weights, theta, constants, losses = (np.concatenate(each, axis=-1) for each in drawn)
+        drawn, size = list(self._drawn(state)), len(self.network.nodes)
+        weights = np.concatenate([each.weights for each in drawn])
+        theta = np.concatenate([each.theta for each in drawn], axis=1)
+        alike = [each for each in drawn if len(each.time_constants) == size] or drawn
+        shares = np.concatenate([each.weights for each in alike])
+        constants = np.concatenate([each.time_constants[:size] for each in alike], axis=1)
         return ParameterSummary(
             levels=levels,
             parameters=np.array([weighted_quantiles(row, weights, levels) for row in theta]),
-            time_constants=np.array([weighted_quantiles(row, weights, levels) for row in constants]),
-            heat_loss=weighted_quantiles(losses, weights, levels),
+            time_constants=np.array([weighted_quantiles(row, shares, levels) for row in constants]),
+            heat_loss=weighted_quantiles(np.concatenate([each.heat_loss for each in drawn]), weights, levels),
         )
 
-    def _drawn(self, state: BankState) -> Iterator[tuple[Array, Array, Array, Array]]:
-        """Of every physical member that counts: weights (K,), own parameters (n_theta, K), time constants (n_x, K) and
-        heat losses (K,) of draws."""
+    def _drawn(self, state: BankState) -> Iterator[_Drawn]:
+        """Draws from every physical member that counts."""
         weights = self._weights(state)
         best, now = self._physical(weights), weights[:, self.compared]
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
@@ -182,10 +199,12 @@ class Bank:
                 drawn = member.draws(own, _DRAWS)
                 assert drawn is not None
                 matrices = assemble(member.network, drawn.theta)
-                entries = self._entries[place]
-                node = int(topology(member.network).measured[0])
-                constants = time_constants(matrices).T[: len(self.network.nodes)]
-                yield now[place] * drawn.weights, drawn.theta[entries], constants, heat_loss(matrices, node)
+                yield _Drawn(
+                    weights=now[place] * drawn.weights,
+                    theta=drawn.theta[self._entries[place]],
+                    time_constants=time_constants(matrices).T,
+                    heat_loss=heat_loss(matrices, int(topology(member.network).measured[0])),
+                )
 
     def member_weights(self, state: BankState) -> Mapping[str, Array]:
         """What each member weighs at each of `leads`, (H,) by name."""

@@ -319,6 +319,16 @@ def test_members_may_differ_in_their_network():
         small_bank(members={"ground": {"estimator": "mkf", "network": "moon"}})
 
 
+def test_time_constants_are_those_of_as_many_nodes():
+    free = {"estimator": "mkf", "preset": "free", "particles": 24}
+    bank = small_bank(members={"own": free, "layers": free | {"network": "two-layers"}})
+    state, middle = started(bank), np.array([0.5])
+    member = bank.members[0].parameters(state.members[0], middle).time_constants
+    np.testing.assert_allclose(bank.parameters(state, middle).time_constants, member, rtol=0.3)
+    layered = small_bank(members={"layers": free | {"network": "two-layers"}})
+    assert layered.parameters(started(layered), middle).time_constants.shape == (2, 1)
+
+
 def test_parameters_are_uncertain_where_the_members_disagree():
     bank = small_bank()
     state = walked(bank, started(bank), 0, 40)
