@@ -11,6 +11,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.diagnosis.balance import known_heat
 from estimator.diagnosis.finding import IMPLAUSIBLE, Finding, amount
+from estimator.network.presets import takes_box
 from estimator.types import Estimator
 
 COLDEST, HOTTEST = -30.0, 60.0
@@ -50,8 +51,13 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
         return []
     sentence = (
         f"{problem}, which no room does; do not let a controller use the forecasts yet, check the unit of the heating, "
-        "and give the floor area (box = { floor_area = 120 }) or wait for some days of data"
+        "and narrow the bounds of the network or wait for some days of data"
     )
+    if takes_box(network):
+        sentence = (
+            f"{problem}, which no room does; do not let a controller use the forecasts yet, check the unit of the "
+            "heating, and give the floor area (box = { floor_area = 120 }) or wait for some days of data"
+        )
     return [Finding(IMPLAUSIBLE, "zone", sentence)]
 
 

@@ -18,6 +18,7 @@ from estimator.diagnosis.finding import (
     amount,
 )
 from estimator.network.family import family
+from estimator.network.network import Network
 from estimator.types import Estimator, ParameterSummary
 
 _COUNTS = 0.05
@@ -77,11 +78,15 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
     blind = sum(float(each.weights[bank.compared]) for each in _members(bank, state) if not each.estimator.physical)
     findings = []
     if blind > _MOST:
-        sentence = (
+        problem = (
             f"members without a building carry {100 * blind:.0f} % of the forecast {hours:.0f} h ahead, so the "
-            "network misses something; add the sun and the neighbours as channels, or compare networks with "
-            "`thermogate experiment topology`"
+            "network misses something"
         )
+        sentence = f"{problem}; compare networks with `thermogate experiment topology`"
+        if absent := _absent(bank.network):
+            sentence = (
+                f"{problem}; add channels for {absent}, or compare networks with `thermogate experiment topology`"
+            )
         findings.append(Finding(MISSES_SOMETHING, "zone", sentence))
     for variant, weight in variants(bank, state):
         if variant != "own" and weight > _MOST:
@@ -91,6 +96,13 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
             )
             findings.append(Finding(OTHER_VARIANT, variant, sentence))
     return findings
+
+
+def _absent(network: Network) -> str:
+    """What acts on most rooms and has no channel in `network`; empty if there is nothing."""
+    sun = any(heat.unit == "W/m2" for heat in network.heat_inputs)
+    neighbours = len(network.boundaries) > 1
+    return " and ".join(name for name, there in (("the sun", sun), ("the neighbours", neighbours)) if not there)
 
 
 def _members(bank: Bank, state: Any) -> list[_Member]:

@@ -8,8 +8,9 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.diagnosis.finding import AT_BOUND, NARROWER_BOUNDS, NOT_IDENTIFIED, Finding, amount
-from estimator.network.boxes import boxed, is_generic
+from estimator.network.boxes import boxed
 from estimator.network.network import Network, Parameter
+from estimator.network.presets import PRESETS, takes_box
 from estimator.types import ParameterSummary
 
 LEVELS = (0.025, 0.05, 0.5, 0.95, 0.975)
@@ -37,13 +38,13 @@ _WORTHWHILE = 0.5
 def at_bound(network: Network, summary: ParameterSummary) -> list[Finding]:
     """Free parameters whose posterior leans against a bound of the box; `summary` is at LEVELS."""
     findings = []
-    widest = boxed(network) if is_generic(network) else network
+    widest = boxed(network) if takes_box(network) else network
     for parameter, place, _ in _learned(network, summary):
         _, low, median, high, _ = place
         if low <= _EDGE and median <= _CROWDED:
-            end, bound, key = "lower", parameter.lower, f"parameters.{parameter.name}.lower"
+            end, bound = "lower", parameter.lower
         elif high >= 1.0 - _EDGE and median >= 1.0 - _CROWDED:
-            end, bound, key = "upper", parameter.upper, f"parameters.{parameter.name}.upper"
+            end, bound = "upper", parameter.upper
         else:
             continue
         largest = widest.parameter(parameter.name)
@@ -51,7 +52,7 @@ def at_bound(network: Network, summary: ParameterSummary) -> list[Finding]:
         wider = ', or set box = "wide",' if reaches else ""
         sentence = (
             f"{parameter.name} is at its {end} bound of {amount(bound)} {parameter.unit}, so the true value may lie "
-            f"beyond it; move {key}{wider} and start the zone anew"
+            f"beyond it; move {_place(network, parameter)}.{end}{wider} and start the zone anew"
         )
         findings.append(Finding(AT_BOUND, parameter.name, sentence))
     return findings
@@ -87,6 +88,18 @@ def narrower_bounds(network: Network, summary: ParameterSummary, days: float) ->
         "them into the network table and start the zone anew with --reset"
     )
     return [Finding(NARROWER_BOUNDS, "zone", sentence)]
+
+
+def _place(network: Network, parameter: Parameter) -> str:
+    """Where the bounds of `parameter` are written in the table of `network`."""
+    name = parameter.name
+    if network.name in PRESETS:
+        return f"parameters.{name}"
+    node = next((node for node, capacitance in network.capacitances.items() if capacitance == name), None)
+    if node is not None:
+        return f"capacitances.{node}"
+    conductances = [edge.name for edge in network.conductances]
+    return f"conductances.{name}" if name in conductances else f"heat_inputs.{name}"
 
 
 def _learned(network: Network, summary: ParameterSummary) -> Iterator[tuple[Parameter, Array, Array]]:

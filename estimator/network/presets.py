@@ -15,7 +15,7 @@ from collections.abc import Callable, Collection
 from dataclasses import replace
 
 from estimator.errors import NetworkError
-from estimator.network.boxes import WIDEST, box, boxed
+from estimator.network.boxes import WIDEST, box, boxed, is_generic
 from estimator.network.network import Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
 
 SOLAR_APERTURE = Parameter("A_w", "m2", 0.1, 30.0, nominal=3.0)
@@ -26,6 +26,11 @@ def network(name: str) -> Network:
     if name not in PRESETS:
         raise NetworkError(f"unknown network '{name}'; the presets are {', '.join(PRESETS)}")
     return PRESETS[name]().validate()
+
+
+def takes_box(network: Network) -> bool:
+    """Whether `network` is a preset, perhaps with changes, whose bounds can come from the floor area."""
+    return network.name in PRESETS and is_generic(network)
 
 
 def _capacitance(name: str, lower: float, upper: float, nominal: float | None = None) -> Parameter:

@@ -1,5 +1,7 @@
 """Findings about real estimators: at the first heating, after days of data, and in a bank."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.small_building import PERIOD, building, record
@@ -15,7 +17,7 @@ from estimator.diagnosis.finding import (
 )
 from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.record import no_record, with_sample
-from estimator.network.presets import network
+from estimator.network.presets import automatic, network
 from estimator.registry import build
 
 KINDS = {"rbpf": {"particles": 500}, "ekf": {}, "ukf": {}, "mkf": {}, "arx": {}}
@@ -46,8 +48,9 @@ def test_a_well_known_building_brings_no_finding_and_nothing_is_changed(kind):
         assert np.array_equal(before[name], value, equal_nan=True)
 
 
-def test_the_first_heating_under_wide_bounds_is_implausible():
-    estimator = build("rbpf", network("titethria"), 3600.0, {"particles": 500})
+@pytest.mark.parametrize(("name", "remedy"), [("titethria", "give the floor area"), ("room-1", "narrow the bounds")])
+def test_the_first_heating_under_wide_bounds_is_implausible(name, remedy):
+    estimator = build("rbpf", replace(network("titethria"), name=name), 3600.0, {"particles": 500})
     data = record(30, seed=3)
     inputs = data.inputs.copy()
     inputs[:, 1] = 0.0
@@ -56,6 +59,7 @@ def test_the_first_heating_under_wide_bounds_is_implausible():
     (finding,) = diagnose(estimator, state, seen, held).findings
     assert finding[:2] == (IMPLAUSIBLE, "zone")
     assert "no room" in finding.sentence
+    assert remedy in finding.sentence
 
 
 def test_a_box_that_excludes_the_building_is_found_at_its_bound():
@@ -122,6 +126,22 @@ def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
     excess[2:] = excess[2:][::-1]
     ground = state._replace(costs=state.costs._replace(excess=excess))
     assert ("network-variant", "ground") in {finding[:2] for finding in carried(estimator, ground)}
+
+
+@pytest.mark.parametrize(
+    ("channels", "remedy"),
+    [
+        ((), "; add channels for the sun and the neighbours, or compare networks"),
+        (("I_sol",), "; add channels for the neighbours, or compare networks"),
+        (("T_adj",), "; add channels for the sun, or compare networks"),
+        (("I_sol", "T_adj"), "; compare networks"),
+    ],
+)
+def test_only_channels_that_are_not_there_are_a_remedy(channels, remedy):
+    estimator = build("bank", automatic(channels), PERIOD, {"members": {"blind": {"estimator": "arx"}}})
+    state = estimator.start(1, np.array([20.0]), np.zeros(len(estimator.network.inputs)))
+    (finding,) = carried(estimator, state)
+    assert remedy in finding.sentence
 
 
 def test_a_diagnosis_is_due_every_few_hours_and_at_the_first_heating():

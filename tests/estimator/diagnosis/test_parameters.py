@@ -1,13 +1,14 @@
 """Parameters at a bound, not identified, and the bounds that data support."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from estimator.diagnosis.finding import AT_BOUND, NARROWER_BOUNDS, NOT_IDENTIFIED
 from estimator.diagnosis.parameters import LEVELS, at_bound, narrower_bounds, not_identified
-from estimator.network.presets import network
+from estimator.network.presets import SOLAR_APERTURE, network
 from estimator.types import ParameterSummary
 
 NETWORK = network("tite")
@@ -42,6 +43,17 @@ def test_a_posterior_that_leans_against_a_bound_is_a_finding(place, end):
     assert finding[:2] == (AT_BOUND, "C_e")
     assert f"its {end} bound" in finding.sentence
     assert f"parameters.C_e.{end}" in finding.sentence
+
+
+def test_the_bounds_to_move_are_named_as_the_network_is_written():
+    own = replace(NETWORK.with_solar("T_i", SOLAR_APERTURE), name="room-1")
+    edge = (0.001, 0.002, 0.02, 0.2, 0.3)
+    rows = [parameter.lower * (parameter.upper / parameter.lower) ** np.array(edge) for parameter in own.parameters]
+    found = at_bound(own, summary()._replace(parameters=np.array(rows)))
+    keys = [finding.sentence.split("; move ")[1].split(" ")[0] for finding in found]
+    assert keys[:2] == ["capacitances.T_i.lower", "capacitances.T_e.lower"]
+    assert keys[2:] == ["conductances.g_ie.lower", "conductances.g_e_out.lower", "heat_inputs.A_w.lower"]
+    assert not any("box" in finding.sentence for finding in found), "only a preset takes a box"
 
 
 def test_a_posterior_as_wide_as_the_prior_is_not_identified():
