@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 from scipy.stats import qmc
 
 from estimator.arrays import Array
@@ -94,9 +94,7 @@ def fit_open_loop(
     made: list[Start] = []
     best, best_error = design[0], np.inf
     for first in design:
-        result = minimize(
-            problem.evaluate, first, jac=True, method="L-BFGS-B", bounds=problem.bounds, options=_OPTIMISER
-        )
+        result = _minimised(problem, first)
         start = Start(problem.theta(result.x), float(np.sqrt(result.fun)), int(result.nfev), bool(result.success))
         if result.fun < best_error:
             best, best_error = result.x, float(result.fun)
@@ -110,6 +108,13 @@ def fit_open_loop(
         evaluations=sum(start.evaluations for start in made),
         starts=tuple(made),
     )
+
+
+def _minimised(problem: _Problem, first: Array) -> OptimizeResult:
+    """The minimum that is found from `first`; where there is nothing to fit, the error as it is."""
+    if problem.size == 0:
+        return OptimizeResult(x=first, fun=problem.evaluate(first)[0], nfev=1, success=True)
+    return minimize(problem.evaluate, first, jac=True, method="L-BFGS-B", bounds=problem.bounds, options=_OPTIMISER)
 
 
 class _Problem:

@@ -55,6 +55,15 @@ def test_segments_and_missing_outputs_count_as_what_is_there():
     assert fit.rmse == pytest.approx(np.sqrt(np.nanmean(residual**2)), rel=1e-9)
 
 
+def test_where_nothing_is_to_be_fitted_the_error_is_what_it_is():
+    net = replace(building().with_fixed(TRUTH), measured=("T_i", "T_e"))
+    data = record(400, 2)
+    fit = fit_open_loop(net, PERIOD, [Segment(data.inputs, data.states + 0.5)], starts=2)
+    simulated = simulate_open_loop(net, TRUE, data.states[0] + 0.5, data.inputs, PERIOD)
+    assert fit.rmse == pytest.approx(np.sqrt(np.mean((simulated - data.states - 0.5)[1:] ** 2)))
+    np.testing.assert_allclose(fit.theta, TRUE)
+
+
 def test_two_measured_nodes_share_one_error():
     net = replace(building(), measured=("T_i", "T_e"))
     data = record(400, 2)
