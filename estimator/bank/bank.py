@@ -89,9 +89,10 @@ class Bank:
         self.leads = (1, *(lead for lead in self._hindsight.leads if lead > 1))
         """Steps ahead of the horizons at which weights and widths are learned."""
         hours = np.array(self.leads) * period / _HOUR
-        self._hours = np.where(np.arange(len(hours)) == 0, hours, 1.0)
+        self._hours = np.where(np.arange(len(hours)) == 0, hours, self._hindsight.every * period / _HOUR)
+        """From one verified forecast to the next."""
         self._shares = np.minimum(self._hours / hours, 1.0)
-        """Of a verified forecast, in forecasts that do not overlap: one is issued for every hour."""
+        """Of a verified forecast, in forecasts that do not overlap."""
         self.compared = int(np.argmin(np.abs(np.array(self.leads) * period - _COMPARED_AHEAD)))
         """Place among `leads` of the horizon at which members are compared as models of the building."""
         own = [parameter.name for parameter in self.network.parameters]

@@ -89,7 +89,8 @@ class ARX:
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
         self._forgetting = exp(-period / (options.memory_days * _DAY))
         self._residual_forgetting = exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * _DAY))
-        self._verified_forgetting = exp(-3600.0 / (options.verified_memory_days * _DAY))
+        # Of each lead an error becomes known every hour, or with every sample.
+        self._verified_forgetting = exp(-max(3600.0, period) / (options.verified_memory_days * _DAY))
 
     physical = False
     verifies_itself = False

@@ -64,7 +64,8 @@ class Hindsight:
         self._members = tuple(members)
         self.leads = tuple(round(horizon / period) for horizon in HORIZONS)
         """Steps ahead of each horizon; a horizon of one step or less is not verified here."""
-        self._every = max(1, round(EVERY / period))
+        self.every = max(1, round(EVERY / period))
+        """Steps from one issue to the next."""
 
     def start(self, width: int) -> Pending:
         """Nothing is pending; `width` is the number of inputs n_u."""
@@ -79,7 +80,7 @@ class Hindsight:
         """
         step, longest = pending.step + 1, max(self.leads)
         issues = tuple(issue for issue in pending.issues if step - issue.step < longest)
-        if step % self._every == phase % self._every and longest > 1:
+        if step % self.every == phase % self.every and longest > 1:
             samples = tuple(member.issue(state, SAMPLES) for member, state in zip(self._members, states, strict=True))
             issues = (*issues, Issue(step, samples, note))
         kept = max(1, step - issues[0].step) if issues else 1

@@ -190,6 +190,14 @@ def test_a_sample_without_a_measurement_brings_no_lost_member_back():
     assert state.members[1].restarts == 1
 
 
+@pytest.mark.parametrize("minutes", [10, 30, 45, 120, 360])
+def test_forecasts_hours_ahead_stand_for_the_time_between_two_of_them(minutes):
+    bank = bank_of({"one": SomeForecaster(0.0, 0.0, NOISE)}, period=60.0 * minutes, discount=1.0)
+    steps = 8 * 24 * 60 // minutes
+    state, _, _ = played(bank, samples(steps))
+    np.testing.assert_allclose(state.costs.hours, 8 * 24.0 - np.array(bank.leads) * minutes / 60.0, atol=12.0)
+
+
 def test_a_member_is_not_told_how_far_it_was_from_a_sample_that_it_refused():
     bank = bank_of({"good": SomeForecaster(0.0, 0.0, NOISE), "arx": build("arx", NETWORK, PERIOD, {})})
     outputs = samples(200)

@@ -94,6 +94,16 @@ def test_the_spread_hours_ahead_is_what_forecasts_have_missed_by(name):
     assert far.sd()[0] == pytest.approx(missed, rel=0.1)
 
 
+@pytest.mark.parametrize("hours", [0.5, 1, 6])
+def test_verified_errors_are_forgotten_by_the_day(hours):
+    arx = build("arx", NETWORK, 3600.0 * hours, {"verified_memory_days": 5.0})
+    state = arx.start(1, np.array([20.0]), np.array([5.0, 0.0]))
+    for _ in range(int(100 * 24 / max(1, hours))):
+        state = arx.verified(state, 4, np.array([0.1]))
+    a_day = 24 / max(1, hours)
+    assert state.errors[0, 0, 1] == pytest.approx(5.0 * a_day, rel=0.05), "as many as five days bring"
+
+
 def test_an_unstable_regression_stays_near_what_was_measured():
     outputs, inputs = 20.0 * 1.02 ** np.arange(30), np.tile([5.0, 0.0], (30, 1))
     arx = build("arx", NETWORK, PERIOD, {})
