@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
-from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
@@ -16,6 +15,7 @@ from adapters.weather.forecast import MEANS, WeatherSource
 from adapters.weather.heard import HeardForecasts
 from adapters.weather.polled import PolledAddress, csv_file, json_file
 from adapters.zenoh.access import ANYBODY, collecting
+from service.fields.addresses import is_web_address
 from service.fields.tables import TABLE
 from service.fields.values import Delimiter, Encoding, FilePath, PositiveDuration, Text, choice
 from service.fields.zenoh_session import Mode, SessionConfig
@@ -69,7 +69,7 @@ class OpenMeteoConfig(BaseModel):
             raise ValueError("needs either file or url")
         if self.url is not None and not self.url.startswith(("http://", "https://")):
             raise ValueError("url must begin with http:// or https://")
-        if self.url is not None and not _is_address(self.url):
+        if self.url is not None and not is_web_address(self.url):
             raise ValueError("url must be an address such as https://api.example/v1/forecast?latitude=47.7")
         return self
 
@@ -98,15 +98,6 @@ class ZenohWeatherConfig(SessionConfig):
     def described(self) -> str:
         """What it reads, for the summary of a check."""
         return f"{self.key} from {', '.join(self.connect)}"
-
-
-def _is_address(url: str) -> bool:
-    """Whether something may be at `url`: it has a host, a port if it names one, and no blanks."""
-    try:
-        parts = urlsplit(url)
-        return bool(parts.hostname) and parts.port != 0 and url.isprintable() and " " not in url
-    except ValueError:
-        return False
 
 
 class WeatherKind(NamedTuple):

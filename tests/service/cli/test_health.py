@@ -1,6 +1,7 @@
 """`thermogate health` against servers that answer as the daemon does."""
 
 import json
+import socket
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
@@ -97,3 +98,46 @@ def test_what_does_not_answer_or_is_no_daemon(serve, capsys):
     url, _ = serve({"/healthz": (200, b"<html>")})
     assert health(capsys, "--url", url)[0] == 2
     assert health(capsys, "--url", "file:///etc/passwd")[0] == 3
+
+
+@pytest.mark.parametrize(("status", "document"), [(200, []), (200, {}), (404, {}), (503, [1]), (503, {"zones": 3})])
+def test_another_server_is_no_daemon(serve, capsys, status, document):
+    url, _ = serve({"/healthz": (200, {}), "/readyz": (status, document)})
+    said = f"CRITICAL - {url} answers, but not as a daemon of Thermogate does; correct --url"
+    assert health(capsys, "--url", url) == (2, said)
+
+
+@pytest.mark.parametrize("greeting", [b"SSH-2.0-OpenSSH\r\n", b"\x15\x03\x03\x00\x02\x02\x46"])
+def test_what_speaks_no_http_is_no_daemon(capsys, greeting):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def greet():
+            with server.accept()[0] as client:
+                client.recv(4096)
+                client.sendall(greeting)
+
+        thread = threading.Thread(target=greet)
+        thread.start()
+        code, line = health(capsys, "--url", f"http://127.0.0.1:{server.getsockname()[1]}")
+        thread.join()
+    assert code == 2
+    assert line.isprintable()
+    assert "not as a daemon" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "gist"),
+    [
+        (["--url", "http://[::1"], "http://[::1 is no URL of a daemon"),
+        (["--url", "http://127.0.0.1:x"], "is no URL of a daemon"),
+        (["--url", "http://127.0.0.1/a b"], "is no URL of a daemon"),
+        (["--key-file", "{folder}/none"], "--key-file {folder}/none cannot be read: No such file"),
+        (["--key-file", "{folder}/words"], "--key-file {folder}/words does not hold an API key"),
+        (["--ca-file", "{folder}/none"], "--ca-file {folder}/none cannot be used: No such file"),
+    ],
+)
+def test_options_that_cannot_be_used_say_nothing_of_the_daemon(capsys, tmp_path, words, gist):
+    (tmp_path / "words").write_text("two\nwords ä\n", encoding="utf-8")
+    code, line = health(capsys, *(word.replace("{folder}", str(tmp_path)) for word in words))
+    assert code == 3
+    assert gist.replace("{folder}", str(tmp_path)) in line
