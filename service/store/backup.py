@@ -34,9 +34,8 @@ from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, 
 FORMAT_VERSION = 2
 """Since 2 the kept configuration is in a backup, where there is one."""
 _MANIFEST = "manifest.json"
-_NAMES = re.compile(
-    rf"{re.escape(JOURNAL)}|{re.escape(CONFIGURATION)}|{CHECKPOINTS}/[a-z0-9][a-z0-9_-]{{0,63}}/\d+\.npz"
-)
+_ZONE = r"[a-z0-9][a-z0-9_-]{0,63}"
+_NAMES = re.compile(rf"{re.escape(JOURNAL)}|{re.escape(CONFIGURATION)}|{CHECKPOINTS}/{_ZONE}/\d+\.npz")
 _UNPACKING = f"{RESTORING}.tmp"
 _ATTEMPTS = 3
 _BLOCK = 2**20
@@ -86,6 +85,8 @@ def write_backup(state_dir: Path, site: str, out: Path, tick: Tick = lambda more
     target = out / f"thermogate-{site}-{made:%Y%m%dT%H%M%SZ}.tar" if out.is_dir() else out
     if target.exists():
         raise BackupError(f"{target} exists already; name another file, or a folder to get a new one in it")
+    if (state_dir / RESTORING).exists():
+        raise BackupError(f"restoring a backup into {state_dir} was interrupted; run `thermogate restore` again")
     if not (state_dir / JOURNAL).exists():
         raise BackupError(f"there is no state in {state_dir}; correct site.state_dir, or run the daemon first")
     with _told(f"the backup {target} cannot be written"), _beside(target) as work:
@@ -175,7 +176,7 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
         folder.mkdir()
         steps = {
             zone.name: step
-            for zone in sorted((state_dir / CHECKPOINTS).glob("*"))
+            for zone in _zone_folders(state_dir / CHECKPOINTS)
             if (step := _copy_checkpoint(zone, folder / CHECKPOINTS / zone.name)) is not None
         }
         with (
@@ -190,6 +191,12 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
         if all(pruned.get(zone, step) <= step for zone, step in steps.items()):
             return len(steps)
     raise BackupError(f"the journal in {state_dir} is pruned faster than it can be copied; raise site.max_journal")
+
+
+def _zone_folders(checkpoints: Path) -> list[Path]:
+    """The folders of zones among `checkpoints`; what else somebody has put there is no state."""
+    folders = sorted(checkpoints.iterdir()) if checkpoints.is_dir() else []
+    return [folder for folder in folders if re.fullmatch(_ZONE, folder.name)]
 
 
 def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Tick) -> None:

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import shutil
 import stat
 import subprocess
 import tarfile
@@ -23,7 +24,7 @@ from service.store.backup import FORMAT_VERSION, restore_backup, write_backup
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
-from service.store.store import CONFIGURATION, JOURNAL, RESTORING, Store
+from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, Store
 from service.zone.zone import Zone
 
 ITEMS = [sample(k) for k in range(60)]
@@ -140,6 +141,25 @@ def test_there_has_to_be_something_to_back_up(tmp_path: Path) -> None:
     fill(tmp_path / "state", ITEMS[:4])
     with pytest.raises(BackupError, match="cannot be written"):
         write_backup(tmp_path / "state", "house", tmp_path / "no such folder" / "out.tar")
+
+
+def test_what_is_no_zone_among_the_checkpoints_is_left_out(tmp_path: Path) -> None:
+    fill(tmp_path / "state", ITEMS[:40])
+    checkpoints = tmp_path / "state" / CHECKPOINTS
+    for copy in ("z.old", "z copy", "Z"):
+        shutil.copytree(checkpoints / "z", checkpoints / copy)
+    made = write_backup(tmp_path / "state", "house", tmp_path / "kept.tar")
+    assert made.zones == 1
+    restore_backup(tmp_path / "other", "house", made.path, replace=False)
+    assert goes_on(tmp_path / "other", 40) == straight(ITEMS)[39:]
+
+
+def test_nothing_is_backed_up_of_a_restore_that_was_interrupted(tmp_path: Path) -> None:
+    fill(tmp_path / "state", ITEMS[:4])
+    (tmp_path / "state" / RESTORING).mkdir()
+    with pytest.raises(BackupError, match="interrupted; run `thermogate restore` again"):
+        write_backup(tmp_path / "state", "house", tmp_path)
+    assert list(tmp_path.glob("*.tar")) == []
 
 
 def test_a_backup_of_another_site_is_refused(kept: Path, tmp_path: Path) -> None:
