@@ -131,7 +131,13 @@ class CheckpointStore:
 
     def files(self, zone: str) -> list[Path]:
         """The kept checkpoints of `zone`, newest first."""
-        return _newest_first(self.path / zone)
+        folder = self.path / zone
+        try:
+            return _newest_first(folder)
+        except OSError as error:
+            raise CheckpointError(
+                f"the checkpoints in {folder} cannot be listed ({error.strerror}); make the folder readable"
+            ) from error
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
@@ -263,8 +269,12 @@ def _digest(parts: Mapping[str, npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
 
 
 def _newest_first(folder: Path) -> list[Path]:
+    # Not by `glob`, which passes over a folder that may not be read, and some that cannot.
+    paths = folder.iterdir() if folder.is_dir() else ()
     return sorted(
-        (path for path in folder.glob("*.npz") if path.stem.isdigit()), key=lambda p: int(p.stem), reverse=True
+        (path for path in paths if path.suffix == ".npz" and path.stem.isdigit()),
+        key=lambda p: int(p.stem),
+        reverse=True,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import logging
@@ -9,6 +10,7 @@ import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -228,6 +230,25 @@ def test_an_unusable_folder_is_named(tmp_path: Path) -> None:
     store = CheckpointStore(tmp_path / "file")
     with pytest.raises(CheckpointError, match="cannot be written"):
         store.save("living", make(1))
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.EACCES, errno.EIO])
+def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(
+    store: CheckpointStore, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    """Taken for empty, its zone would begin anew, and a backup would be without it; retention would end for good."""
+    store.save("living", make(1))
+
+    def refuse(path: object) -> NoReturn:
+        raise OSError(number, os.strerror(number), str(path))
+
+    for function in ("listdir", "scandir"):
+        monkeypatch.setattr(os, function, refuse)
+    with pytest.raises(CheckpointError, match="cannot be read"):
+        store.load("living", "f1")
+    for ask in (store.oldest, store.files):
+        with pytest.raises(CheckpointError, match="living cannot be listed"):
+            ask("living")
 
 
 def test_reset_sets_everything_aside(store: CheckpointStore) -> None:
