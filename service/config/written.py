@@ -18,6 +18,9 @@ def effective_toml(config: Config) -> str:
     dumped = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
     shown = dumped | dumped["sinks"]
     tables = {name: shown[name] for name in TABLES if name in shown}
+    if config.http.socket is not None:
+        # It takes the place of what is there by default.
+        tables["http"] = {name: value for name, value in tables["http"].items() if name not in ("host", "port")}
     for table, zone in zip(tables["zones"], config.zones, strict=True):
         table["network"] = network_table(zone.network)
         table["estimator_options"] = _plain(written(zone.estimator, zone.options))

@@ -22,6 +22,13 @@ def test_what_is_kept_loads_as_the_same_configuration(tmp_path):
     assert [file.name for file in config.site.state_dir.iterdir()] == [FILE]
 
 
+def test_a_socket_takes_the_place_of_host_and_port(tmp_path):
+    config = load(write(tmp_path, sound(tmp_path) | {"http": {"socket": "http.sock"}}))
+    config.site.state_dir.mkdir(parents=True)
+    keep_configuration(config)
+    assert load(kept_configuration(config.site.state_dir)).http == config.http
+
+
 def test_a_folder_without_one_is_said(tmp_path):
     with pytest.raises(ServiceError, match=r"there is no configuration\.toml in .*--config"):
         kept_configuration(tmp_path)
