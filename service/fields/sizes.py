@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 from service.fields.numbers import whole_in
@@ -14,12 +15,13 @@ def parse_size(value: object) -> int:
     """Bytes in `value`; ValueError with one sentence when it is no size."""
     if isinstance(value, str):
         match = _PATTERN.fullmatch(value)
-        if match:
-            return round(float(match[1]) * _BYTES[match[2]])
+        size = float(match[1]) * _BYTES[match[2]] if match else math.inf
+        if math.isfinite(size):
+            return round(size)
     else:
-        size = whole_in(value, lower=0)
-        if size is not None:
-            return size
+        whole = whole_in(value, lower=0)
+        if whole is not None:
+            return whole
     shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
     raise ValueError(
         f'{shown} is not a size; write a number with kB, MB, GB or TB, such as "500MB" or "2GB", or a whole number of '

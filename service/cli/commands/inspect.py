@@ -47,7 +47,8 @@ def description(checkpoint: Checkpoint, path: Path) -> list[str]:
     named = about["parameters"] or [[f"parameter {number}", "", True] for number in range(1, len(means) + 1)]
     lines = aligned(
         [
-            ("zone", path.parent.name),
+            # Earlier versions did not write whose it is.
+            ("zone", checkpoint.zone or path.absolute().parent.name),
             ("after the sample at", written_time(checkpoint.step)),
             ("network", str(about["network"])),
             ("estimator", str(about["estimator"])),

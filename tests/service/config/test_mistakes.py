@@ -190,6 +190,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "negative duration": (living(lateness=-1), f"{LIVING}.lateness", ("-1 is not a duration",)),
     "no history": (at("site", keep_history=0), "site.keep_history", ("longer than 0",)),
     "size in words": (at("site", max_journal="2 gigabytes"), "site.max_journal", ("is not a size", '"2GB"')),
+    "endless size": (at("site", max_journal=f"{'9' * 400}GB"), "site.max_journal", ("is not a size",)),
     "tiny journal": (at("site", max_journal="1MB"), "site.max_journal", ("at least 16MB",)),
     "negative size": (at("site", max_journal=-5), "site.max_journal", ("is not a size",)),
     "checkpoint never": (at("site", checkpoint_every=0), "site.checkpoint_every", ("longer than 0",)),
