@@ -11,7 +11,7 @@ import logging
 import sqlite3
 import struct
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -197,9 +197,7 @@ class Journal:
 
         A damaged row is left out, which the log says once.
         """
-        # Reading need not wait for the disk because of other zones.
-        if any(row[0] == zone for row in self._pending):
-            self.flush()
+        self._show(zone)
         where, bounds = "zone = ?", [zone]
         for condition, bound in (("time >= ?", start), ("time < ?", end)):
             if bound is not None:
@@ -217,8 +215,7 @@ class Journal:
 
         Damaged rows are left out, as in `history`.
         """
-        if any(row[0] == zone for row in self._pending):
-            self.flush()
+        self._show(zone)
         query = (
             f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 "
             "ORDER BY time LIMIT ?"
@@ -328,6 +325,13 @@ class Journal:
                     cursor.execute("ROLLBACK")
                 raise
         self._pending.clear()
+
+    def _show(self, zone: str) -> None:
+        """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""
+        # Reading need not wait for the disk because of other zones.
+        if any(row[0] == zone for row in self._pending):
+            with suppress(JournalError):
+                self.flush()
 
     def _end(self, zone: str) -> tuple[int, int]:
         """Time and link of the newest sample of `zone`; without any, what the next one has to be chained to."""

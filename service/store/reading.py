@@ -78,11 +78,12 @@ def stored_fingerprints(state_dir: Path) -> dict[str, str]:
     """The fingerprint of every zone with samples in `state_dir`, by its id, whichever version of Thermogate wrote them;
     none where there is no state or it cannot be read."""
     path = (state_dir / JOURNAL).absolute()
-    if not path.exists():
-        return {}
     try:
+        if not path.exists():
+            return {}
         with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
             return dict(connection.execute(_FINGERPRINTS))
-    except sqlite3.Error as error:
+    # Who checks a configuration need not be one who may look into the state folder.
+    except (OSError, sqlite3.Error) as error:
         _log.debug("the zones of %s cannot be read: %s", path, error)
         return {}

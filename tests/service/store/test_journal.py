@@ -257,6 +257,8 @@ def test_a_full_disk_loses_nothing_that_was_recorded(path: Path, journal: Journa
     with pytest.raises(JournalError, match="free space on its disk"):
         journal.append("living", make_sample(1))
     assert journal.last_sample_time("living") == START
+    assert journal.history("living", None, None, 1000) == [], "what is there is read all the same"
+    assert journal.history_columns("living", 0, 2 * START, 1)[2] is None
     journal.read("PRAGMA max_page_count = 100000")
     assert journal.append("living", make_sample(1))
     assert len(journal.history("living", None, None, 1000)) == 100
