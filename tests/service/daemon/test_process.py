@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
+from typing import NoReturn
 
 import pytest
+
+from service.daemon import process
 
 THREADS = "import os, numpy, scipy.linalg; print(len(os.listdir('/proc/self/task')))"
 
@@ -49,3 +53,16 @@ def test_threads_that_compute_let_the_event_loop_go_first_whatever_the_priority_
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     computing, looping = map(int, done.stdout.split())
     assert computing > looping
+
+
+def test_an_account_without_a_home_compiles_into_a_folder_of_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    def homeless() -> NoReturn:
+        raise RuntimeError("Could not determine home directory.")
+
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(Path, "home", homeless)
+    # What it sets is taken back afterwards.
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    process._give_numba_a_cache()
+    assert "thermogate-kernels-" in os.environ["NUMBA_CACHE_DIR"]
