@@ -85,8 +85,9 @@ def _give_numba_a_cache() -> None:
     """Choose the folder of compiled kernels, unless NUMBA_CACHE_DIR does.
 
     It is named after the sources of the estimator: Numba itself sees a change only in the file of the kernel that it
-    caches, not in what that kernel calls. Where there is no home folder that can be written, as under a hardened service, a
-    folder of this process's own costs a compilation at every start; a unit sets NUMBA_CACHE_DIR to a lasting one.
+    caches, not in what that kernel calls. Where there is no home folder that can be written, as under a hardened
+    service, a folder of this process's own costs a compilation at every start; a unit sets NUMBA_CACHE_DIR to a lasting
+    one.
     """
     if "NUMBA_CACHE_DIR" in os.environ:
         return
