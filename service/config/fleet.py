@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from typing import Annotated
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
@@ -16,14 +16,20 @@ LONGEST_LEASE = 60.0
 MOST_SHARDS = 4096
 
 
+_SECRETS = frozenset({"password", "sslpassword"})
+"""Parameters of an address that hold a secret."""
+
+
 def database_address(value: object) -> str:
-    """The address of a PostgreSQL database, without a password."""
+    """The address of a PostgreSQL database, without a password; it may name several servers, each with its port."""
     try:
         parts = urlsplit(text(value))
-        given, port = parts.password, parts.port
+        given = parts.password is not None or not _SECRETS.isdisjoint(parse_qs(parts.query, keep_blank_values=True))
+        # Of several servers Python takes all ports for one.
+        port = None if "," in parts.netloc else parts.port
     except ValueError:
-        parts, given, port = None, None, None
-    if given is not None:
+        parts, given, port = None, False, None
+    if given:
         # What is there must not end up in a log.
         raise ValueError("holds a password; put that into a file of its own, and name the file in password_file")
     if parts is None or parts.scheme not in ("postgresql", "postgres") or len(parts.path) < 2 or port == 0:

@@ -28,7 +28,7 @@ def parse_duration(value: object) -> float:
     shown = f'"{value}"' if isinstance(value, str) else str(value).lower()
     raise ValueError(
         f'{shown} is not a duration; write a number with s, min, h or d, such as "30s", "5min", "1h" or "7d", '
-        "or a number of seconds"
+        "or a number of seconds, up to a century"
     )
 
 

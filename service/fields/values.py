@@ -28,6 +28,8 @@ _SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 120
 SMALLEST_JOURNAL = 16 * 10**6
 """Below this the write-ahead log alone takes a good part of it."""
 
+LARGEST_JOURNAL = 4 * 10**18
+
 LONGEST_TIMEOUT = 60.0
 
 
@@ -124,7 +126,9 @@ def bearable(seconds: float) -> float:
 
 def journal_size(value: object) -> int:
     size = parse_size(value)
-    if not SMALLEST_JOURNAL <= size <= 2**62:
+    if size > LARGEST_JOURNAL:
+        raise ValueError(f"must be at most {format_size(LARGEST_JOURNAL)}, not {shown(value)}")
+    if size < SMALLEST_JOURNAL:
         raise ValueError(f"must be at least {format_size(SMALLEST_JOURNAL)}, not {shown(value)}")
     return size
 

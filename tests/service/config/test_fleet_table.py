@@ -31,12 +31,21 @@ def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
     assert load(again).fleet == config.fleet
 
 
+@pytest.mark.parametrize("servers", ["a,b", "a:5432,b:5433"])
+def test_the_database_may_be_on_several_servers(tmp_path: Path, servers: str) -> None:
+    database = f"postgresql://thermogate@{servers}/thermogate?target_session_attrs=read-write"
+    assert fleet_of(load(site(tmp_path), [f"fleet.database={database}"])).database == database
+
+
 @pytest.mark.parametrize(
     ("key", "value", "sentence"),
     [
         ("database", "db.example", "is not the address of a PostgreSQL database"),
         ("database", "postgresql://db.example", "is not the address of a PostgreSQL database"),
         ("database", "postgresql://thermogate:geheim@db.example/x", "put that into a file of its own"),
+        ("database", "postgresql://db.example/x?password=geheim", "put that into a file of its own"),
+        ("database", "postgresql://db.example/x?sslkey=k&sslpassword=geheim", "put that into a file of its own"),
+        ("database", "postgresql://db.example:port/x", "is not the address of a PostgreSQL database"),
         ("shards", 0, "must be a whole number from 1 to 4096, not 0"),
         ("shard_cpus", 0, "must be greater than 0, not 0"),
         ("lease", "1s", "must be from 2s to 1min, not 1s"),
