@@ -81,14 +81,21 @@ class BackupError(ServiceError):
 
 
 class StateMismatch(ServiceError):
-    """The stored state of `zone`, in `place`, was made with another network or other structural options."""
+    """The stored state of `zone`, in `place`, was made with another network or other structural options.
 
-    def __init__(self, zone: str, place: object) -> None:
+    `reset` tells how state is given up there, if not by the daemon on one machine.
+    """
+
+    def __init__(self, zone: str, place: object, reset: str | None = None) -> None:
         super().__init__(
             f"zone '{zone}': the stored state in {place} belongs to another network or other estimator options; "
-            f"restore the configuration it was made with, or give that state up with "
-            f"`thermogate run CONFIG --reset {zone}`"
+            f"restore the configuration it was made with, or give that state up {reset or reset_by_run(zone)}"
         )
+
+
+def reset_by_run(zone: str) -> str:
+    """How the state of `zone` is given up in a state folder."""
+    return f"with `thermogate run CONFIG --reset {zone}`"
 
 
 def one_line(sentence: str) -> str:

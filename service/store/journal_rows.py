@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from adapters.reading import Quality, Reading
-from service.errors import JournalError
+from service.errors import JournalError, reset_by_run
 from service.records.history import HistoryRow
 from service.records.sample import Array, Sample
 
@@ -84,11 +84,11 @@ def linked_sample(row: Accepted, link: int | None, previous: int) -> Sample:
     return to_sample(row)
 
 
-def damaged_sample(place: str, zone: str, time: int, reason: object) -> JournalError:
-    """What is told of a sample at `place` that cannot be used."""
+def damaged_sample(place: str, zone: str, time: int, reason: object, reset: str | None = None) -> JournalError:
+    """What is told of a sample at `place` that cannot be used; `reset` as in StateMismatch."""
     return JournalError(
         f"{place} holds a damaged sample of zone '{zone}' at {time} ({reason}); check the disk, then restore a backup, "
-        f"or give the zone's state up with `thermogate run CONFIG --reset {zone}`"
+        f"or give the zone's state up {reset or reset_by_run(zone)}"
     )
 
 

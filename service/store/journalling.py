@@ -34,12 +34,15 @@ Result = TypeVar("Result")
 
 
 class JournalStore:
-    """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are."""
+    """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are, and `reset` how state
+    is given up there (None: by `thermogate run --reset`)."""
 
-    def __init__(self, journal: SampleJournal, checkpoints: Checkpoints, place: object) -> None:
+    def __init__(
+        self, journal: SampleJournal, checkpoints: Checkpoints, place: object, reset: str | None = None
+    ) -> None:
         self.checkpoints = checkpoints
         self._journal = journal
-        self._place = place
+        self._place, self._reset = place, reset
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._recorded: deque[tuple[str, Update]] = deque()
         """Updates on their way to the journal's thread."""
@@ -55,7 +58,7 @@ class JournalStore:
             # The power failed while the zone was forgotten: the journal knows, the checkpoints do not yet.
             await self._forget_checkpoints(zone)
         if not await self._run(self._journal.claim, zone, fingerprint):
-            raise StateMismatch(zone, self._place)
+            raise StateMismatch(zone, self._place, self._reset)
 
     async def append(self, zone: str, sample: Sample) -> None:
         """Make an accepted sample durable, unless it already is.

@@ -11,6 +11,7 @@ from service.errors import StateMismatch
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
 from service.store.postgres.database import Cursor, Database
 from service.store.postgres.fence import Fence, set_aside_as
+from service.store.postgres.names import RESET
 
 _OWN = "zone = (SELECT number FROM zones WHERE zone = %s) AND NOT damaged"
 
@@ -71,7 +72,7 @@ class PostgresCheckpoints:
                 self._mark(zone, before)
                 continue
             if checkpoint.fingerprint != fingerprint:
-                raise StateMismatch(zone, f"the database {self._database.place}")
+                raise StateMismatch(zone, f"the database {self._database.place}", RESET)
             return checkpoint
         return None
 

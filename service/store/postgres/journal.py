@@ -30,6 +30,7 @@ from service.store.journal_rows import (
 from service.store.postgres import partitions
 from service.store.postgres.database import Cursor, Database
 from service.store.postgres.fence import Fence, aside, set_aside_as
+from service.store.postgres.names import RESET
 from service.store.postgres.partitions import Month, month_of
 
 _PAGE = 500
@@ -238,7 +239,7 @@ class PostgresJournal:
                 try:
                     sample = linked_sample(tuple(values), link, previous)
                 except (ValueError, TypeError, struct.error) as error:
-                    raise damaged_sample(self._place, zone, values[1], error) from error
+                    raise damaged_sample(self._place, zone, values[1], error, RESET) from error
                 if skipped is None:
                     yield sample
                 previous = link

@@ -1,4 +1,4 @@
-"""Names in the database: the schema of a site."""
+"""Names in the database: the schema of a site, and how to rename a zone."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ import zlib
 
 _LONGEST = 63
 """Bytes that PostgreSQL takes of a name; the rest it leaves out in silence."""
+
+
+RESET = "as docs/operations.md tells under 'A site in PostgreSQL', by SQL"
+"""How the state of a zone is given up in a fleet."""
 
 
 def schema_of(site: str) -> str:

@@ -15,6 +15,7 @@ from service.store.postgres.database import Database
 from service.store.postgres.fence import Fence
 from service.store.postgres.journal import PostgresJournal
 from service.store.postgres.leases import Lease
+from service.store.postgres.names import RESET
 from service.store.postgres.retention import prune
 from service.store.postgres.schema import prepare, warn_of_unsafe_commits
 from service.store.retention import Limits
@@ -53,7 +54,7 @@ class PostgresStore(JournalStore):
         self._own = PostgresJournal(self._database, self._fence)
         self._kept = PostgresCheckpoints(Database(connection, site), self._fence)
         self._size = 0
-        super().__init__(self._own, self._kept, f"the database {self._database.place}")
+        super().__init__(self._own, self._kept, f"the database {self._database.place}", RESET)
 
     @property
     def lost(self) -> str | None:

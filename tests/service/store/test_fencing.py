@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from support.zone_samples import comparable, sample
 import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
 from adapters.reading import Reading
-from service.errors import Fenced, JournalError, LeaseHeld
+from service.errors import Fenced, JournalError, LeaseHeld, StateMismatch
 from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
 from service.store.postgres.partitions import month_of
@@ -590,3 +591,30 @@ def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet) -> N
     asyncio.run(scenario())
     assert fleet.sql("SELECT count(*) FROM {}.samples") == [(1,)]
     assert fleet.sql("SELECT zone FROM {}.zones ORDER BY zone") == [("other",), ("z",)]
+
+
+def test_a_zone_is_reset_as_the_operations_page_tells(fleet: Fleet) -> None:
+    """`thermogate run --reset` would start a daemon beside the fleet, and reset nothing."""
+    page = (Path(__file__).parents[3] / "docs" / "operations.md").read_text(encoding="utf-8")
+    (statement,) = re.findall(r"^UPDATE .*;$", page, re.MULTILINE)
+
+    async def learn() -> None:
+        store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+        await store.claim("living", "f")
+        await store.append("living", make_sample(0))
+        await asyncio.to_thread(store.checkpoints.save, "living", _checkpoint(make_sample(0).time))
+        for ask in (store.claim("living", "g"), asyncio.to_thread(store.checkpoints.load, "living", "g")):
+            with pytest.raises(StateMismatch, match=r"give that state up as docs/operations.md tells .* by SQL"):
+                await ask
+
+    async def begin_anew() -> None:
+        store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+        await store.claim("living", "g")
+        assert await asyncio.to_thread(store.checkpoints.load, "living", "g") is None
+        assert await store.last_sample_time("living") is None
+        assert await store.append("living", make_sample(0)) is None
+
+    asyncio.run(learn())
+    fleet.sql(statement.replace("thermogate_campus", "{}"))
+    asyncio.run(begin_anew())
+    assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)], "nothing is deleted"

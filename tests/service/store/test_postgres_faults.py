@@ -418,7 +418,7 @@ def test_a_damaged_or_missing_sample_is_told(shard: Shard, postgres_server: Serv
         postgres_server.run(
             f"UPDATE {table} SET {CHANGES[change]} {where}" if change in CHANGES else f"DELETE FROM {table} {where}"
         )
-        with pytest.raises(JournalError, match=r"damaged sample of zone 'z' at .*restore a backup.*--reset z"):
+        with pytest.raises(JournalError, match=r"damaged sample of zone 'z' at .*restore a backup.*by SQL"):
             await store.samples_after("z", make_sample(2).time)
         assert len(await store.samples_after("z", make_sample(7).time)) == 2, "what is not needed is not asked for"
 
