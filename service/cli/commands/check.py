@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from service.cli.arguments import AddCommand, load_config, take_config
+
+if TYPE_CHECKING:
+    from service.config.site import Config
 
 
 def add_to(add: AddCommand) -> None:
@@ -18,5 +23,18 @@ def _check(arguments: argparse.Namespace) -> int:
 
     config = load_config(arguments)
     check_exposure(config)
-    print("\n".join([*summary(config), *(f"warning: {warning}" for warning in config.warnings)]))
+    warnings = [*config.warnings, *_misfits(config)]
+    print("\n".join([*summary(config), *(f"warning: {warning}" for warning in warnings)]))
     return 0
+
+
+def _misfits(config: Config) -> Iterator[str]:
+    """What a start would say of stored state that does not fit, as far as that can be read."""
+    from service.config.fitting import fingerprint
+    from service.errors import StateMismatch
+    from service.store.reading import stored_fingerprints
+
+    stored = stored_fingerprints(config.site.state_dir)
+    for zone in config.zones:
+        if zone.id in stored and stored[zone.id] != fingerprint(zone):
+            yield str(StateMismatch(zone.id, config.site.state_dir))

@@ -10,11 +10,16 @@ from typing import Any
 
 import pytest
 from support.config_samples import sound, write
+from support.zone_samples import sample
 
 from adapters.errors import SourceUnavailable
 from replay.errors import ReplayError
 from service.cli.main import main
+from service.config.fitting import fingerprint
+from service.config.load import load
 from service.errors import JournalError
+from service.store.journal import Journal
+from service.store.store import JOURNAL
 
 Capture = pytest.CaptureFixture[str]
 Call = tuple[tuple[Any, ...], dict[str, Any]]
@@ -126,6 +131,20 @@ def test_check_says_what_will_run(config: Path, capsys: Capture) -> None:
         "  u_heat [W]: first of Power1 [kW] from log",
         "  I_sol [W/m2]: mean of Sun [W/m2] from log",
     ]
+
+
+def test_check_warns_of_state_with_which_run_does_not_start(config: Path, capsys: Capture) -> None:
+    journal = Journal.open(config.parent / "var" / "thermogate" / JOURNAL)
+    for zone in load(config).zones:
+        assert journal.claim(zone.id, fingerprint(zone))
+        journal.append(zone.id, sample(1))
+    journal.close()
+    assert main(["check", str(config)]) == 0
+    assert "warning" not in capsys.readouterr().out
+    assert main(["check", str(config), "--set", "zones.living.network=titeth"]) == 0
+    (warning,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning: ")]
+    assert warning.startswith("warning: zone 'living': the stored state in ")
+    assert "`thermogate run CONFIG --reset living`" in warning
 
 
 def test_check_names_fixed_parameters(config: Path, capsys: Capture) -> None:
