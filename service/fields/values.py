@@ -93,7 +93,9 @@ def choice(*allowed: str) -> Callable[[object], str]:
 
 def identifier(value: object) -> str:
     """A site, source or zone id: it becomes part of file names and key expressions."""
-    if not isinstance(value, str) or not _IDENTIFIER.fullmatch(value):
+    if not isinstance(value, str):
+        raise ValueError(f'must be a text in quotes, such as "living-1", not {shown(value)}')
+    if not _IDENTIFIER.fullmatch(value):
         raise ValueError(
             f"{shown(value)} cannot be an id; use lower-case letters, digits, - and _, beginning with a letter or "
             'digit, at most 64 characters, such as "living-1"'

@@ -190,6 +190,7 @@ MISTAKES: dict[str, tuple[Change, str, tuple[str, ...]]] = {
     "negative duration": (living(lateness=-1), f"{LIVING}.lateness", ("-1 is not a duration",)),
     "no history": (at("site", keep_history=0), "site.keep_history", ("longer than 0",)),
     "size in words": (at("site", max_journal="2 gigabytes"), "site.max_journal", ("is not a size", '"2GB"')),
+    "room number without quotes": (living(id=101), "zones[0].id", ("must be a text in quotes", "not 101")),
     "endless size": (at("site", max_journal=f"{'9' * 400}GB"), "site.max_journal", ("is not a size",)),
     "huge journal": (at("site", max_journal="9999999999TB"), "site.max_journal", ("at most 4000000TB",)),
     "more than a century": (at("site", keep_history="40000d"), "site.keep_history", ("up to a century",)),
