@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.errors import JournalError, ServiceError
+from service.errors import CheckpointError, JournalError, ServiceError
 from service.records.measures import Measure, Rows, single
 from service.store.checkpoint import CheckpointStore
 from service.store.durable_files import SPACE, make_folder
@@ -83,7 +83,7 @@ class Store(JournalStore):
         """Delete, for ever, what the journal holds beyond `limits`."""
         while True:
             try:
-                slices = prune(self._sqlite, self.checkpoints.oldest, limits)
+                slices = prune(self._sqlite, self._oldest_checkpoint, limits)
                 while await self._run(next, slices, _DONE) is not _DONE:
                     await asyncio.sleep(_BETWEEN_SLICES)
                 size = await self._run(self._sqlite.size)
@@ -97,6 +97,15 @@ class Store(JournalStore):
             except ServiceError as error:
                 _log.error("the journal cannot be kept within its limits: %s", error)
             await asyncio.sleep(PRUNE_SECONDS)
+
+    def _oldest_checkpoint(self, zone: str) -> int | None:
+        """As `oldest` of the checkpoints; None, with which every sample stays, also where they cannot be listed."""
+        try:
+            step: int | None = self.checkpoints.oldest(zone)
+        except CheckpointError as error:
+            _log.error("every sample of zone '%s' stays in the journal: %s", zone, error)
+            return None
+        return step
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,6 +17,7 @@ from support.running_zone import Announced, finished, plumbing, straight
 from support.zone_samples import comparable, sample, worker
 
 import service.store.store
+from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
 from service.store.store import JOURNAL, Store
@@ -174,6 +178,39 @@ def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
     assert asyncio.run(part(60, 120)) == straight(items)[59:]
     with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
         assert connection.execute("SELECT count(*) FROM samples").fetchone()[0] == 21
+
+
+def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store(tmp_path)
+    newest = make_sample(99).time
+    for zone in ("bedroom", "living"):
+        store.checkpoints.save(zone, Checkpoint("f", newest, {}, {}))
+    listing = {function: getattr(os, function) for function in ("listdir", "scandir")}
+
+    def refuse(function: str, path: str | Path) -> object:
+        if Path(path).name == "bedroom":
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), str(path))
+        return listing[function](path)
+
+    for function in listing:
+        monkeypatch.setattr(os, function, partial(refuse, function))
+
+    async def scenario() -> list[int]:
+        for zone in ("bedroom", "living"):
+            for step in range(100):
+                await store.append(zone, make_sample(step))
+        keeping = asyncio.create_task(store.keep_within(Limits(10.0 * STEP, FOREVER)))
+        async with asyncio.timeout(180):
+            while (await store.samples_after("living", None))[0].time < newest - 10 * STEP:
+                await asyncio.sleep(0.01)
+        keeping.cancel()
+        return [len(await store.samples_after(zone, None)) for zone in ("bedroom", "living")]
+
+    assert asyncio.run(scenario()) == [100, 11]
+    store.close()
+    assert "every sample of zone 'bedroom' stays in the journal: the checkpoints in" in caplog.text
 
 
 def test_the_size_of_the_journal_is_measured(tmp_path: Path) -> None:
