@@ -32,7 +32,8 @@ class Problems:
         if any(_SECRET.search(str(part)) for part in place):
             # Whoever wrote a secret where none belongs must not find it in a log as well.
             sentence = sentence.replace(shown(_value(self._raw, place)), "what is there")
-        line = f"{written(self._raw, place)}: {sentence}"
+        # Of a network alone, the whole has no place of its own.
+        line = f"{written(self._raw, place)}: {sentence}" if place else sentence
         if line not in self.sentences:
             self.sentences.append(line)
 

@@ -181,6 +181,11 @@ def test_unknown_network(capsys: Capture) -> None:
     assert 'unknown network "titet"' in capsys.readouterr().err
 
 
+def test_a_network_that_no_building_has_is_refused(capsys: Capture) -> None:
+    assert main(["networks", "tite", "--set", "parameters.C_i.value=1e300"]) == 2
+    assert capsys.readouterr().err.startswith("thermogate: network 'tite': parameter 'C_i' has value 1e+300, outside")
+
+
 def test_overrides_of_all_networks_at_once_are_refused(capsys: Capture) -> None:
     assert main(["networks", "--set", "solar=true"]) == 2
     assert capsys.readouterr().err.startswith("thermogate: --set changes one network here; name it")
