@@ -12,7 +12,7 @@ from estimator.arrays import Array
 from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import discretise
 from estimator.network.network import Network
-from replay.localtime import HOUR, Seconds, wall_clock
+from replay.localtime import DAY, HOUR, Seconds, wall_clock
 from replay.scores.intervals import Mask, rmse
 
 SHORTEST_SEGMENT = 12 * HOUR
@@ -35,15 +35,15 @@ def daily_windows(times: Seconds, period: float, zone: str, begin: float, end: f
 
     `times` (K,) are UTC seconds, ascending. A window that lacks a row, at an edge or inside, is left out.
     """
-    hour = wall_clock(times, zone) % (24 * HOUR) / HOUR
-    inside = (hour >= begin) & (hour < end) if begin < end else (hour >= begin) | (hour < end)
-    step = period / HOUR
+    # In whole seconds: most minutes are no exact share of an hour, and a window would lack its last row.
+    second, first, last = wall_clock(times, zone) % DAY, round(begin * HOUR), round(end * HOUR)
+    inside = (second >= first) & (second < last) if first < last else (second >= first) | (second < last)
     windows = []
     for stretch in _unbroken(times, period):
         for run in _runs(inside[stretch.begin : stretch.end]):
             window = Window(run.begin + stretch.begin, run.end + stretch.begin)
-            late, early = (hour[window.begin] - begin) % 24.0, (end - hour[window.end - 1]) % 24.0
-            if late < step and early <= step:
+            late, early = (second[window.begin] - first) % DAY, (last - second[window.end - 1]) % DAY
+            if late < period and early <= period:
                 windows.append(window)
     return windows
 

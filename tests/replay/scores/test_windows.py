@@ -34,6 +34,14 @@ def test_nights_are_local_and_whole() -> None:
     assert [times[w.begin] for w in days] == [utc(2025, 5, d, 5) for d in (3, 4, 5)]
 
 
+@pytest.mark.parametrize("period", [60, 300, 480, 600, 720, 900, 1200, 3600])
+def test_windows_are_found_whatever_the_period(period: int) -> None:
+    times = np.arange(utc(2025, 5, 3), utc(2025, 5, 6), period)
+    assert len(daily_windows(times, period, "UTC", 20, 6)) == 2
+    for end in (16, 17):
+        assert len(daily_windows(times, period, "UTC", 7, end)) == 3
+
+
 def test_a_night_with_a_gap_is_left_out_and_so_are_days_in_between() -> None:
     times = np.arange(utc(2025, 5, 3), utc(2025, 5, 6), 300)
     broken = np.delete(times, np.flatnonzero(times == utc(2025, 5, 3, 23)))
