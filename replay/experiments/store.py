@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import zipfile
+import zlib
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -25,7 +27,8 @@ def load(path: Path) -> Arrays | None:
             return {name: arrays[name] for name in arrays.files}
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    # What zipfile, zlib and NumPy make of a file in which some byte is another.
+    except (OSError, ValueError, EOFError, RuntimeError, TokenError, zipfile.BadZipFile, zlib.error):
         return None
 
 

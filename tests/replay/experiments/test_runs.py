@@ -68,8 +68,13 @@ def test_a_damaged_result_counts_as_missing(tmp_path: Path) -> None:
     assert load(path) is None
     save(path, {"a": np.arange(3)})
     assert load(path)["a"].tolist() == [0, 1, 2]
-    path.write_bytes(path.read_bytes()[:40])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:40])
     assert load(path) is None
+    for place in range(len(whole)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        read = load(path)
+        assert read is None or read["a"].tolist() == [0, 1, 2]
     assert [file.name for file in tmp_path.iterdir()] == [path.name], "no unfinished file is left"
 
 
