@@ -43,6 +43,8 @@ class Request:
             if getattr(self, field.name) != field.default and field.name not in names:
                 option = "--set" if field.name == "overrides" else f"--{field.name.replace('_', '-')}"
                 raise ReplayError(f"{option} means nothing to this experiment; leave it out")
+        if self.zone is not None and self.config is None and self.state is None:
+            raise ReplayError(f"--zone {self.zone} chooses among the zones of a configuration; name that with --config")
 
     @property
     def configuration(self) -> Path | None:
@@ -55,6 +57,15 @@ class Request:
         if len(self.data) > 1:
             raise ReplayError(f"--data was given {len(self.data)} times; this experiment takes one file")
         return self.data[0] if self.data else None
+
+
+def names_of(files: Sequence[Path]) -> list[str]:
+    """What a report calls each of `files`: its name without an ending. ReplayError where two have the same."""
+    names = [path.stem for path in files]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ReplayError(f"--data has several files called '{twice[0]}', as the report would call them; rename one")
+    return names
 
 
 class Experiment(Protocol):

@@ -17,7 +17,7 @@ from replay.experiments.ecolar.report import LEAST_SQUARES, PeriodOutcome, Run, 
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.report import Report
-from replay.experiments.request import Request
+from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
 from replay.experiments.series.networks import network_of
@@ -78,6 +78,7 @@ class Ecolar:
     """The experiment, made ready: its periods are read."""
 
     def __init__(self, request: Request) -> None:
+        request.accept("data", "seeds", "days", "particles", "network", "config", "zone", "overrides")
         self._request = request
         self._network: Network = network_of(request, NETWORK).validate()
         needed = preset(NETWORK).channels
@@ -136,7 +137,7 @@ def prepare(request: Request) -> Ecolar:
 
 def _read(request: Request, folder: Path) -> list[tuple[str, Series]]:
     """Each period's name and samples: the files of --data, otherwise stand-ins that are written for the purpose."""
-    files: list[tuple[str, Path]] = [(path.stem, path.resolve()) for path in request.data]
+    files = [(name, path.resolve()) for name, path in zip(names_of(request.data), request.data, strict=True)]
     if not files:
         files = [
             (name, write_standin(folder / f"ecolar-{name}-SYNTHETIC.csv", name))

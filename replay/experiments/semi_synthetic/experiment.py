@@ -75,6 +75,7 @@ class SemiSynthetic:
     """The experiment, made ready."""
 
     def __init__(self, request: Request) -> None:
+        request.accept("data", "seeds", "days", "particles", "network", "config", "zone", "overrides")
         self._request = request
         self._network = network_of(request, BUILDING).validate()
         self._seeds = request.seeds_or(SEEDS)

@@ -14,7 +14,7 @@ from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.ecolar.experiment import configuration
 from replay.experiments.progress import steps
-from replay.experiments.request import Request
+from replay.experiments.request import Request, names_of
 from replay.experiments.series.networks import network_of, zone_of
 from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, read_zone
 from replay.experiments.topology.candidates import OWN, SOLAR, Candidate, candidates_for, ecolar_candidates
@@ -112,7 +112,7 @@ def _of_logs(files: tuple[Path, ...]) -> list[Recording]:
             f"({', '.join(ecolar.COLUMNS[:4])}, ...) and at most one weather file ({', '.join(WEATHER_COLUMNS)})"
         )
     found = []
-    for path in logs:
+    for name, path in zip(names_of(logs), logs, strict=True):
         record = _read_log(path)
         if skies:
             times, sky = read_weather(skies[0])
@@ -121,7 +121,7 @@ def _of_logs(files: tuple[Path, ...]) -> list[Recording]:
             )
             record = _with_sun(record, irradiance)
         what = f"the log `{path.name}`" + (f", with the irradiance of `{skies[0].name}`" if skies else "")
-        found.append(Recording(path.stem, what, record, ecolar_candidates(bool(skies)), ecolar.ZONE, None))
+        found.append(Recording(name, what, record, ecolar_candidates(bool(skies)), ecolar.ZONE, None))
     return found
 
 
