@@ -33,11 +33,15 @@ _RIVALS = (
 
 
 def rivals(request: Request) -> list[Rival]:
-    """Every online estimator, that of the zone of --config among them, with --particles if given."""
+    """Every online estimator, that of the zone of --config among them, with --particles if given.
+
+    A zone that leaves its estimator at the defaults adds none: it would be a rival of itself.
+    """
     found = list(_RIVALS)
     if request.config is not None:
         zone = zone_of(request)
-        found.append(Rival(f"as configured ({zone.estimator})", zone.estimator, zone.estimator_options, True))
+        if (zone.estimator, zone.estimator_options) not in [(rival.estimator, rival.options) for rival in found]:
+            found.append(Rival(f"as configured ({zone.estimator})", zone.estimator, zone.estimator_options, True))
     if request.particles is None:
         return found
     return [

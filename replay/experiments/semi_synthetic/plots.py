@@ -55,7 +55,7 @@ def volatility_distribution(trace: Trace, dominated: Mask) -> Plot:
     edges = np.linspace(np.log(0.01), np.log(25.0), 80)
     centres = (edges[1:] + edges[:-1]) / 2
     log_alpha = np.log(trace.alpha[:, 1])
-    for name, rows, colour in (("quiet", ~dominated, COLOURS[0]), ("disturbed", dominated, COLOURS[1])):
+    for name, rows, colour in _regimes(dominated):
         share, _ = np.histogram(log_alpha[rows], edges, density=True)
         figure.add_trace(go.Bar(x=centres, y=share, name=name, marker_color=colour, opacity=0.6))
         figure.add_vline(x=float(np.median(log_alpha[rows])), line={"color": colour, "dash": "dash"})
@@ -72,7 +72,7 @@ def volatility_distribution(trace: Trace, dominated: Mask) -> Plot:
 def update_sizes(traces: Mapping[str, Trace], dominated: Mask) -> Plot:
     """Fig. 6."""
     figure = go.Figure()
-    for name, rows, colour in (("quiet", ~dominated, COLOURS[0]), ("disturbed", dominated, COLOURS[1])):
+    for name, rows, colour in _regimes(dominated):
         boxes: dict[str, list[float]] = {"q1": [], "median": [], "q3": [], "lowerfence": [], "upperfence": []}
         for trace in traces.values():
             sizes = update_magnitudes(trace.theta)
@@ -128,7 +128,9 @@ def onset_coverage(scores: Mapping[str, Sequence[RunScores]]) -> Plot:
     figure = go.Figure()
     for place, (label, runs) in enumerate(scores.items()):
         line = {"color": COLOURS[place % len(COLOURS)]}
-        coverage = np.nanmean([run.onset for run in runs], axis=0)
+        onset = np.array([run.onset for run in runs])
+        known = np.isfinite(onset).sum(axis=0)
+        coverage = np.nansum(onset, axis=0) / np.where(known > 0, known, np.nan)
         figure.add_trace(go.Scatter(x=np.arange(1, ONSET + 1), y=coverage, name=label, line=line))
     figure.add_hline(y=0.95, line={"dash": "dot", "color": "#1b2430"})
     figure.update_layout(xaxis_title="sample since the gain began", yaxis={"title": "coverage", "range": [0, 1]})
@@ -156,6 +158,12 @@ def calibration_histogram(traces: Mapping[str, Trace]) -> Plot:
         "First seed. Flat at 1: the forecast distribution is right throughout. High at both ends: too sure of itself. "
         "A hump: too cautious.",
     )
+
+
+def _regimes(dominated: Mask) -> list[tuple[str, Mask, str]]:
+    """Quiet and disturbed steps with a colour each; in a few days there may be no disturbed one."""
+    both = (("quiet", ~dominated, COLOURS[0]), ("disturbed", dominated, COLOURS[1]))
+    return [regime for regime in both if regime[1].any()]
 
 
 def _example(dominated: Mask) -> int:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from replay.experiments.jobs import Arrays
 from replay.experiments.report import Report, Section
 from replay.experiments.topology import plots, tables
@@ -66,13 +68,15 @@ def _described(entry: Fitted) -> str:
 def _why(outcome: Outcome) -> str:
     taken = outcome.taken
     best = min(outcome.ranked, key=lambda entry: entry.loss)
+    held_out, nights = taken.scores.held_out_rmse, taken.scores.night_mae
     scores = (
         f"Without measurements it stays within {taken.scores.train_rmse:.2f} K (RMSE) of the recording it was fitted to"
-        f" and within {taken.scores.held_out_rmse:.2f} K of the part it had not seen; nights it misses by "
-        f"{taken.scores.night_mae:.2f} K on average."
     )
+    if np.isfinite(held_out):
+        scores += f" and within {held_out:.2f} K of the part it had not seen"
+    scores += f"; nights it misses by {nights:.2f} K on average." if np.isfinite(nights) else "."
     if best is taken:
-        return f"{scores} No candidate is better in these three on average."
+        return f"{scores} No candidate is better in this on average."
     return (
         f"{scores} {best.candidate.name}, {_described(best)}, is better on average by no more than "
         f"{100 * COMPARABLE:.0f} %, which does not pay for what it adds."

@@ -88,6 +88,15 @@ def test_an_experiment_that_is_finished_only_writes_its_report_again(semi_synthe
     assert {path: path.stat().st_mtime_ns for path in (semi_synthetic / "runs").iterdir()} == files
 
 
+def test_a_day_without_unmeasured_heat_has_its_report(tmp_path: Path) -> None:
+    out = run("semi-synthetic", tmp_path, "--days", "1", "--seeds", "4,")
+    targets = rows(out / "verdicts.csv")
+    met, missed = (sum(row["verdict"] == word for row in targets) for word in ("met", "missed"))
+    assert met + missed < len(targets)
+    said = f"{met} of {len(targets)} are met, {len(targets) - met - missed} open"
+    assert said in (out / "report.html").read_text(encoding="utf-8")
+
+
 def test_another_network_has_targets_of_nobody(tmp_path: Path) -> None:
     out = run("semi-synthetic", tmp_path, "--network", "tite", "--seeds", "1,")
     assert not (out / "verdicts.csv").exists()
@@ -171,6 +180,12 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
         (["ecolar", "--data", "missing.csv"], "missing.csv"),
         (["ecolar", "--network", "titeth"], "it needs the channels T_air, T_out, T_adj, u_heat"),
         (["cost", "--days", "3"], "--days means nothing to this experiment"),
+        (["semi-synthetic", "--time-zone", "Europe/Berlin"], "--time-zone means nothing to this experiment"),
+        (["ecolar", "--state", "var"], "--state means nothing to this experiment"),
+        (["sensitivity", "--case", "undisturbed"], "--case means nothing to this experiment"),
+        (["hours-ahead", "--zone", "living"], "name that with --config"),
+        (["ecolar", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
+        (["topology", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
         (["nonsense"], "invalid choice: 'nonsense'"),
         (["cost", "--seeds", "none"], "neither a number of seeds nor a list"),
         (["cost", "--seeds", "0"], "from 1 to 1000"),

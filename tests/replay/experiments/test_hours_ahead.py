@@ -19,6 +19,7 @@ from replay.experiments.hours_ahead import runs
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE, PREVIOUS_DAY, Forecasts, point_forecasts
 from replay.experiments.hours_ahead.horizons import SHARE, THREE_DAYS, issued, leads_of, scored_from
 from replay.experiments.hours_ahead.recordings import ARMADILLO, DARKGREYBOX, FLEXHOUSE, RECORDINGS, Recording
+from replay.experiments.hours_ahead.rivals import rivals
 from replay.experiments.hours_ahead.runs import HoursRun, run_hours
 from replay.experiments.hours_ahead.scores import overlapping, score
 from replay.experiments.hours_ahead.verdicts import COVERAGE, OVER_BEST
@@ -233,6 +234,15 @@ def test_a_configuration_brings_its_recording_and_its_estimator(short: pytest.Mo
     targets = {row["target"]: row["verdict"] for row in rows(out / "verdicts.csv")}
     assert targets["room-1: CRPS of the bank, sd over seeds as a share of the mean, worst horizon"] != "open"
     assert targets["room-1, 24 h: coverage of the bank"] == "open"
+
+
+def test_a_zone_that_leaves_its_estimator_as_it_is_adds_no_rival() -> None:
+    config = ROOT / "deploy/examples/generic-csv.toml"
+    labels = [rival.label for rival in rivals(Request())]
+    for settings, added in (((), []), (("zones.room-1.estimator_options={particles=64}",), ["as configured (rbpf)"])):
+        found = rivals(Request(config=config, overrides=("zones.room-1.estimator='rbpf'", *settings)))
+        assert [rival.label for rival in found] == labels + added
+    assert [rival.label for rival in rivals(Request(config=config))] == labels
 
 
 @pytest.mark.parametrize(

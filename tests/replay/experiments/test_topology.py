@@ -20,6 +20,7 @@ from replay.experiments.topology.data import Recording, recordings
 from replay.experiments.topology.fit import TopologyRun, TopologyScores, fit, score, segments, split
 from replay.experiments.topology.published import TABLE_3
 from replay.experiments.topology.ranking import Fitted, rank
+from replay.experiments.topology.report import Outcome, _why
 from replay.experiments.topology.toml import proposal
 from replay.localtime import HOUR, midnight
 from replay.scores.windows import Window
@@ -111,6 +112,17 @@ def test_the_rule_takes_from_the_papers_table_what_the_paper_took() -> None:
 def test_a_worse_held_out_part_counts() -> None:
     ranked = rank(entries({"M4": scores(0.36, 0.26, 0.4), "M7": scores(0.30, 0.20, 0.7)}))
     assert ranked[0].candidate.label == "M4"
+
+
+def test_what_a_short_recording_does_not_tell_is_not_said() -> None:
+    data = record(hours=13)
+    recording = Recording("short", "a morning", data, [], "Europe/Berlin", None)
+    for night, held_out, said in (
+        (np.nan, np.nan, "the recording it was fitted to. No candidate"),
+        (0.2, 0.4, "fitted to and within 0.40 K of the part it had not seen; nights it misses by 0.20 K on average."),
+    ):
+        ranked = rank(entries({"M1": scores(0.3, night, held_out)}))
+        assert said in _why(Outcome(recording, [], ranked, {}))
 
 
 def test_boxes_lie_around_the_fit_and_parameters_at_a_bound_keep_theirs() -> None:
