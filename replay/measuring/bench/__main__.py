@@ -29,14 +29,17 @@ def main() -> int:
         measure(given.section, given.size, given.out)
         return 0
     given.out.parent.mkdir(parents=True, exist_ok=True)
-    results = {"schema": 1, "size": given.size, "sections": {}}
+    here = machine()
+    results = {"schema": 1, "size": given.size, "machine": here, "sections": {}}
     if (given.only or given.render) and given.out.exists():
         results = json.loads(given.out.read_text(encoding="utf-8"))
     if not given.render:
-        results["machine"] = machine()
+        if results["size"] != given.size:
+            parser.error(f"{given.out} has figures of the size {results['size']}; measure that, or give another --out")
         for name in given.only or SECTIONS:
             print(f"measuring {name} ...", file=sys.stderr, flush=True)
-            results["sections"][name] = measured(name, given.size)
+            # What is kept was measured on the machine and the commit of that run.
+            results["sections"][name] = {"machine": here} | measured(name, given.size)
             # After every section, so that a run that is broken off leaves what it has.
             given.out.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     print("\n".join(table(results["sections"])))

@@ -28,7 +28,7 @@ def page(results: Mapping[str, Any], path: Path) -> None:
     lines = ["# Performance", "", _STATEMENT, ""]
     if results["size"] != "full":
         lines += [f"**Size `{results['size']}`: these figures only show that the measurements run.**", ""]
-    lines += _machine(results["machine"]) + _targets(sections)
+    lines += _machine(results["machine"]) + _elsewhere(results["machine"], sections) + _targets(sections)
     written = {"stages": _stages, "growth": _growth, "comparisons": _comparisons, "plain": _plain, "fleet": _fleet}
     for name, write in written.items():
         found = sections.get(name, {})
@@ -66,6 +66,23 @@ def _machine(found: Mapping[str, Any]) -> list[str]:
             ("date", found["date"]),
             ("load average before", f"{found['load_average_before']:.2f}"),
         ],
+    )
+
+
+def _elsewhere(run: Mapping[str, Any], sections: Sections) -> list[str]:
+    """What was measured on another machine, commit or day than the rest. Plain Numba says so where its figures are."""
+    lines: list[str] = []
+    for name, found in sections.items():
+        own = found.get("machine", run)
+        if name != "plain" and any(own[fact] != run[fact] for fact in ("processor", "commit", "date")):
+            lines += ["", f"`{name}`: measured on {_where(own)}."]
+    return lines
+
+
+def _where(own: Mapping[str, Any]) -> str:
+    return (
+        f"{own['processor']}, commit {own['commit'] or 'unknown'}, {own['date']}; load average before: "
+        f"{own['load_average_before']:.1f} on {own['cores']} cores"
     )
 
 
@@ -203,8 +220,7 @@ def _plain(found: Mapping[str, Any]) -> list[str]:
         "two updates of a process with an empty kernel cache include the compilation. "
         "[Kernels](decisions/kernels.md) says what follows from the figures.",
         "",
-        f"Measured on {machine['processor']}, commit {machine['commit'] or 'unknown'}, {machine['date']}; load average "
-        f"before: {load:.1f} on {machine['cores']} cores.{busy}",
+        f"Measured on {_where(machine)}.{busy}",
         "",
         *_rows(
             ("processor", "kernels", "plain Numba", "ratio", "ratio of processor time", "first two updates, processor"),

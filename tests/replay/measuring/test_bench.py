@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from replay.measuring.bench import __main__ as main_module
 from replay.measuring.bench import floor
 from replay.measuring.bench.catalogue import SECTIONS, _sections
 from replay.measuring.bench.report import _plain, page, table
@@ -85,6 +86,28 @@ def test_the_comparison_with_plain_numba_names_its_machine_and_its_load(load, qu
     assert f"Measured on P, commit abc, 2026-11-22; load average before: {load} on 2 cores." in text
     assert ("not quiet" in text) != quiet
     assert "| this machine | 2.00 ms | 3.00 ms | 1.50 | 1.40 | 8.0 s and 20.0 s |" in text
+
+
+def test_a_section_that_is_measured_anew_leaves_the_others_their_machine(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "bench.json"
+
+    def bench(commit, *options):
+        here = {"processor": "P", "cores": 2, "commit": commit, "date": "2026-11-22", "load_average_before": 0.5}
+        here |= {"memory_bytes": 8e9, "system": "S", "python": "3.11", "libraries": {}, "thermogate": "1"}
+        monkeypatch.setattr(main_module, "machine", lambda: here)
+        monkeypatch.setattr(main_module, "measured", lambda name, size: {"failed": commit})
+        monkeypatch.setattr(sys, "argv", ["bench", "--out", str(out), "--page", str(tmp_path / "page.md"), *options])
+        return main_module.main()
+
+    bench("old", "--size", "tiny")
+    bench("new", "--size", "tiny", "--only", "memory")
+    text = (tmp_path / "page.md").read_text()
+    assert "| Thermogate | 1, commit old |" in text
+    assert "`memory`: measured on P, commit new, 2026-11-22; load average before: 0.5 on 2 cores." in text
+    assert text.count("commit new") == 1
+    with pytest.raises(SystemExit):
+        bench("new", "--only", "memory")
+    assert "has figures of the size tiny" in capsys.readouterr().err
 
 
 def test_a_section_that_failed_or_was_skipped_has_no_verdict():
