@@ -126,6 +126,7 @@ class FaultBoard:
     def add(self, spec: FaultSpec) -> Fault:
         """Switch a fault on, now or when its `after` has passed; FaultError says why the plant cannot have it."""
         kind = self._checked(spec)
+        self._forget_ended()
         begins = self._clock() + spec.after
         ends = math.inf if spec.duration is None else begins + spec.duration
         value = spec.value if spec.value is not None else kind.default or 0.0
@@ -146,10 +147,14 @@ class FaultBoard:
 
     def listed(self) -> list[tuple[Fault, float]]:
         """Every fault that acts or will, with the seconds from now to its beginning (negative: it acts)."""
+        self._forget_ended()
+        now = self._clock()
+        return [(fault, fault.begins - now) for fault in self._faults]
+
+    def _forget_ended(self) -> None:
         now = self._clock()
         for fault in [fault for fault in self._faults if fault.ends <= now]:
             self.remove(fault.id)
-        return [(fault, fault.begins - now) for fault in self._faults]
 
     def active(self, kind: str, device: str, channel: str | None = None) -> Fault | None:
         """The fault of this kind that acts now on a channel, the newest if there are several."""

@@ -64,6 +64,17 @@ def test_every_kind_can_be_switched_on_everywhere_and_off(kind: str) -> None:
     assert not plant.faults.remove(fault.id)
 
 
+def test_faults_that_have_ended_are_forgotten_also_where_nobody_lists_them() -> None:
+    clock = Clock()
+    plant = simulation(clock)
+    device = plant.plant[1]
+    for _ in range(100):
+        plant.faults.add(parse_spec("freeze:room1,for=1s"))
+        plant.value(device, device.channels[0])
+        clock.now += 2.0
+    assert len(plant.faults._faults) == len(plant.faults._frozen) == 1
+
+
 def test_the_newest_of_two_faults_counts_and_clear_ends_all() -> None:
     plant = simulation(Clock())
     plant.faults.add(parse_spec("slow:room1,value=1"))
