@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from service.cli.arguments import AddCommand, instant, load_config, require_zones, take_config, whole
@@ -28,13 +29,16 @@ def add_to(add: AddCommand) -> None:
 
 def _replay(arguments: argparse.Namespace) -> int:
     from replay.recorded.runner import replay_recording
-    from replay.reports.publish import publish_report
+    from replay.reports.publish import FILE, publish_report
 
     config = load_config(arguments)
     if arguments.zone is not None:
         require_zones(config, [arguments.zone], "--zone")
     if arguments.start is not None and arguments.end is not None and arguments.start >= arguments.end:
         raise ConfigError(["--start is not before --end; swap or correct them"])
+    # The page of an earlier replay must not stand beside the rows of one that fails.
+    with suppress(OSError):
+        (arguments.out / FILE).unlink()
     traces = replay_recording(
         config,
         arguments.out,

@@ -202,6 +202,14 @@ def test_an_output_folder_that_cannot_be_written_is_said(replayed, tmp_path):
         publish_report("site", replayed[1], tmp_path / "file" / "out")
 
 
+def test_the_page_of_an_earlier_replay_does_not_stand_for_one_that_fails(tmp_path, capsys):
+    (tmp_path / "report.html").write_text("of yesterday")
+    example = str(Path(__file__).parents[3] / "deploy" / "examples" / "building-67.toml")
+    assert main(["replay", example, "--out", str(tmp_path), "--start", "2030-01-01T00:00:00Z"]) == 1
+    assert "no usable sample" in capsys.readouterr().err
+    assert not (tmp_path / "report.html").exists()
+
+
 def test_the_fans_are_whole_days_and_begin_with_what_was_published(replayed):
     (trace,) = replayed[1]
     assert [fan.times[0] % DAY for fan in trace.fans] == [0] * 2
