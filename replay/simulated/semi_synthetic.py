@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -127,6 +128,12 @@ def _weather(path: Path | None, seed: int) -> tuple[Seconds, Weather]:
     return times, Weather(*(np.round(values, 3) for values in weather(times, KONSTANZ, seed)))
 
 
+def _utc(text: str) -> int:
+    """UTC seconds since 1970 of an ISO 8601 time, which is UTC unless it says another offset."""
+    when = datetime.fromisoformat(text)
+    return round((when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp())
+
+
 def read_weather(path: Path) -> tuple[Seconds, Weather]:
     """Times and weather of a CSV file with columns timestamp_utc, T_out_degC and GHI_W_m2, one row every 600 s.
 
@@ -135,7 +142,7 @@ def read_weather(path: Path) -> tuple[Seconds, Weather]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [[row[name] for name in WEATHER_COLUMNS] for row in csv.DictReader(file)]
-        times = np.array([row[0] for row in rows], dtype="datetime64[s]").astype(np.int64)
+        times = np.array([_utc(row[0]) for row in rows], dtype=np.int64)
         values = np.array([row[1:] for row in rows], dtype=np.float64).reshape(-1, 2)
     except OSError as error:
         raise WeatherFileError(f"{path}: cannot be read ({error.strerror}); give the path of a weather file") from error

@@ -15,6 +15,7 @@ from estimator import registry
 from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.network.presets import network as preset
+from replay.errors import ReplayError
 from replay.experiments import published
 from replay.experiments.jobs import Arrays, Job, Tick
 from replay.experiments.progress import steps
@@ -99,6 +100,9 @@ class Cost:
         self._series = [
             simulated_case(network, short, self._seed).series for network in steps(self._networks, "simulating")
         ]
+        rows = len(self._series[0].times)
+        if rows < SAMPLES:
+            raise ReplayError(f"--data {request.file}: it has {rows} rows; {SAMPLES} are needed, which is three days")
         self._machine = machine()
 
     def jobs(self) -> list[Job]:
@@ -166,9 +170,10 @@ class Cost:
                 Section(
                     "What was done",
                     (
-                        f"Each estimator took {SAMPLES} samples of a simulated building one after the other, with "
-                        "nothing else of this experiment running; other programs on the machine were not stopped. The "
-                        f"first {WARM_UP} do not count.",
+                        f"Each estimator took {SAMPLES} samples of a simulated building one after the other, plain "
+                        f"NumPy {REFERENCE_SAMPLES}, with nothing else of this experiment running; other programs on "
+                        f"the machine were not stopped. The first {WARM_UP} do not count, of plain "
+                        "NumPy the first half.",
                     ),
                 ),
                 Section("What it costs", (), (table,), (_plot(times),)),

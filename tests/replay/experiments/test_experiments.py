@@ -146,6 +146,14 @@ def test_cost_measures_time_and_state(tmp_path: Path) -> None:
     assert all(float(row["ms, median"]) > 0 for row in table.values())
 
 
+def test_cost_needs_three_days_of_weather(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sky = tmp_path / "sky.csv"
+    rows = [f"2016-04-10 {hour:02d}:{minute}:00,3,0" for hour in range(24) for minute in ("00", 10, 20, 30, 40, 50)]
+    sky.write_text("\n".join(["timestamp_utc,T_out_degC,GHI_W_m2", *rows]) + "\n", encoding="utf-8")
+    assert main(["experiment", "cost", "--data", str(sky), "--out", str(tmp_path / "out")]) == 1
+    assert "sky.csv: it has 144 rows; 400 are needed" in capsys.readouterr().err
+
+
 def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Path) -> None:
     # A script's background has Ctrl-C ignored, which its processes inherit.
     heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"

@@ -14,6 +14,7 @@ from replay.simulated.semi_synthetic import (
     PROCESS_NOISE_SD,
     Recording,
     generate,
+    read_weather,
     write_csv,
 )
 from replay.simulated.simulate import dynamics
@@ -132,3 +133,11 @@ def test_a_weather_file_that_is_none_is_refused_in_one_sentence(tmp_path: Path, 
 def test_a_weather_file_that_is_absent_is_refused(tmp_path: Path) -> None:
     with pytest.raises(WeatherFileError, match="cannot be read"):
         generate(tmp_path / "none.csv", seed=1)
+
+
+@pytest.mark.parametrize("offset", ["", "Z", "+00:00"])
+def test_the_times_of_a_weather_file_are_utc_and_may_say_so(offset: str, tmp_path: Path) -> None:
+    path = tmp_path / "weather.csv"
+    rows = [f"2016-04-10 00:{minute}:00{offset},3,0" for minute in ("00", "10")]
+    path.write_text("\n".join(["timestamp_utc,T_out_degC,GHI_W_m2", *rows]) + "\n")
+    assert read_weather(path)[0].tolist() == [1460246400, 1460247000]
