@@ -70,8 +70,9 @@ class Readings(NamedTuple):
     """The plant at the time `time` (UTC seconds since 1970), the boundary between two steps.
 
     `air` (N,) and `radiant` (N,), the mean over the surfaces of a room, are in degC at that time. `outdoor` [degC],
-    `irradiance` (global, on the horizontal), `facade` (on the southern wall) [W/m2], `wind` [m/s] and `air_density`
-    [kg/m3] hold over the step to come. `truth` is of the step that has just ended; of no use before the first.
+    `irradiance` (global, on the horizontal) [W/m2], `wind` [m/s] and `air_density` [kg/m3] hold over the step to come.
+    `facade`, the irradiance on the southern wall [W/m2], and `truth` are of the step that has just ended; of no use
+    before the first.
     """
 
     time: float

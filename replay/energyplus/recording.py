@@ -63,14 +63,14 @@ def record(
     """
     life = Life([room.use for room in building.rooms], STEP, seed)
     heat = heating_named(heating, building, seed)
-    seen, acted, truths, wanted = [], [], [], []
+    seen, acted, ended, wanted = [], [], [], []
     with Plant(building, weather, begin=begin) as plant:
         for step in range(days * STEPS_A_DAY):
             before, local = plant.now, plant.local_time
             wanted.append(life.set_points(local))
             acted.append(Inputs(heat(local, before.air, wanted[-1]), *life.at(local)))
             seen.append(before)
-            truths.append(plant.step(acted[-1]).truth)
+            ended.append(plant.step(acted[-1]))
             if (step + 1) % STEPS_A_DAY == 0:
                 tick()
         file = plant.weather
@@ -85,11 +85,11 @@ def record(
         air,
         measured(THERMOMETER, times, times, np.array([now.outdoor for now in seen]), rng),
         np.array(wanted),
-        np.array([truth.heating for truth in truths]),
+        np.array([after.truth.heating for after in ended]),
         np.array([now.irradiance for now in seen]),
-        np.array([now.facade for now in seen]),
+        np.array([after.facade for after in ended]),
         np.array([now.wind for now in seen]),
         exact,
         np.array([inputs.people for inputs in acted]),
-        Truth(*(np.array(column) for column in zip(*truths, strict=True))),
+        Truth(*(np.array(column) for column in zip(*(after.truth for after in ended), strict=True))),
     )

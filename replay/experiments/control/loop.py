@@ -70,8 +70,8 @@ def close(scene: Scene, controller: Controller, tick: Tick) -> Lived:
             wanted, planned = controller.powers(moment)
             after = plant.step(lived(scene, life, index, local, wanted))
             heating = after.truth.heating
-            controller.saw(moment, heating, now.outdoor, now.facade)
-            rows.append((moment.time, local, now.air, shown, heating, now.outdoor, now.facade, planned))
+            controller.saw(moment, heating, now.outdoor, after.facade)
+            rows.append((moment.time, local, now.air, shown, heating, now.outdoor, after.facade, planned))
             tick(1)
     return Lived(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -79,10 +79,10 @@ def close(scene: Scene, controller: Controller, tick: Tick) -> Lived:
 def weather_of(scene: Scene) -> tuple[Array, Array]:
     """Outdoor temperature [degC] and irradiance [W/m2] of every step of the scene and of the day after it."""
     with Plant(scene.of, scene.weather, begin=BEGIN) as plant:
-        seen = [(plant.now.outdoor, plant.now.facade)]
-        for _ in range(scene.steps + STEPS_A_DAY - 1):
-            now = plant.step(plant.idle())
-            seen.append((now.outdoor, now.facade))
+        seen = []
+        for _ in range(scene.steps + STEPS_A_DAY):
+            outdoor = plant.now.outdoor
+            seen.append((outdoor, plant.step(plant.idle()).facade))
     outdoor, irradiance = np.array(seen).T
     return outdoor, irradiance
 

@@ -75,7 +75,7 @@ def test_inputs_act_in_their_own_step(two_days) -> None:
 def test_the_sun_follows_the_clock_of_the_place(two_days) -> None:
     local = np.array([before.time - 7 * HOUR for before, _, _ in two_days]) % DAY / HOUR
     sun = np.array([before.irradiance for before, _, _ in two_days])
-    facade = np.array([before.facade for before, _, _ in two_days])
+    facade = np.array([after.facade for _, _, after in two_days])
     through = np.array([after.truth.sun.sum() for _, _, after in two_days])
     night = (local < 6.5) | (local > 18)
     assert not sun[night].any()
@@ -83,6 +83,9 @@ def test_the_sun_follows_the_clock_of_the_place(two_days) -> None:
     assert not through[night].any()
     assert 11 < np.average(local, weights=sun) < 13
     assert facade.max() > sun.max(), "in January the sun stands low"
+    # All three begin and end in the same steps.
+    assert ((sun > 0) == (through > 0)).all()
+    assert ((facade > 0) == (through > 0)).all()
     assert through[(local > 11) & (local < 13)].min() > 0
 
 

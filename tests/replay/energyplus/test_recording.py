@@ -51,6 +51,12 @@ def test_rows_are_five_minutes_apart_over_new_year(week: Recording) -> None:
     assert len(week.times) == 7 * 288
 
 
+def test_the_sun_of_a_row_is_that_of_its_step(week: Recording) -> None:
+    through = week.truth.sun[:, 0] > 0
+    assert ((week.irradiance > 0) == through).all()
+    assert ((week.facade > 0) == through).all()
+
+
 def test_thermometers_are_not_exact_and_not_biased(week: Recording) -> None:
     errors = week.air - week.exact
     assert 0.025 < errors.std() < 0.036

@@ -11,11 +11,13 @@ import pytest
 from support.energyplus import needs_energyplus
 
 from replay.energyplus import library
+from replay.energyplus.recording import record
 from replay.errors import ReplayError
 from replay.experiments.control import customer
 from replay.experiments.control.cases import CASES, PARTIES, STEPS_A_DAY, STUCK, UNDISTURBED, Scene, price, stuck_steps
 from replay.experiments.control.experiment import prepare
 from replay.experiments.control.front import cost_at, share_of_the_way
+from replay.experiments.control.loop import BEGIN, weather_of
 from replay.experiments.control.outcome import Outcome, seen_of
 from replay.experiments.control.perfect import planned
 from replay.experiments.control.report import report
@@ -88,6 +90,16 @@ def test_everybody_lives_the_same_weather_and_the_same_history(runs: Mapping[str
         assert np.array_equal(arrays["outdoor"], first["outdoor"]), name
         history = slice(0, STEPS_A_DAY)
         assert np.allclose(arrays["air"][history], first["air"][history], atol=1e-9), name
+
+
+@needs_energyplus
+def test_what_is_told_of_the_weather_is_that_of_the_step(runs: Mapping[str, Arrays]) -> None:
+    recorded = record(SHORT.of, SHORT.weather, begin=BEGIN, days=SHORT.days, heating="planned", seed=1)
+    outdoor, sun = weather_of(SHORT)
+    assert len(outdoor) == len(sun) == SHORT.steps + STEPS_A_DAY
+    for told in (sun[: SHORT.steps], runs[THERMOGATE]["irradiance"]):
+        np.testing.assert_allclose(told, recorded.facade)
+    np.testing.assert_array_equal(outdoor[: SHORT.steps], runs[THERMOGATE]["outdoor"])
 
 
 @needs_energyplus
