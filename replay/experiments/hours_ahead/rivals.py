@@ -9,6 +9,8 @@ from replay.experiments.request import Request
 from replay.experiments.series.networks import zone_of
 
 LEAST_SQUARES = "least squares"
+REGRESSIONS = ARX, DAILY = "ARX", "daily"
+"""Those that know no physics."""
 RBPF, MKF, BANK = "RBPF default", "MKF", "bank"
 
 
@@ -22,7 +24,8 @@ class Rival(NamedTuple):
 
 
 _RIVALS = (
-    Rival("ARX", "arx", {}, False),
+    Rival(ARX, "arx", {}, False),
+    Rival(DAILY, "daily", {}, False),
     Rival("EKF", "ekf", {}, False),
     Rival("UKF", "ukf", {}, False),
     Rival("RBPF paper", "rbpf", {"preset": "paper"}, True),

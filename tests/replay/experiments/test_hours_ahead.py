@@ -185,7 +185,7 @@ def building(short: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 
 def test_everybody_is_scored_at_every_horizon(building: Path) -> None:
     table = rows(building / "scores-building-67-after-three-days.csv")
-    labels = ["persistence", "previous day", "least squares", "ARX", "EKF", "UKF"]
+    labels = ["persistence", "previous day", "least squares", "ARX", "daily", "EKF", "UKF"]
     labels += ["RBPF paper", "RBPF default", "MKF", "bank"]
     assert [row["forecast"] for row in table] == labels * 4
     assert len({(row["ahead"], row["forecasts scored"]) for row in table}) == 4, "all on the same samples"
