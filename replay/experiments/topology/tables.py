@@ -84,7 +84,9 @@ def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
 
 def cross_correlation(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
     """J_xcorr of every candidate and input channel."""
-    channels = tuple(ranked[0].scores.j_xcorr)
+    # A second measured node of the user's own network is no input, though the others do not measure it.
+    scored = [entry.scores.j_xcorr for entry in ranked]
+    channels = tuple(channel for channel in scored[0] if all(channel in one for one in scored))
     rows: list[tuple[Cell, ...]] = [
         (entry.candidate.name, *(entry.scores.j_xcorr[channel] for channel in channels)) for entry in ranked
     ]

@@ -21,6 +21,7 @@ from replay.experiments.topology.fit import TopologyRun, TopologyScores, fit, sc
 from replay.experiments.topology.published import TABLE_3
 from replay.experiments.topology.ranking import Fitted, rank
 from replay.experiments.topology.report import Outcome, _why
+from replay.experiments.topology.tables import cross_correlation
 from replay.experiments.topology.toml import proposal
 from replay.localtime import HOUR, midnight
 from replay.scores.windows import Window
@@ -123,6 +124,18 @@ def test_what_a_short_recording_does_not_tell_is_not_said() -> None:
     ):
         ranked = rank(entries({"M1": scores(0.3, night, held_out)}))
         assert said in _why(Outcome(recording, [], ranked, {}))
+
+
+def test_a_second_measured_node_is_no_input_of_those_that_do_not_measure_it() -> None:
+    found = entries({"M1": scores(0.3, 0.2), "M4": scores(0.4, 0.3)})
+    told = ({"T_out": 0.1, "T_wall": 0.2}, {"T_out": 0.3})
+    ranked = [
+        entry._replace(scores=entry.scores._replace(j_xcorr=values)) for entry, values in zip(found, told, strict=True)
+    ]
+    for order in (ranked, ranked[::-1]):
+        table = cross_correlation("site", order, paper=False)
+        assert table.columns == ("network", "T_out")
+        assert [row[1] for row in table.rows] == [entry.scores.j_xcorr["T_out"] for entry in order]
 
 
 def test_boxes_lie_around_the_fit_and_parameters_at_a_bound_keep_theirs() -> None:
