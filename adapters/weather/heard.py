@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import suppress
 
 from adapters.errors import SourceError, SourceUnavailable
-from adapters.messages.inbox import Incoming
+from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.weather.document import parse
 from adapters.weather.forecast import WeatherForecast
 from adapters.zenoh.connection import Connection
@@ -50,7 +50,8 @@ class HeardForecasts:
             while True:
                 sample = await newest.get()
                 if sample.payload is None:
-                    raise SourceUnavailable(f"the document on {sample.key} has {sample.size} bytes, or was deleted")
+                    told = f"has {sample.size} bytes; at most {LONGEST_PAYLOAD} are read" if sample.size else "was deleted"
+                    raise SourceUnavailable(f"the document on {sample.key} {told}")
                 yield parse(sample.payload, sample.arrived if sample.stamp is None else sample.stamp)
         except SourceError as error:
             raise SourceUnavailable(f"weather.{self.name}: {error}") from error

@@ -8,7 +8,7 @@ import json
 import os
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import aclosing
+from contextlib import aclosing, contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -214,25 +214,47 @@ def test_an_address_that_refuses_or_is_not_there_is_named(service: str) -> None:
         first(PolledAddress("outlook", nobody, 60))
 
 
-def test_documents_are_heard_on_zenoh() -> None:
+@contextmanager
+def station(document: bytes | None) -> Iterator[HeardForecasts]:
+    """A source that hears a publisher of `document` on its key; the publisher deletes the key again and again if None."""
     place = f"tcp/127.0.0.1:{free_port()}"
     access = collecting((ANYBODY,), relaying=False)
-    source = HeardForecasts("outlook", Connection(connect=(place,), access=access), "site/weather")
-    assert source.check() == []
-    with session_of(listen=place) as station:
+    with session_of(listen=place) as session:
         stop = threading.Event()
 
         def publish() -> None:
             while not stop.wait(0.05):
-                station.put("site/weather", written(issued=NOON))
+                if document is None:
+                    session.delete("site/weather")
+                else:
+                    session.put("site/weather", document)
 
         publishing = threading.Thread(target=publish)
         publishing.start()
         try:
-            assert first(source).issued == NOON
+            yield HeardForecasts("outlook", Connection(connect=(place,), access=access), "site/weather")
         finally:
             stop.set()
             publishing.join()
+
+
+def test_documents_are_heard_on_zenoh() -> None:
+    with station(written(issued=NOON)) as source:
+        assert source.check() == []
+        assert first(source).issued == NOON
+
+
+@pytest.mark.parametrize(
+    ("document", "said"),
+    [(b" " * 65_537, "has 65537 bytes; at most 65536 are read"), (None, "was deleted")],
+    ids=["long", "deleted"],
+)
+def test_a_document_on_zenoh_that_is_too_long_or_deleted_is_told(document: bytes | None, said: str) -> None:
+    with (
+        station(document) as source,
+        pytest.raises(SourceUnavailable, match=rf"^weather.outlook: the document on site/weather {said}$"),
+    ):
+        first(source)
 
 
 def test_a_zenoh_key_that_is_none_is_named() -> None:
