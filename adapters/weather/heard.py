@@ -50,8 +50,8 @@ class HeardForecasts:
             while True:
                 sample = await newest.get()
                 if sample.payload is None:
-                    told = f"has {sample.size} bytes; at most {LONGEST_PAYLOAD} are read" if sample.size else "was deleted"
-                    raise SourceUnavailable(f"the document on {sample.key} {told}")
+                    long = f"has {sample.size} bytes; at most {LONGEST_PAYLOAD} are read"
+                    raise SourceUnavailable(f"the document on {sample.key} {long if sample.size else 'was deleted'}")
                 yield parse(sample.payload, sample.arrived if sample.stamp is None else sample.stamp)
         except SourceError as error:
             raise SourceUnavailable(f"weather.{self.name}: {error}") from error

@@ -70,6 +70,20 @@ class Settings:
     that where forecasts are doubtful."""
 
 
+MEANINGS = {
+    "zone": "the zone that is heated",
+    "heater": "its input that is planned",
+    "power": "the heater's largest power, W",
+    "low": "lower end of the comfort band, degC",
+    "high": "its upper end, degC",
+    "step": "from one plan to the next, s",
+    "horizon": "how far a plan reaches at most, s",
+    "differential": "between the thermostat's switching on and off, K",
+    "sure": "standard deviations of the forecast that a plan stays inside the comfort band",
+}
+"""What each of the settings is, for --help."""
+
+
 class Decision(NamedTuple):
     """The power [W] until the next decision, who decided, why, and the planned powers and temperatures.
 
@@ -318,12 +332,13 @@ def decide(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a power every LOOK, and plan every step, for ever or `--times` often."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--url", default="http://127.0.0.1:8080")
+    parser.add_argument("--url", default="http://127.0.0.1:8080", help="where the daemon serves")
     parser.add_argument("--key", help="API key, if the daemon wants one")
     parser.add_argument("--times", type=int, default=0, help="how many looks; 0: for ever")
     defaults: Mapping[str, Any] = Settings("").__dict__
     for name, default in defaults.items():
-        parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default)
+        told = MEANINGS[name] if name == "zone" else f"{MEANINGS[name]} (default {default})"
+        parser.add_argument(f"--{name}", type=type(default), required=name == "zone", default=default, help=told)
     given = vars(parser.parse_args(arguments))
     settings, ask = Settings(**{name: given[name] for name in defaults}), rest(given["url"], given["key"])
     memory, decision, made, power = Memory(settings), None, -math.inf, 0.0

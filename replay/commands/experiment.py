@@ -20,19 +20,25 @@ def add_to(add: AddCommand) -> None:
     listed = "; ".join(f"{name}: {entry.text}" for name, entry in EXPERIMENTS.items())
     parser.add_argument("name", choices=EXPERIMENTS, metavar="NAME", help=listed)
     parser.add_argument(
-        "--data", type=Path, action="append", default=[], metavar="FILE", help="data instead of the built-in (CSV)"
+        "--data",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="data instead of the built-in: a CSV file; for peers and hours-ahead the folder of the data",
     )
     parser.add_argument(
         "--seeds",
         type=_seeds,
         default=(),
         metavar="N|A,B,...",
-        help="how many seeds, or which: 5 stands for 1,2,3,4,5 and 7, for seed 7 alone (default: the experiment's own)",
+        help="how many seeds ('5': seeds 1 to 5), or which ones, with a comma ('3,7'; '7,' for one alone) "
+        "(default: the experiment's own)",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"folder for runs and report (default {_DEFAULT_OUT}/NAME)"
     )
-    parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data")
+    parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data; control: how many days")
     parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
     parser.add_argument("--network", metavar="NAME", help="another network preset; --set changes it")
     parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")

@@ -13,7 +13,7 @@ from fastapi.responses import Response, StreamingResponse
 from service.fields.times import parse_time
 from service.publish.events import Event, Streams, event, events_of
 from service.publish.payloads import to_json
-from service.publish.sinks import Announcement
+from service.publish.sinks import TOPICS, Announcement
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
 from service.web.history import history_payload
@@ -25,7 +25,7 @@ _MEDIA_TYPE = "text/event-stream"
 
 _DESCRIBED: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "Server-sent events: forecast, volatility, gate, status; history after a Last-Event-ID",
+        "description": f"Server-sent events: {', '.join(TOPICS)}; history after a Last-Event-ID",
         "content": {_MEDIA_TYPE: {"schema": {"type": "string"}}},
     }
 }
@@ -43,7 +43,7 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
         response_class=Response,
         responses={**_DESCRIBED, **documented(404, 422, 429, 500, 503)},
         dependencies=[Depends(stream_slot)],
-        summary="Every new forecast, volatility, gate and status as it is issued",
+        summary=f"Every new {', '.join(TOPICS[:-1])} and {TOPICS[-1]} as it is issued",
     )
     async def stream(
         zone: str,

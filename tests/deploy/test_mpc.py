@@ -279,3 +279,12 @@ def test_an_answer_that_breaks_off_is_none(mpc: ModuleType) -> None:
         with pytest.raises(OSError, match="the answer broke off"):
             ask("GET", "/zones/office", None)
         breaking.join()
+
+
+def test_its_help_names_every_setting_with_its_unit(mpc: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    assert mpc.MEANINGS.keys() == mpc.Settings.__dataclass_fields__.keys()
+    with pytest.raises(SystemExit) as ended:
+        mpc.main(["--help"])
+    assert ended.value.code == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "the heater's largest power, W (default 2000.0)" in printed

@@ -13,7 +13,7 @@ def add_to(add: AddCommand) -> None:
     parser = add("run", _run, "Run the daemon until it is stopped (SIGTERM or Ctrl-C).")
     take_config(parser)
     parser.add_argument(
-        "--reset", nargs="+", default=[], action="extend", metavar="ZONE", help="forget the stored state of these zones"
+        "--reset", nargs="+", default=[], action="extend", metavar="ZONE", help="start these zones without their stored state, which is set aside; comes after CONFIG"
     )
 
 

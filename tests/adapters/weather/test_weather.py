@@ -216,7 +216,7 @@ def test_an_address_that_refuses_or_is_not_there_is_named(service: str) -> None:
 
 @contextmanager
 def station(document: bytes | None) -> Iterator[HeardForecasts]:
-    """A source that hears a publisher of `document` on its key; the publisher deletes the key again and again if None."""
+    """A source that hears a publisher of `document` on its key; without one, the publisher deletes the key."""
     place = f"tcp/127.0.0.1:{free_port()}"
     access = collecting((ANYBODY,), relaying=False)
     with session_of(listen=place) as session:

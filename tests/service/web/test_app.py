@@ -14,6 +14,7 @@ from support.fake_zones import FakeZone, announced, make_update, running, waitin
 from support.http_client import get, problem, request
 
 from service.publish.metrics import Metrics
+from service.publish.sinks import TOPICS
 from service.web.app import create_app, create_questions
 
 STATIC = Path(__file__).parents[3] / "service" / "web" / "static"
@@ -200,6 +201,8 @@ def test_the_openapi_document_is_complete(app: FastAPI) -> None:
     responses = document["paths"]["/zones/{zone}/forecast"]["get"]["responses"]
     assert set(responses) == {"200", "404", "422", "500", "503", "default"}
     assert document["components"]["schemas"]["ForecastRequest"]["examples"]
+    stream = document["paths"]["/zones/{zone}/stream"]["get"]
+    assert all(topic in stream["summary"] and topic in stream["responses"]["200"]["description"] for topic in TOPICS)
 
 
 def test_the_documented_example_is_a_valid_request(app: FastAPI) -> None:
