@@ -12,6 +12,7 @@ import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,6 +51,7 @@ from service.config import (
 from service.config.load import load
 from service.config.networks import resolve
 from service.config.written import effective_toml
+from service.daemon.reload import RELOADABLE
 from service.errors import ConfigError
 from service.fields import credentials as credential_models
 from service.fields import mqtt_broker as mqtt_broker_models
@@ -82,6 +84,8 @@ from service.sources import weather as weather_models
 from service.sources import (
     zenoh as zenoh_models,
 )
+from service.store import backup, checkpoint
+from service.store.journal_file import SCHEMA_VERSION
 from service.web import models as api_models
 from service.web import problems as api_problems
 from service.web.control import models as control_models
@@ -91,6 +95,7 @@ from service.zone.worker import STARTED
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
+PAGES = sorted(path for folder in (".", "docs/**", "deploy/**") for path in ROOT.glob(f"{folder}/*.md"))
 TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
 
 # Heading in configuration.md to the model that its first table describes.
@@ -216,7 +221,9 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
             load(with_recordings(block.text, tmp_path))
         assert mistakes.value.problems == block.after.splitlines()
     elif "site" in raw:
-        assert load(with_recordings(block.text, tmp_path)).site.id == raw["site"]["id"]
+        config = load(with_recordings(block.text, tmp_path))
+        assert config.site.id == raw["site"]["id"]
+        assert config.warnings == ()
     elif raw.keys() == {"weather"}:
         for table in raw["weather"].values():
             weather_models.WEATHER_KINDS[table["kind"]].table.model_validate(table, context={"folder": tmp_path})
@@ -399,6 +406,31 @@ def test_every_option_of_the_bank_is_documented_with_its_value() -> None:
     assert set(first_names(meanings)) == set(first_names(values)) == known
     numbers = [row for row in values if row[0] not in ("`members`", "`voice`")]
     assert_values_as_documented(numbers, [bank_options.BankOptions()])
+
+
+def test_structural_options_are_documented() -> None:
+    rows = tables(section("operations.md", "Structural options"))[0][1:]
+    documented = {estimator: names(listed) for row in rows for listed in row[1:] for estimator in names(row[0])}
+    known = {name: list(kind.structural) for name, kind in registry.ESTIMATORS.items()}
+    assert documented == known | {"bank": ["members"]}
+
+
+def test_what_a_reload_can_change_is_documented() -> None:
+    rows: dict[str, str] = dict(tables(section("operations.md", "Reload"))[0][1:])
+    described = {
+        re.sub(r"\W.*", "", name[1:]): effect for row, effect in rows.items() for name in names(row) if "[" in name
+    }
+    assert described.keys() | {"zones", "sources"} == {*config_models.TABLES}
+    after_a_restart = {name for name, effect in described.items() if "restart the daemon" in effect}
+    assert after_a_restart == {*config_models.TABLES} - {*RELOADABLE}
+
+
+def test_the_changelog_tells_the_versions_of_stored_state() -> None:
+    unreleased = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
+    told = unreleased.partition("### Stored state")[2]
+    assert f"Journal schema {SCHEMA_VERSION}," in told
+    assert f"checkpoint format {checkpoint.FORMAT_VERSION}" in told
+    assert f"backup format {backup.FORMAT_VERSION}" in told
 
 
 def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:
@@ -591,9 +623,12 @@ def test_lists_of_words_are_complete() -> None:
     assert {*outcomes} == {STARTED, "null", *map(str, Outcome)}
 
 
-@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_and_file_names_lead_somewhere(path: Path) -> None:
-    for target in re.findall(r"\]\(([^)]+)\)", TEXT[path.name]):
+    text = path.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)]+)\)", re.sub(r"```.*?```", "", text, flags=re.DOTALL)):
+        if target.startswith("https://"):
+            continue
         file, _, anchor = target.partition("#")
         there = (path.parent / file).resolve() if file else path
         assert there.exists(), target
@@ -602,8 +637,10 @@ def test_links_and_file_names_lead_somewhere(path: Path) -> None:
             assert anchor in [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings], (
                 target
             )
-    for name in re.findall(r"`((?:estimator|adapters|service|replay|tests)/[\w/]+\.py)`", TEXT[path.name]):
+    for name in re.findall(r"`((?:estimator|adapters|service|replay|tests)/[\w/]+\.py)`", text):
         assert (ROOT / name).exists(), name
+    for name in re.findall(r"python -m\s+(replay[\w.]*)", text):
+        assert find_spec(name) is not None, name
 
 
 def test_the_functions_that_the_architecture_names_are_in_their_files() -> None:
