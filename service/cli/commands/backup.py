@@ -10,7 +10,11 @@ from service.cli.arguments import AddCommand, load_config, take_config
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
-    parser = add("backup", _backup, "Write journal, checkpoints and the kept configuration into one file, while the daemon runs or not.")
+    parser = add(
+        "backup",
+        _backup,
+        "Write journal, checkpoints and the kept configuration into one file, while the daemon runs or not.",
+    )
     take_config(parser)
     parser.add_argument("out", type=Path, metavar="OUT", help="the file to write, or a folder to write a new file in")
 

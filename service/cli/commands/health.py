@@ -27,10 +27,6 @@ class _Answer(NamedTuple):
     document: dict[str, Any]
 
 
-class _Unusable(Exception):
-    """An option with which nobody can be asked; its text is one sentence."""
-
-
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     parser = add(
@@ -65,12 +61,19 @@ def _judged(arguments: argparse.Namespace) -> tuple[int, str]:
     if not is_web_address(arguments.url):
         return UNKNOWN, f"{arguments.url} is no URL of a daemon; write one such as http://127.0.0.1:8080"
     try:
-        alive = _ask(arguments, "/healthz")
+        ask = _Asking(
+            arguments.url.rstrip("/"), _key(arguments.key_file), _trusted(arguments.ca_file), arguments.timeout
+        )
+    except _UnusableFile as error:
+        return UNKNOWN, str(error)
+    try:
+        alive = ask.get("/healthz")
         if alive.status != HTTPStatus.OK or arguments.alive:
             return _life(alive)
-        return _zones(_ask(arguments, "/readyz"))
-    except _Unusable as error:
-        return UNKNOWN, str(error)
+        ready = ask.get("/readyz")
+        if ready.status == HTTPStatus.UNAUTHORIZED and ask.key is None:
+            return UNKNOWN, "the daemon wants an API key; name a file that holds one with --key-file"
+        return _zones(ready)
     except OSError as error:
         reason = getattr(error, "reason", None) or error
         return CRITICAL, f"{arguments.url} does not answer: {reason}"
@@ -78,35 +81,52 @@ def _judged(arguments: argparse.Namespace) -> tuple[int, str]:
         return CRITICAL, f"{arguments.url} answers, but not as a daemon of Thermogate does; correct --url"
 
 
-def _ask(arguments: argparse.Namespace, path: str) -> _Answer:
-    request = urllib.request.Request(arguments.url.rstrip("/") + path)
-    if arguments.key_file is not None:
-        request.add_header("Authorization", f"Bearer {_key(arguments.key_file)}")
-    try:
-        context = ssl.create_default_context(cafile=arguments.ca_file)
-    except OSError as error:
-        raise _Unusable(f"--ca-file {arguments.ca_file} cannot be used: {error.strerror or error}") from None
-    # No proxy of the environment: it is this daemon that is asked.
-    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=context))
-    try:
-        with opener.open(request, timeout=arguments.timeout) as answer:
-            return _Answer(answer.status, json.load(answer))
-    except urllib.error.HTTPError as error:
-        with error:
-            return _Answer(error.code, json.load(error))
+class _UnusableFile(Exception):
+    """One sentence about a file that an option names; it does not repeat what is in the file."""
 
 
-def _key(path: Path) -> str:
-    """The API key in the file at `path`."""
+def _key(file: Path | None) -> str | None:
+    if file is None:
+        return None
     try:
-        key = path.read_text(encoding="ascii").strip()
-    except OSError as error:
-        raise _Unusable(f"--key-file {path} cannot be read: {error.strerror}") from None
-    except ValueError:
-        key = ""
-    if not key.isprintable() or not key:
-        raise _Unusable(f"--key-file {path} does not hold an API key and nothing else")
+        key = file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise _UnusableFile(
+            f"--key-file: {file} cannot be read: {getattr(error, 'strerror', 'it is no text')}"
+        ) from None
+    if len(key.split()) != 1 or not key.isascii() or not key.isprintable():
+        raise _UnusableFile(f"--key-file: {file} does not hold an API key and nothing else")
     return key
+
+
+def _trusted(file: Path | None) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=file)
+    except OSError as error:
+        raise _UnusableFile(f"--ca-file: {file} cannot be used: {error.strerror or error}") from None
+
+
+class _Asking(NamedTuple):
+    """Whom to ask, and how."""
+
+    url: str
+    key: str | None
+    trusted: ssl.SSLContext
+    timeout: float
+
+    def get(self, path: str) -> _Answer:
+        """The answer to GET `path`; OSError or ValueError if there is none that a daemon would give."""
+        request = urllib.request.Request(self.url + path)
+        if self.key is not None:
+            request.add_header("Authorization", f"Bearer {self.key}")
+        # No proxy of the environment: it is this daemon that is asked.
+        direct, secured = urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=self.trusted)
+        try:
+            with urllib.request.build_opener(direct, secured).open(request, timeout=self.timeout) as answer:
+                return _Answer(answer.status, json.load(answer))
+        except urllib.error.HTTPError as error:
+            with error:
+                return _Answer(error.code, json.load(error))
 
 
 def _life(answer: _Answer) -> tuple[int, str]:

@@ -13,7 +13,12 @@ def add_to(add: AddCommand) -> None:
     parser = add("run", _run, "Run the daemon until it is stopped (SIGTERM or Ctrl-C).")
     take_config(parser)
     parser.add_argument(
-        "--reset", nargs="+", default=[], action="extend", metavar="ZONE", help="start these zones without their stored state, which is set aside; comes after CONFIG"
+        "--reset",
+        nargs="+",
+        default=[],
+        action="extend",
+        metavar="ZONE",
+        help="start these zones without their stored state, which is set aside; comes after CONFIG",
     )
 
 

@@ -62,7 +62,10 @@ def behind(*states):
         ((200, {"status": "ready", "zones": [{}] * 20, "zone_count": 5000}), (0, "OK - zones running: 5000")),
         (behind("stalled", "waiting"), (1, "WARNING - zone 'z0' is behind")),
         (behind("stalled", "failed"), (2, "CRITICAL - zone 'z0' is behind")),
-        ((401, {"detail": "this needs an API key"}), (3, "UNKNOWN - this needs an API key")),
+        (
+            (401, {"detail": "this needs an API key; send it as ..."}),
+            (3, "UNKNOWN - the daemon wants an API key; name a file that holds one with --key-file"),
+        ),
         ((503, {"detail": "too many connections"}), (3, "UNKNOWN - too many connections")),
     ],
 )
@@ -89,6 +92,30 @@ def test_the_key_comes_from_a_file(serve, capsys, tmp_path):
     url, asked = serve({"/healthz": ALIVE, "/readyz": (200, {"zones": [{}]})})
     assert health(capsys, "--url", url, "--key-file", str(tmp_path / "key"))[0] == 0
     assert asked[-1] == ("/readyz", "Bearer tg_secret")
+
+
+def test_a_key_that_is_refused_is_told_by_the_daemon(serve, capsys, tmp_path):
+    (tmp_path / "key").write_text("tg_old")
+    url, _ = serve({"/healthz": ALIVE, "/readyz": (401, {"detail": "this API key is not valid"})})
+    assert health(capsys, "--url", url, "--key-file", str(tmp_path / "key")) == (
+        3,
+        "UNKNOWN - this API key is not valid",
+    )
+
+
+@pytest.mark.parametrize("option", ["--key-file", "--ca-file"])
+@pytest.mark.parametrize("content", [b"tg_secret\nanother line\n", b"tg_s\xffcret", b"", None])
+def test_a_file_that_cannot_be_used_is_no_fault_of_the_daemon_and_not_repeated(
+    serve, capsys, tmp_path, option, content
+):
+    file = tmp_path / "given"
+    if content is not None:
+        file.write_bytes(content)
+    url, asked = serve({})
+    code, line = health(capsys, "--url", url, option, str(file))
+    assert (code, asked) == (3, [])
+    assert line.startswith(f"UNKNOWN - {option}: {file} ")
+    assert "cret" not in line
 
 
 def test_what_does_not_answer_or_is_no_daemon(serve, capsys):
@@ -131,13 +158,9 @@ def test_what_speaks_no_http_is_no_daemon(capsys, greeting):
         (["--url", "http://[::1"], "http://[::1 is no URL of a daemon"),
         (["--url", "http://127.0.0.1:x"], "is no URL of a daemon"),
         (["--url", "http://127.0.0.1/a b"], "is no URL of a daemon"),
-        (["--key-file", "{folder}/none"], "--key-file {folder}/none cannot be read: No such file"),
-        (["--key-file", "{folder}/words"], "--key-file {folder}/words does not hold an API key"),
-        (["--ca-file", "{folder}/none"], "--ca-file {folder}/none cannot be used: No such file"),
     ],
 )
-def test_options_that_cannot_be_used_say_nothing_of_the_daemon(capsys, tmp_path, words, gist):
-    (tmp_path / "words").write_text("two\nwords ä\n", encoding="utf-8")
-    code, line = health(capsys, *(word.replace("{folder}", str(tmp_path)) for word in words))
+def test_an_address_that_cannot_be_used_says_nothing_of_the_daemon(capsys, words, gist):
+    code, line = health(capsys, *words)
     assert code == 3
-    assert gist.replace("{folder}", str(tmp_path)) in line
+    assert gist in line
