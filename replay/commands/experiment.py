@@ -38,7 +38,9 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"folder for runs and report (default {_DEFAULT_OUT}/NAME)"
     )
-    parser.add_argument("--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data; control: how many days")
+    parser.add_argument(
+        "--days", type=whole(1, 3660), metavar="N", help="only the first N days of the data; control: how many days"
+    )
     parser.add_argument("--particles", type=whole(50, 1_000_000), metavar="N", help="particles of every RBPF")
     parser.add_argument("--network", metavar="NAME", help="another network preset; --set changes it")
     parser.add_argument("--config", type=Path, metavar="CONFIG", help="a configuration whose zone is meant")
