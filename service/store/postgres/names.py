@@ -1,4 +1,4 @@
-"""Names in the database: the schema of a site, and how to rename a zone."""
+"""Names in the database: the schema of a site; and how the state of a zone is given up."""
 
 from __future__ import annotations
 
