@@ -48,6 +48,7 @@ def daemon(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any] = lambda 
 
 def replay(monkeypatch: pytest.MonkeyPatch, answer: Callable[..., Any] = lambda *_, **__: 0) -> list[Call]:
     stand_in(monkeypatch, "replay.reports.publish", "publish_report", lambda *_, **__: 0)
+    monkeypatch.setattr(sys.modules["replay.reports.publish"], "FILE", "report.html", raising=False)
     return stand_in(monkeypatch, "replay.recorded.runner", "replay_recording", answer)
 
 
