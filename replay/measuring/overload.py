@@ -81,6 +81,8 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
             time.sleep(0.1)
         with Clients(url, [_ZONE], 2, pause=0.05) as clients:
             began, status = time.monotonic(), _status(url)
+            # While the clients came up, the first samples were taken.
+            taken_before = int(status["samples"])
             while "come to an end" not in status["reason"]:
                 daemon.check()
                 memory.append(daemon.memory())
@@ -92,9 +94,7 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
         rows = httpx.get(f"{url}/zones/{_ZONE}/history", params={"limit": 20_000}, timeout=60.0).json()["rows"]
         stopped = daemon.stop()
     return {
-        "offered_per_s": 1.0 / every,
-        "served_per_s": count / took,
-        "factor": took / count / every,
+        **rates(count - taken_before, took, every),
         "seconds": took,
         "samples": count,
         "lost": len(set(times) - {row["time"] for row in rows}),
@@ -105,6 +105,13 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
         "growth_mb": (memory[-1] - memory[len(memory) // 3]) / 1e6,
         "stop_s": stopped,
     }
+
+
+def rates(taken: int, seconds: float, every: float) -> dict[str, float]:
+    """Samples a second that were offered, one each `every` s, and that were `taken` within `seconds`; and how many
+    times more the first are."""
+    offered, served = 1.0 / every, max(taken, 1) / seconds
+    return {"offered_per_s": offered, "served_per_s": served, "factor": offered / served}
 
 
 def _write(folder: Path, count: int, particles: int, every: float) -> list[str]:

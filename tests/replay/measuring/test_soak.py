@@ -48,6 +48,12 @@ def test_a_peak_is_no_growth():
     assert all(one.within for one in judge(looks, 600.0))
 
 
+def test_what_was_taken_before_the_clock_ran_does_not_count():
+    # 20,000 samples, 2,000 of them taken before, one a millisecond offered for 90 s.
+    found = overload.rates(20_000 - 2000, 90.0, 0.001)
+    assert (found["served_per_s"], found["factor"]) == (pytest.approx(200.0), pytest.approx(5.0))
+
+
 @pytest.fixture(scope="module")
 def soaked(tmp_path_factory):
     soak = Soak(hours=2.0, pace=600.0, zones=2, particles=60, every=0.5, streams=3, clients=1)
