@@ -109,7 +109,7 @@ def without_sun(network: Network) -> Network:
 def _member(own: Network, name: str, family: _Family) -> Network:
     """The member of `family` for the channels of `own`."""
     air = own.measured[0]
-    outdoors, *rooms = sorted(own.boundaries, key=lambda boundary: not _is_outdoors(boundary))
+    outdoors, *rooms = sorted(own.boundaries, key=_how_far_out)
     watts = [channel for channel in own.heat_channels if own.channel_unit(channel) == "W"]
     taken = [air, *own.boundaries, *own.heat_channels]
     boxes, initial = {air: _AIR}, {air: InitialTemperature(MEASURED, 0.5)}
@@ -185,8 +185,9 @@ def _sunlit(network: Network, suns: Iterable[str]) -> Network:
     return network
 
 
-def _is_outdoors(boundary: str) -> bool:
-    return any(word in boundary.lower() for word in ("out", "ext", "amb"))
+def _how_far_out(boundary: str) -> tuple[bool, bool]:
+    """Smallest for the outdoor boundary, by its name: "T_next" has an "ext" in it too."""
+    return boundary != "T_out", not any(word in boundary.lower() for word in ("out", "ext", "amb"))
 
 
 def _short(node: str) -> str:

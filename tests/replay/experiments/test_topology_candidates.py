@@ -31,6 +31,25 @@ def test_a_zone_with_the_ecolar_channels_gets_the_same_structures() -> None:
         assert set(candidate.network.channels) == set(theirs.channels)
 
 
+@pytest.mark.parametrize("names", [("T_next", "T_out"), ("T_corridor", "T_amb"), ("T_next", "T_out", "T_extension")])
+def test_outdoors_is_known_by_its_name_wherever_it_stands(names: tuple[str, ...]) -> None:
+    outdoors = names[1]
+    own = replace(
+        presets.network("tite"),
+        boundaries=names,
+        conductances=(
+            *(Conductance(f"g_{name}", ("T_i", name)) for name in names),
+            Conductance("g_ie", ("T_i", "T_e")),
+        ),
+        parameters=(
+            *(Parameter(f"g_{name}", "W/K", 1.0, 1e3) for name in (*names, "ie")),
+            *(parameter for parameter in presets.network("tite").parameters if parameter.unit == "J/K"),
+        ),
+    ).validate()
+    simplest = next(candidate.network for candidate in candidates_for(own) if candidate.label == "M1")
+    assert {frozenset(("T_i", outdoors)), frozenset(("T_wo", outdoors))} <= edges(simplest)
+
+
 def edges(network: Network) -> set[frozenset[str]]:
     return {frozenset(edge.between) for edge in network.conductances}
 
