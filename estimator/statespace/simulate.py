@@ -86,7 +86,7 @@ def sampled_paths(draws: ModelDraws, period: float, plan: Array, seed: int, orig
     # The matrices hold the chance that a gain stays on; here it does, or does not.
     alive, stays = np.ones((count, size - states)), draws.gain_stays
     transition = models.a.copy()
-    transition[:, :, states:] /= stays
+    transition[:, :, states:] /= stays or 1.0
     path = [state @ models.c.T]
     for ahead, inputs in enumerate(plan, start=1):
         step = Draws(seed, origin + ahead, forecast=True)

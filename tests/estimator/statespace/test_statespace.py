@@ -137,6 +137,13 @@ def test_sampled_futures_spread_as_the_fan_does_and_repeat(name):
     assert not np.array_equal(first, other)
 
 
+def test_a_gain_that_ends_with_every_step_leaves_the_futures_alone():
+    estimator, state = learned("mkf", options={"particles": 40, "gain_off_probability": 1.0})
+    draws = estimator.draws(state, 100)
+    paths = sampled_paths(draws, PERIOD, plan_of(6), 5, 60)
+    assert np.isfinite(paths).all()
+
+
 def test_rooms_that_share_a_wall_are_simulated_together():
     """Two equal rooms, one warm and one cold, each other's neighbour: they come closer, and equal rooms stay equal."""
     net = network("ecolar-6r4c")
