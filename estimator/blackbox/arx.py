@@ -31,6 +31,8 @@ _FIRST_SD = 0.1
 """Standard deviation [K] of a residual before there is any."""
 LEVEL = 20.0
 """degC that temperatures count from."""
+_LEAST_SD = 1e-6
+"""Standard deviation [K] of a residual at least: that of a sensor which stands still would vanish."""
 _FARTHEST = 15.0
 """K from its forecast beyond which a sample, if 10 standard deviations away too, is not explained."""
 _BEYOND, _BEYOND_SHARE = 2.0, 0.5
@@ -231,7 +233,7 @@ class ARX:
         Those of the regression (`spreads`, in squares of its residual) give way to what forecasts of such a lead have
         missed by, as far as any were verified.
         """
-        unit = np.sqrt(state.residual[:, 0] / state.residual[:, 1])
+        unit = _residual_sd(state)
         theory = unit * np.sqrt(np.clip(spreads, 1e-6, _WIDEST_SPREAD))
         at = np.flatnonzero(state.leads > 0.0)
         if not len(at) or len(theory) < 2:
@@ -253,8 +255,7 @@ class ARX:
 
     def _theory(self, state: ARXState) -> Array:
         """Standard deviation (n_y,) [K] at the state's time, if residuals were independent."""
-        unit = np.sqrt(state.residual[:, 0] / state.residual[:, 1])
-        return unit * np.sqrt(np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
+        return _residual_sd(state) * np.sqrt(np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
 
     def filled(self, outputs: Array) -> Array:
         """A past (n_y, past_outputs) in which nothing has changed."""
@@ -272,6 +273,12 @@ class ARX:
             log_likelihood=log_likelihood,
             parameters=np.full(len(self.network.parameters), np.nan),
         )
+
+
+def _residual_sd(state: ARXState) -> Array:
+    """Standard deviations (n_y,) [K] of the residuals of one step."""
+    squares, weights = state.residual.T
+    return np.asarray(np.maximum(np.sqrt(squares / weights), _LEAST_SD), dtype=np.float64)
 
 
 def _shifted(past: Array, newest: Array) -> Array:

@@ -5,6 +5,7 @@ import pytest
 
 from estimator.network.presets import network
 from estimator.registry import build
+from estimator.verification.scores import crps
 
 PERIOD = 1800.0
 DAY = 48
@@ -102,6 +103,15 @@ def test_verified_errors_are_forgotten_by_the_day(hours):
         state = arx.verified(state, 4, np.array([0.1]))
     a_day = 24 / max(1, hours)
     assert state.errors[0, 0, 1] == pytest.approx(5.0 * a_day, rel=0.05), "as many as five days bring"
+
+
+@pytest.mark.parametrize("name", ["arx", "daily"])
+def test_a_sensor_that_stands_still_leaves_a_spread(name):
+    estimator = build(name, NETWORK, 86400.0, {"memory_days": 0.1})
+    state = run(estimator, np.full(120, 20.0), np.tile([5.0, 0.0], (120, 1)))
+    forecast = estimator.predictive(estimator.predict(state, np.array([5.0, 0.0])))
+    assert 0.0 < forecast.sd()[0] < 0.01
+    assert crps(forecast, 0, 20.1) == pytest.approx(0.1, rel=0.1)
 
 
 def test_an_unstable_regression_stays_near_what_was_measured():
