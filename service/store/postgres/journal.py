@@ -146,7 +146,6 @@ class PostgresJournal:
 
         Fenced, with their names, if some zones are another owner's.
         """
-        self._make_months("samples", [sample.time for _, sample in accepted])
 
         def work(cursor: Cursor, held: dict[str, int]) -> tuple[int, dict[str, tuple[int, int]]]:
             rows: list[SampleRow] = []
@@ -167,7 +166,8 @@ class PostgresJournal:
                 cursor.execute(_DELETE_READINGS, [[held[zone] for zone in keeping], old])
             return len(rows), ends
 
-        stored, ends = self._write({zone for zone, _ in accepted}, work)
+        months = {month_of("samples", sample.time) for _, sample in accepted}
+        stored, ends = self._write({zone for zone, _ in accepted}, work, months)
         self._ends |= ends
         return stored
 
@@ -354,13 +354,26 @@ class PostgresJournal:
         finally:
             self.database.close()
 
-    def _write(self, zones: Collection[str], work: Callable[[Cursor, dict[str, int]], Result]) -> Result:
+    def _write(
+        self,
+        zones: Collection[str],
+        work: Callable[[Cursor, dict[str, int]], Result],
+        months: Collection[Month] = (),
+    ) -> Result:
         """The result of `work(cursor, held)` in one durable transaction that also carries the pending history, which is
-        kept for the next try if it fails. `held` are the numbers of `zones`, which have to be this owner's."""
+        kept for the next try if it fails. `held` are the numbers of `zones`, which have to be this owner's; `months`
+        have to be there."""
         pending = dict(self._pending)
-        self._make_months("history", [time for _, time in pending])
+        wanted = {*months, *(month_of("history", time) for _, time in pending)}
+        schema = self.database.schema
+        if new := wanted - self._months:
+            self.database.transaction(lambda cursor: partitions.make(cursor, schema, new))
+            self._months |= new
 
         def whole(cursor: Cursor) -> Result:
+            if forgotten := wanted - self._months:
+                # An attempt has failed, perhaps because another shard has dropped one of them.
+                partitions.make(cursor, schema, forgotten)
             held = self.fence.required(cursor, zones, {zone for zone, _ in pending})
             # A zone that has gone to another owner has the same history there.
             rows = [(held[zone], *row[1:]) for (zone, _), row in pending.items() if zone in held]
@@ -370,6 +383,7 @@ class PostgresJournal:
             return work(cursor, held)
 
         result = self.database.transaction(whole)
+        self._months |= wanted
         self._pending.clear()
         return result
 
@@ -389,11 +403,6 @@ class PostgresJournal:
             "SELECT coalesce(pruned_link, 0) FROM zones WHERE zone = %s", zone
         )
         return int(rows[0][0]) if rows else 0
-
-    def _make_months(self, table: str, times: Sequence[int]) -> None:
-        if new := {month_of(table, time) for time in times} - self._months:
-            partitions.make(self.database, new)
-            self._months |= new
 
     def _show(self, zone: str) -> None:
         """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""

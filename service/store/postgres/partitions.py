@@ -35,22 +35,18 @@ def month_of(table: str, time: int) -> Month:
     return Month(table, _seconds(start), _seconds(end))
 
 
-def make(database: Database, months: Iterable[Month]) -> None:
-    """Make sure that `months` are there."""
-
-    def work(cursor: Cursor) -> None:
-        # Two shards may come to a new month at once.
-        cursor.execute("SELECT pg_advisory_xact_lock(%s)", (lock_of(database.schema),))
-        there = set(_present(cursor))
-        for month in sorted(set(months) - there):
-            # A table that is attached later keeps nobody from writing; one that is made as a partition does.
-            cursor.execute(f"CREATE TABLE {month.name} (LIKE {month.table} INCLUDING ALL)")
-            cursor.execute(
-                f"ALTER TABLE {month.table} ATTACH PARTITION {month.name} FOR VALUES FROM ({month.start:d}) "
-                f"TO ({month.end:d})"
-            )
-
-    database.transaction(work)
+def make(cursor: Cursor, schema: str, months: Iterable[Month]) -> None:
+    """Make sure that `months` are there, in a transaction on the tables in `schema`."""
+    # Two shards may come to a new month at once.
+    cursor.execute("SELECT pg_advisory_xact_lock(%s)", (lock_of(schema),))
+    there = set(_present(cursor))
+    for month in sorted(set(months) - there):
+        # A table that is attached later keeps nobody from writing; one that is made as a partition does.
+        cursor.execute(f"CREATE TABLE {month.name} (LIKE {month.table} INCLUDING ALL)")
+        cursor.execute(
+            f"ALTER TABLE {month.table} ATTACH PARTITION {month.name} FOR VALUES FROM ({month.start:d}) "
+            f"TO ({month.end:d})"
+        )
 
 
 def present(database: Database) -> list[Month]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import logging
 import os
 import re
 import signal
@@ -517,6 +518,30 @@ def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(f
         assert month_of("samples", times[0]).name in _months(fleet)
 
     asyncio.run(scenario())
+
+
+def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
+    fleet: Fleet, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
+
+    async def scenario() -> None:
+        for zone in ("z", "old"):
+            await store.claim(zone, "f")
+        await store.append("z", make_sample(0))
+        store.record("z", make_update(0)._replace(time=make_sample(0).time))
+        await store.flush()
+        for table in ("samples", "history"):
+            fleet.sql(f"DROP TABLE {{}}.{month_of(table, make_sample(0).time).name}")
+        store.record("old", make_update(0)._replace(time=make_sample(0).time))
+        await store.append("old", make_sample(0))
+        assert await store.last_sample_time("old") == make_sample(0).time
+        assert len(await store.history("old", None, None, 10)) == 1
+
+    asyncio.run(scenario())
+    assert not [
+        record for record in caplog.records if record.levelno >= logging.WARNING and "fsync" not in record.message
+    ]
 
 
 def test_a_row_that_comes_while_its_month_is_dropped_stays(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
