@@ -63,7 +63,7 @@ def _is_aside(zone: str) -> bool:
 def _zones(journal: Journal) -> list[str]:
     """Every zone there are rows of, from one seek each."""
     found: set[str] = set()
-    for table in ("samples", "history"):
+    for table in ("samples", "history", "readings"):
         last = ""
         while rows := journal.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):
             last = rows[0][0]
@@ -82,12 +82,13 @@ def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int,
 
     What was set aside goes first.
     """
-    found: list[tuple[bool, int, str, int]] = []
+    found: list[tuple[bool, float, str, int]] = []
     for zone in _zones(journal):
         newest = journal.last_sample_time(zone)
         aside = _is_aside(zone)
         before = _ALWAYS if aside or newest is None else _needed(zone, newest, oldest_checkpoint)
-        for table in ("samples", "history"):
+        # Readings of a zone that is at work go with its samples.
+        for table in ("samples", "history", "readings") if aside else ("samples", "history"):
             first = journal.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
             if first is not None and first < before:
                 found.append((not aside, first, zone, before))
@@ -102,10 +103,12 @@ def _delete(journal: Journal, zone: str, samples_before: int, history_before: in
     old = "SELECT time, {} FROM {} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
     samples = journal.read(old.format("link", "samples"), zone, samples_before, _ROWS_AT_ONCE)
     history = journal.read(old.format("zone", "history"), zone, history_before, _ROWS_AT_ONCE)
-    if not samples and not history:
+    aside = _is_aside(zone)
+    readings = journal.read(old.format("channel", "readings"), zone, samples_before, _ROWS_AT_ONCE) if aside else []
+    if not samples and not history and not readings:
         return False
     with journal.transaction() as cursor:
-        for table, rows in (("samples", samples), ("history", history)):
+        for table, rows in (("samples", samples), ("history", history), ("readings", readings)):
             if rows:
                 cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, rows[-1][0]))
         if samples:

@@ -17,6 +17,7 @@ from support.running_zone import Announced, finished, plumbing, straight
 from support.zone_samples import comparable, sample, worker
 
 import service.store.store
+from adapters.reading import Quality, Reading
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
@@ -136,6 +137,21 @@ def test_what_was_reset_goes_before_anything_else(journal: Journal) -> None:
     pruned(journal, Limits(FOREVER, before - 100_000), oldest_checkpoint=1990)
     assert steps_of(journal, "living")[0] == list(range(2000))
     assert journal.size() < before - 100_000
+
+
+def test_readings_of_what_was_reset_go_too(journal: Journal) -> None:
+    for _ in range(3):
+        journal.append_all([("living", make_sample(0))])
+        readings = [Reading("T_i", FIRST + k / 100, 20.0, Quality.GOOD) for k in range(100_000)]
+        journal.keep("living", readings)
+        journal.forget("living")
+        journal.forgot("living")
+    fill(journal, "bedroom", 1000)
+    limit = 16_000_000
+    assert journal.size() > limit
+    pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=990)
+    assert journal.size() < limit
+    assert steps_of(journal, "bedroom") == (list(range(1000)), list(range(1000))), "the others keep what they have"
 
 
 def test_a_limit_that_cannot_be_kept_ends_the_pruning(journal: Journal) -> None:
