@@ -87,8 +87,10 @@ def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int,
         newest = journal.last_sample_time(zone)
         aside = _is_aside(zone)
         before = _ALWAYS if aside or newest is None else _needed(zone, newest, oldest_checkpoint)
-        # Readings of a zone that is at work go with its samples.
-        for table in ("samples", "history", "readings") if aside else ("samples", "history"):
+        for table in ("samples", "history", "readings"):
+            if table == "readings" and not aside:
+                # Those of a zone that is at work go with its samples.
+                continue
             first = journal.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
             if first is not None and first < before:
                 found.append((not aside, first, zone, before))
