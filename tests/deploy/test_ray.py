@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,10 @@ HEAD = CAMPUS["spec"]["headGroupSpec"]
 CLUSTER_FIELDS = {"gcsFaultToleranceOptions", "headGroupSpec", "workerGroupSpecs"}
 """Of those of a RayCluster (ray.io/v1) that the manifest needs."""
 GROUP_FIELDS = {"groupName", "replicas", "minReplicas", "maxReplicas", "rayStartParams", "template"}
-CONTAINER_FIELDS = {"name", "image", "command", "env", "resources", "volumeMounts", "ports", "readinessProbe"}
+CONTAINER_FIELDS = {"name", "image", "command", "env", "resources", "volumeMounts", "ports"} | {
+    "readinessProbe",
+    "livenessProbe",
+}
 
 
 def options_of_start() -> set[str]:
@@ -104,6 +108,23 @@ def test_the_manifest_has_the_fields_of_a_ray_cluster() -> None:
     for container in containers():
         assert set(container) <= CONTAINER_FIELDS
         settings({one["name"]: one.get("value", "") for one in container["env"] if "value" in one})
+
+
+def test_probes_need_nothing_that_the_image_lacks() -> None:
+    """Where one is missing, KubeRay puts its own, with wget and the agent of Ray's dashboard."""
+    for group, port in ((HEAD, 6379), (WORKERS, int(WORKERS["rayStartParams"]["node-manager-port"]))):
+        container = group["template"]["spec"]["containers"][0]
+        assert container["livenessProbe"]["tcpSocket"] == {"port": port}
+        assert container["readinessProbe"].keys() & {"tcpSocket", "httpGet"}
+
+
+def test_the_image_of_the_manifest_can_be_built() -> None:
+    image = (ROOT / "deploy" / "container" / "Containerfile").read_text(encoding="utf-8")
+    (usual,) = re.findall(r"^ARG EXTRAS=(\S+)$", image, re.MULTILINE)
+    (wanted,) = re.findall(r"--build-arg EXTRAS=(\S+)", (FOLDER / "kuberay.yaml").read_text(encoding="utf-8"))
+    known = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert {"fleet", *usual.split(",")} == set(wanted.split(",")) <= set(known)
+    assert '"thermogate[${EXTRAS}] @' in image
 
 
 def test_every_mount_of_the_manifest_has_its_volume() -> None:
