@@ -117,7 +117,7 @@ class Progress(NamedTuple):
     missing: int = 0
     """Steps in a row without a measured output."""
     vanished: int = 0
-    """Samples in a row that no particle explained, or of which the forecast said nothing."""
+    """Measurements in a row that no particle explained, or of which the forecast said nothing."""
     stalled: str | None = None
     """Why there is no standing forecast, or None."""
 
@@ -424,8 +424,10 @@ class ZoneWorker:
         if continues and self.standing is not None:
             score = _score(self.standing.update.forecast, sample)
             posterior = self.estimator.update(self.standing.state, sample.outputs)
-            sds = [output.sd for output in self.standing.update.forecast.outputs]
-            vanished = self.progress.vanished + 1 if lost(posterior.outcome, sds) else 0
+            vanished = self.progress.vanished
+            if posterior.outcome is not Outcome.MISSING:
+                sds = [output.sd for output in self.standing.update.forecast.outputs]
+                vanished = vanished + 1 if lost(posterior.outcome, sds) else 0
             self.progress = self.progress._replace(vanished=vanished)
             if vanished < VANISHED_LIMIT:
                 published, before = self.standing.update.forecast, self.standing.verified

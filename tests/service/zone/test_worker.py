@@ -146,6 +146,14 @@ def test_a_sensor_that_jumps_for_good_starts_a_new_segment():
     assert outcomes[-1].forecast.outputs[0].mean == pytest.approx(60.0, abs=1.0)
 
 
+def test_samples_that_are_missing_in_between_do_not_hide_that_a_sensor_has_jumped():
+    zone = worker()
+    run(zone, 20)
+    outcomes = [zone.step(sample(20 + k, y=60.0 if k % 2 == 0 else NAN)).outcome for k in range(2 * VANISHED_LIMIT)]
+    assert outcomes[: 2 * VANISHED_LIMIT - 2] == ["vanished", "missing"] * (VANISHED_LIMIT - 1)
+    assert outcomes[2 * VANISHED_LIMIT - 2] == "started"
+
+
 def test_a_single_outlier_is_passed_over():
     zone = worker()
     run(zone, 20)
