@@ -123,7 +123,7 @@ class _Running:
         asked.cancel()
         self._notifier.stopping()
         _log.info("the fleet is being stopped")
-        await self._steward.ask("stop")
+        await self._patiently("stop", timeout=None)
         await asyncio.to_thread(peers.remove, self._config.site.id, peers.STEWARD)
         _log.info("stopped")
 
@@ -150,17 +150,29 @@ class _Running:
                 if await self._steward.ask("reload_wanted"):
                     self._reload.set()
             except ServiceError:
+                await self._let_there_be_a_steward()
                 await asyncio.sleep(_AGAIN)
 
-    async def _patiently(self, method: str, *arguments: Any) -> Any:
+    async def _let_there_be_a_steward(self) -> None:
+        """Ray starts a steward anew until its start fails once; then it has to be created again."""
+        from service.fleet import peers
+
+        try:
+            await asyncio.to_thread(peers.create, "steward", self._config.site.id, peers.STEWARD)
+        except Exception as error:
+            # The head of the cluster may be away as well.
+            _log.warning("there is no steward, and none can be created now: %r", error)
+
+    async def _patiently(self, method: str, *arguments: Any, timeout: float | None = ASK_SECONDS) -> Any:
         """What the steward answers, once its process is there."""
         from service.errors import Away
 
         deadline = asyncio.get_running_loop().time() + ASK_SECONDS
         while True:
             try:
-                return await self._steward.ask(method, *arguments, timeout=ASK_SECONDS)
+                return await self._steward.ask(method, *arguments, timeout=timeout)
             except Away:
                 if asyncio.get_running_loop().time() > deadline:
                     raise
+                await self._let_there_be_a_steward()
                 await asyncio.sleep(_AGAIN)

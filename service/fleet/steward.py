@@ -69,6 +69,7 @@ class Steward:
         self._telling: dict[str, asyncio.Task[None]] = {}
         self._nodes: dict[str, str] = {}
         self._looking: asyncio.Task[None] | None = None
+        self._stopping = False
         self._changing = asyncio.Lock()
         self._reloads: list[asyncio.Future[str]] = []
         """Reloads that clients asked for and nobody has done yet."""
@@ -151,24 +152,31 @@ class Steward:
         now, plan = time.monotonic(), self._plan
         names = [] if plan is None else self._wanted(plan)
         members = tuple(
-            (name, known.beat, now - known.at) if (known := self._known.get(name)) else (name, None, 0.0)
+            (name, self._present(known.beat), now - known.at) if (known := self._known.get(name)) else (name, None, 0.0)
             for name in names
         )
         if plan is None:
             return FleetStatus(0, 0, dict(self._nodes), (), ())
         return FleetStatus(plan.version, len(plan.moving), dict(self._nodes), members, tuple(sorted(plan.quarantined)))
 
+    def _present(self, beat: Beat) -> Beat:
+        """The last sign of life of a member as far as it still holds: one that does not answer is not ready."""
+        answers = beat.name not in self._silent and beat.node in self._nodes
+        return beat if answers else beat._replace(ready=False)
+
     async def stop(self) -> None:
         """Stop every member in order, and forget the plan: the reader first, the shards after their last sample."""
+        self._stopping = True
         if self._looking is not None:
-            self._looking.cancel()
+            # A member that is being created would outlast the stop.
+            await asyncio.wait([self._looking], timeout=STOP_SECONDS)
         plan, self._plan = self._plan, None
+        if plan is not None:
+            gateways = [name for name in self._wanted(plan) if name.startswith(_GATEWAY)]
+            for names in ((READER,), plan.all_shards, gateways):
+                await asyncio.gather(*(self._stopped(name) for name in names))
+        # Were this process lost before, the next one would find here what is left to stop.
         await asyncio.to_thread(peers.forget, self._site)
-        if plan is None:
-            return
-        gateways = [name for name in self._wanted(plan) if name.startswith(_GATEWAY)]
-        for names in ((READER,), plan.all_shards, gateways):
-            await asyncio.gather(*(self._stopped(name) for name in names))
 
     async def _stopped(self, name: str) -> None:
         with suppress(ServiceError):
@@ -180,7 +188,7 @@ class Steward:
         self._plan = plan
 
     async def _look_after(self) -> None:
-        while True:
+        while not self._stopping:
             try:
                 await self._look()
             except Exception as error:
@@ -279,7 +287,7 @@ class Steward:
             with suppress(ServiceError):
                 await self._peer(f"{_GATEWAY}{known.beat.node[:8]}").ask("end", known.beat.pid, timeout=ANSWER_SECONDS)
             # Ray starts it anew; until then there is nobody to hear from.
-            self._silent.pop(name, None)
+            self._silent[name] = 0.0
 
     async def _tell(self, plan: Plan) -> None:
         """Tell the plan to every member that goes by another one. They come to it in any order: reader and shards do

@@ -1,8 +1,10 @@
-"""Every member that is wanted and that the cluster does not have is created, also one that the steward has known."""
+"""Every member that is wanted and that the cluster does not have is created, also one that the steward has known; one
+that does not answer is not called ready, and none outlasts a stop."""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +32,14 @@ class Cluster:
         self.members: set[str] = {"steward"}
         self.created: list[str] = []
         self.boots: dict[str, str] = {}
+        self.slow = 0.0
+        """How long a member takes to be created, s."""
+        self.plan: Plan | None = None
+        self.planless: list[str] = []
+        """Members that were asked to stop when no plan was kept any more."""
 
     def create(self, role: str, site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
+        time.sleep(self.slow)
         self.members.add(name)
         self.created.append(name)
         self.boots[name] = f"{name} {len(self.created)}"
@@ -51,6 +59,8 @@ class Asked:
             raise Away(f"{self.name} cannot be reached now")
         if method == "beat":
             return Beat(self.name, self._cluster.boots[self.name], NODE, 4321, 1, ready=True)
+        if method == "stop" and self._cluster.plan is None:
+            self._cluster.planless.append(self.name)
         return None
 
 
@@ -61,6 +71,9 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Cluster:
     monkeypatch.setattr(peers, "members", lambda site: set(cluster.members))
     monkeypatch.setattr(peers, "create", cluster.create)
     monkeypatch.setattr(peers, "remove", cluster.remove)
+    monkeypatch.setattr(peers, "remembered", lambda site: cluster.plan)
+    monkeypatch.setattr(peers, "remember", lambda site, plan: setattr(cluster, "plan", plan))
+    monkeypatch.setattr(peers, "forget", lambda site: setattr(cluster, "plan", None))
     monkeypatch.setattr("service.fleet.steward.Peer", lambda site, name: Asked(cluster, name))
     return cluster
 
@@ -85,5 +98,67 @@ def test_a_member_that_ray_does_not_start_any_more_is_created_again(tmp_path: Pa
             await asyncio.gather(*steward._hearing.values())
             assert steward._known[name].beat.boot == cluster.boots[name]
         assert len(cluster.created) == 2 * len(every)
+
+    asyncio.run(scenario())
+
+
+def test_a_member_that_does_not_answer_is_not_ready(tmp_path: Path, cluster: Cluster) -> None:
+    write_recording(tmp_path / "recording.csv", 1, 3)
+    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+
+    async def ready(steward: Steward) -> dict[str, bool]:
+        await asyncio.gather(*(steward._hear(name) for name in ("shard-0", "shard-1")))
+        return {name: beat is not None and beat.ready for name, beat, _ in (await steward.status()).members}
+
+    async def scenario() -> None:
+        steward = Steward("campus", "steward")
+        steward._plan = Plan(1, load(path), shard_names(2))
+        await steward._look()
+        await asyncio.gather(*steward._hearing.values())
+        every = {GATEWAY: True, "reader": True, "shard-0": True, "shard-1": True}
+        assert await ready(steward) == every
+        cluster.members.discard("shard-1")
+        assert await ready(steward) == every | {"shard-1": False}
+        cluster.members.add("shard-1")
+        assert await ready(steward) == every
+        # Its machine is lost, and nobody has asked it since.
+        steward._nodes = {}
+        assert not any((await ready(steward)).values())
+
+    asyncio.run(scenario())
+
+
+def test_a_stop_leaves_no_member_that_is_being_created_meanwhile(tmp_path: Path, cluster: Cluster) -> None:
+    write_recording(tmp_path / "recording.csv", 1, 3)
+    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=4, pace=60.0, lease=5.0, cpus=1.0)
+    cluster.slow = 0.1
+
+    async def scenario() -> None:
+        steward = Steward("campus", "steward")
+        await steward.wake()
+        await steward.run(load(path))
+        while "shard-0" not in cluster.members:
+            await asyncio.sleep(0.01)
+        await steward.stop()
+        assert cluster.plan is None
+        # What is on its way still is.
+        await asyncio.sleep(10 * cluster.slow)
+        assert cluster.members == {"steward"}
+
+    asyncio.run(scenario())
+
+
+def test_a_steward_that_is_lost_while_it_stops_leaves_the_plan_to_the_next(tmp_path: Path, cluster: Cluster) -> None:
+    write_recording(tmp_path / "recording.csv", 1, 3)
+    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+
+    async def scenario() -> None:
+        steward = Steward("campus", "steward")
+        await steward.run(load(path))
+        await steward._look()
+        await steward.stop()
+        assert cluster.members == {"steward"}
+        assert cluster.planless == [], "the next steward would not know what to stop"
+        assert cluster.plan is None
 
     asyncio.run(scenario())
