@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import secrets
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from estimator.arrays import Array
@@ -12,9 +15,10 @@ from estimator.types import ParameterSummary
 from service.config.fitting import measured_outputs, surroundings
 from service.config.site import Config, ZoneConfig
 from service.daemon.zone_table import Zones
+from service.errors import ServiceError
 from service.fleet.messages import News, ZoneNews
 from service.fleet.peers import Peer
-from service.records.asker import current_asker
+from service.records.asker import Asker, current_asker
 from service.records.fan import Fan
 from service.records.history import HistoryRow
 from service.records.model import CompactFan, ZoneModel
@@ -27,6 +31,9 @@ from service.records.update import Update
 
 ANSWER_SECONDS = 60.0
 """How long a question to a zone may take."""
+
+LOOK = 1.0
+"""How often it is looked whether the client still waits for its answer, s."""
 
 SILENT_SECONDS = 10.0
 """A shard that has not answered for so long is not believed any more to run its zones."""
@@ -142,12 +149,24 @@ class RemoteZone:
         return series
 
     async def _ask(self, method: str, *arguments: Any) -> Any:
-        asker = current_asker()
-        name = "" if asker is None else asker.name
-        return await self.shard.peer.ask("question", name, self.id, method, arguments, timeout=ANSWER_SECONDS)
+        asker, number, peer = current_asker() or Asker(), secrets.token_hex(8), self.shard.peer
+        watching = asyncio.create_task(_give_up(peer, asker, number))
+        try:
+            return await peer.ask("question", asker.name, number, self.id, method, arguments, timeout=ANSWER_SECONDS)
+        finally:
+            watching.cancel()
 
     def _unknown(self, state: str, reason: str) -> ZoneStatus:
         return ZoneStatus(state, reason, None, 0, 0, {}, {}, channels=self.network.channels)
+
+
+async def _give_up(peer: Peer, asker: Asker, number: str) -> None:
+    """Tell a shard once `asker`, on whose behalf it was asked the question `number`, waits for no answer any more."""
+    while not asker.gone.is_set():
+        await asyncio.sleep(LOOK)
+    # One that is away answers nothing either.
+    with suppress(ServiceError):
+        await peer.ask("give_up", number, timeout=ANSWER_SECONDS)
 
 
 class Mirror(Zones[RemoteZone]):

@@ -60,6 +60,8 @@ class Shard:
         self._version = 0
         self._work: _Work | None = None
         self._adopting = asyncio.Lock()
+        self._askers: dict[str, Asker] = {}
+        """On whose behalf each open question is answered."""
         self._waking: asyncio.Task[None] | None = None
         self._crashes = Crashes(site, name)
         for suspect in self._crashes.suspects:
@@ -151,15 +153,24 @@ class Shard:
         """What the zones have announced since."""
         return await self._working().herald.news(boot, since)
 
-    async def question(self, asker: str, zone: str, method: str, arguments: tuple[Any, ...]) -> Any:
-        """What `method` of a zone answers a client."""
+    async def question(self, asker: str, number: str, zone: str, method: str, arguments: tuple[Any, ...]) -> Any:
+        """What `method` of a zone answers a client. By its `number` the question can be given up."""
         zones = self._working().zones
         if zone not in zones:
             raise Away(f"zone '{zone}' is being moved; ask again in a moment")
-        asked_by(Asker(asker))
         # An update that went through another process is the same where its time is.
         own = [_own(zones[zone].latest(), each) if isinstance(each, Update) else each for each in arguments]
-        return await getattr(zones[zone], method)(*own)
+        self._askers[number] = client = Asker(asker)
+        asked_by(client)
+        try:
+            return await getattr(zones[zone], method)(*own)
+        finally:
+            del self._askers[number]
+
+    async def give_up(self, number: str) -> None:
+        """The client of a question has gone."""
+        if (client := self._askers.get(number)) is not None:
+            client.gone.set()
 
     async def metrics(self) -> list[Metric]:
         """Every metric of the shard as it is now."""

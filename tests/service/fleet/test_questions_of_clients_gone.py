@@ -1,0 +1,79 @@
+"""A shard computes nothing for a client of a gateway that has gone."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
+
+from service.errors import ServiceError
+from service.fleet.gateways import views as views_module
+from service.fleet.gateways.views import RemoteZone, ShardView
+from service.fleet.shards import shard as module
+from service.fleet.shards.shard import Shard
+from service.records.asker import Asker, asked_by
+from service.zone.questions import THREADS, Questions
+
+
+class Pondering:
+    """A zone whose forecasts take for ever, unless nobody waits for them."""
+
+    def __init__(self, questions: Questions) -> None:
+        self._questions = questions
+        self.at_work = threading.Event()
+
+    async def skill(self) -> Any:
+        def computed(given_up: Any) -> None:
+            self.at_work.set()
+            while not given_up():
+                pass
+            raise ServiceError("the question was given up")
+
+        return await self._questions.ask(computed)
+
+
+class Direct:
+    """The shard as the gateway asks it."""
+
+    def __init__(self, shard: Shard) -> None:
+        self._shard, self.name = shard, "shard-0"
+
+    async def ask(self, method: str, *arguments: Any, timeout: float | None = None) -> Any:
+        # In Ray it is another process, which knows nothing of the asker here.
+        asked_by(Asker())
+        async with asyncio.timeout(5):
+            return await getattr(self._shard, method)(*arguments)
+
+
+def test_a_question_is_given_up_with_its_client(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
+    monkeypatch.setattr(module, "Crashes", lambda site, name: SimpleNamespace(suspects=()))
+    monkeypatch.setattr(views_module, "LOOK", 0.05)
+    stopping = threading.Event()
+
+    async def scenario() -> None:
+        shard: Any = Shard("campus", "shard-0")
+        room = Pondering(Questions(pool, stopping))
+        shard._work = SimpleNamespace(zones={"room": room})
+        peer: Any = Direct(shard)
+        zone: Any = SimpleNamespace(id="room", shard=ShardView(peer))
+        client = Asker("key heat")
+        asked_by(client)
+        asking = asyncio.create_task(RemoteZone._ask(zone, "skill"))
+        assert await asyncio.to_thread(room.at_work.wait, 5)
+        client.gone.set()
+        with pytest.raises(ServiceError, match="given up"):
+            await asking
+        assert shard._askers == {}
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        try:
+            asyncio.run(scenario())
+        finally:
+            stopping.set()
