@@ -48,6 +48,8 @@ LOOKED_AT = 40
 ASKED_AT_ONCE = 8
 POST_SECONDS = 0.5
 PATIENCE = 200.0
+"""s after which something that should come about is given up. With 2,000 rooms on two cores the longest took 71 s,
+nearly all of it processor time: the less of that the fleet gets beside other work, the more patience it wants."""
 LEARNED = ("forecast?horizon=3h", "parameters")
 
 Row = dict[str, Any]
@@ -114,9 +116,18 @@ class Loop:
     """One run in `folder`."""
 
     def __init__(
-        self, folder: Path, kills: int, zones: int, shards: int, seed: int, pace: float, seconds: float
+        self,
+        folder: Path,
+        kills: int,
+        zones: int,
+        shards: int,
+        seed: int,
+        pace: float,
+        seconds: float,
+        patience: float = PATIENCE,
     ) -> None:
-        """`seconds` after which nothing more is killed."""
+        """`seconds` after which nothing more is killed; `patience`: s that the fleet has for each step."""
+        self._patience = patience
         self._folder, self._kills, self._random, self._seconds = folder, kills, random.Random(seed), seconds
         self._rooms, self._shards, self._pace = rooms(zones), shards, pace
         self._looked_at = self._rooms[:: max(1, zones // LOOKED_AT)]
@@ -150,11 +161,15 @@ class Loop:
                 for _ in range(MACHINES - 1):
                     cluster.add()
                 with Fleet(self._config, cluster.address, self._folder / "fleet.log") as fleet:
-                    return self._disturb(cluster, fleet, began)
+                    try:
+                        return self._disturb(cluster, fleet, began)
+                    except AssertionError:
+                        self._explain(cluster, fleet)
+                        raise
 
     def _disturb(self, cluster: Cluster, fleet: Fleet, began: float) -> Report:
-        until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet", PATIENCE)
-        first = PATIENCE + 5 * PERIOD / self._pace
+        until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet", self._patience)
+        first = self._patience + 5 * PERIOD / self._pace
         until(lambda: min(self._samples().values(), default=0) > 3, "samples of every room", first)
         stopping, out = multiprocessing.Event(), self._folder / "ledger.jsonl"
         arguments = (self._urls, self._key, self._looked_at, out, stopping)
@@ -175,7 +190,7 @@ class Loop:
         text = self._config.read_text(encoding="utf-8")
         self._config.write_text(text.replace(f"pace = {self._pace}", 'pace = "max"'), encoding="utf-8")
         fleet.process.send_signal(signal.SIGHUP)
-        until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 6 * PATIENCE)
+        until(lambda: self._look(fleet) and self._has_ended(), "the end of the recording", 6 * self._patience)
         stopping.set()
         ledger.join()
         return self._compared(out, began)
@@ -202,9 +217,9 @@ class Loop:
             return bool(now) and all(now.get(room, 0) > before.get(room, 0) + 1 for room in self._rooms)
 
         silent = set(self._looked_at)
-        until(lambda: self._look(fleet) and self._all_forecast(silent), "every room to forecast", PATIENCE)
+        until(lambda: self._look(fleet) and self._all_forecast(silent), "every room to forecast", self._patience)
         self._answered.append(time.monotonic() - at)
-        until(goes_on, "every room to go on", PATIENCE)
+        until(goes_on, "every room to go on", self._patience)
         self._recovery.append(time.monotonic() - at)
         if what == "machine frozen":
             machine.thaw()
@@ -213,12 +228,13 @@ class Loop:
             cluster.kill(machine)
         while len(cluster.others) < MACHINES - 1:
             cluster.add()
-        try:
-            until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet to be whole", PATIENCE)
-        except AssertionError:
-            print(f"after '{what}': {json.dumps(fleet.status())}\n{fleet.log()[-3000:]}", flush=True)
-            raise
+        until(lambda: self._look(fleet) and self._is_whole(fleet), "the fleet to be whole", self._patience)
         return what
+
+    def _explain(self, cluster: Cluster, fleet: Fleet) -> None:
+        """Show what is left when a wait was in vain: it is gone with the cluster."""
+        print(f"after {dict(self._done)}, load {os.getloadavg()}: {json.dumps(fleet.status())}")
+        print(f"{fleet.log()[-3000:]}\n{cluster.log()}", flush=True)
 
     def _look(self, fleet: Fleet) -> bool:
         """Write down where the gateways are; whether there are any."""
@@ -328,6 +344,9 @@ def main() -> int:
     parser.add_argument("--shards", type=int, default=4)
     parser.add_argument("--pace", type=float, default=600.0, help="multiple of real time")
     parser.add_argument("--minutes", type=float, default=math.inf, help="after which nothing more is killed")
+    parser.add_argument(
+        "--patience", type=float, default=PATIENCE, help="s that the fleet has for each step; more on a busy machine"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="write the report here as JSON")
     arguments = parser.parse_args()
@@ -340,6 +359,7 @@ def main() -> int:
             arguments.seed,
             arguments.pace,
             60 * arguments.minutes,
+            arguments.patience,
         ).run()
     if arguments.out is not None:
         arguments.out.parent.mkdir(parents=True, exist_ok=True)

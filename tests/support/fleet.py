@@ -160,6 +160,11 @@ class Cluster:
         self.others.remove(machine)
         machine.kill()
 
+    def log(self) -> str:
+        """What the members have logged last, each process by its file."""
+        files = sorted(self.folder.glob("ray/session_latest/logs/worker-*.err"), key=lambda file: file.stat().st_mtime)
+        return "\n".join(f"{file.name}:\n{file.read_text(errors='replace')[-1500:]}" for file in files)
+
     def _machine(self, *options: str) -> Machine:
         """A machine that has started. Ray does not bear two that start at once on one machine, nor always one that
         starts beside a busy one; as a service it would be started again."""
