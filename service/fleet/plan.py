@@ -62,7 +62,9 @@ class Plan(NamedTuple):
             self.shards if shards is None else tuple(shards),
             self.quarantined if quarantined is None else quarantined,
         )
-        return after._replace(moving=moved(self.owners(), after.owners()))
+        owner = after.owners()
+        # A zone that was on its way may not have left the shard from which it came.
+        return after._replace(moving=moved(self.owners(), owner) | (self.moving & owner.keys()))
 
     def settled(self) -> Plan:
         """The plan once no shard has the zones any more that were to move."""

@@ -138,11 +138,14 @@ class Steward:
                 each.set_result(done)
 
     async def rebalance(self, shards: int) -> str:
-        """Spread the zones over so many shards; how many zones move. Raises ReloadRefused while the fleet starts."""
+        """Spread the zones over so many shards; how many zones move. Raises ReloadRefused while the fleet starts.
+
+        Also while zones move: the machines may not have the processors for the shards that are waited for.
+        """
         async with self._changing:
             before = self._plan
-            if before is None or before.moving:
-                raise ReloadRefused(["the fleet is starting, or zones are moving already; try again in a moment"])
+            if before is None:
+                raise ReloadRefused(["the fleet is starting; try again in a moment"])
             after = before.followed_by(shards=shard_names(shards))
             await self._go_by(after)
             return f"{len(after.moving)} of {len(after.config.zones)} zones move; {shards} shards"
@@ -211,17 +214,7 @@ class Steward:
             # One that does not answer must not keep the others waiting.
             if name not in self._hearing:
                 self._hearing[name] = asyncio.create_task(self._hear(name))
-        for name in present - {*names, STEWARD}:
-            _log.info("%s is not wanted any more", name)
-            if name.startswith(_GATEWAY):
-                # Its machine is lost.
-                await asyncio.to_thread(peers.remove, self._site, name)
-            else:
-                await self._stopped(name)
-            if name in self._hearing:
-                self._hearing.pop(name).cancel()
-            self._known.pop(name, None)
-            self._silent.pop(name, None)
+        await asyncio.gather(*(self._dismissed(name) for name in present - {*names, STEWARD}))
         await self._end_the_hung(plan)
         await self._tell(plan)
         async with self._changing:
@@ -232,6 +225,19 @@ class Steward:
             elif plan is self._plan and plan.moving and self._has_adopted(plan, (READER, *plan.all_shards)):
                 _log.info("%d zones have left their shards and go to others", len(plan.moving))
                 await self._go_by(plan.settled())
+
+    async def _dismissed(self, name: str) -> None:
+        """End a member that is not wanted any more."""
+        _log.info("%s is not wanted any more", name)
+        if name.startswith(_GATEWAY):
+            # Its machine is lost.
+            await asyncio.to_thread(peers.remove, self._site, name)
+        else:
+            await self._stopped(name)
+        if name in self._hearing:
+            self._hearing.pop(name).cancel()
+        self._known.pop(name, None)
+        self._silent.pop(name, None)
 
     def _poisoned(self, plan: Plan) -> dict[str, str]:
         """Zones that brought down the process they are in, and how."""

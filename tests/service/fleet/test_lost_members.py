@@ -37,6 +37,8 @@ class Cluster:
         self.plan: Plan | None = None
         self.planless: list[str] = []
         """Members that were asked to stop when no plan was kept any more."""
+        self.processors = 99
+        """How many shards have room."""
 
     def create(self, role: str, site: str, name: str, cpus: float = 0.0, node: str | None = None) -> None:
         time.sleep(self.slow)
@@ -57,8 +59,12 @@ class Asked:
     async def ask(self, method: str, *arguments: Any, timeout: float | None = None) -> Any:
         if self.name not in self._cluster.members:
             raise Away(f"{self.name} cannot be reached now")
+        if self.name.startswith("shard-") and int(self.name.partition("-")[2]) >= self._cluster.processors:
+            raise Away(f"{self.name} waits for a processor")
         if method == "beat":
-            return Beat(self.name, self._cluster.boots[self.name], NODE, 4321, 1, ready=True)
+            plan = self._cluster.plan
+            version = 1 if plan is None else plan.version
+            return Beat(self.name, self._cluster.boots[self.name], NODE, 4321, version, ready=True)
         if method == "stop" and self._cluster.plan is None:
             self._cluster.planless.append(self.name)
         return None
@@ -162,3 +168,42 @@ def test_a_steward_that_is_lost_while_it_stops_leaves_the_plan_to_the_next(tmp_p
         assert cluster.plan is None
 
     asyncio.run(scenario())
+
+
+def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path: Path, cluster: Cluster) -> None:
+    write_recording(tmp_path / "recording.csv", 12, 3)
+    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=12, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+    cluster.processors = 2
+
+    async def look(steward: Steward) -> None:
+        for _ in range(3):
+            await steward._look()
+            await asyncio.gather(*steward._hearing.values())
+
+    async def scenario() -> None:
+        steward = Steward("campus", "steward")
+        await steward.run(load(path))
+        await look(steward)
+        await steward.rebalance(4)
+        await look(steward)
+        on_their_way = (await steward.status()).moving
+        assert on_their_way > 0, "two shards cannot start"
+        await steward.rebalance(2)
+        assert (await steward.status()).moving >= on_their_way
+        await look(steward)
+        status = await steward.status()
+        assert status.moving == 0
+        assert {name for name, _, _ in status.members} == {GATEWAY, "reader", "shard-0", "shard-1"}
+        assert cluster.members == {"steward", GATEWAY, "reader", "shard-0", "shard-1"}
+
+    asyncio.run(scenario())
+
+
+def test_a_zone_on_its_way_stays_so_when_another_plan_follows(tmp_path: Path) -> None:
+    write_recording(tmp_path / "recording.csv", 12, 3)
+    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=12, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+    moving = Plan(1, load(path), shard_names(2)).followed_by(shards=shard_names(3))
+    assert moving.moving
+    # As at a reload that changes nothing of where they go.
+    assert moving.followed_by().moving == moving.moving
+    assert moving.followed_by().settled().moving == frozenset()
