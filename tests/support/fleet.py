@@ -163,7 +163,12 @@ class Cluster:
     def log(self) -> str:
         """What the members have logged last, each process by its file."""
         files = sorted(self.folder.glob("ray/session_latest/logs/worker-*.err"), key=lambda file: file.stat().st_mtime)
-        return "\n".join(f"{file.name}:\n{file.read_text(errors='replace')[-1500:]}" for file in files)
+        said = []
+        for file in files:
+            # The other lines are those of Ray, for every task.
+            lines = [line for line in file.read_text(errors="replace").splitlines() if not line.startswith(":")]
+            said += [file.name, *lines[-20:]] if lines else []
+        return "\n".join(said)
 
     def _machine(self, *options: str) -> Machine:
         """A machine that has started. Ray does not bear two that start at once on one machine, nor always one that
