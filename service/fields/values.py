@@ -20,7 +20,8 @@ from service.fields.numbers import is_level, number_in, whole_in
 from service.fields.sizes import format_size, parse_size
 from service.fields.words import shown
 
-_IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+IDENTIFIER = r"[a-z0-9][a-z0-9_-]{0,63}"
+"""What a site, source or zone id is made of, as a regular expression."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _ENDPOINT = re.compile(r"(?:tcp|tls|quic|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>[0-9]{1,5})")
 _SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 1200, 1800, 3600, 7200)
@@ -95,7 +96,7 @@ def identifier(value: object) -> str:
     """A site, source or zone id: it becomes part of file names and key expressions."""
     if not isinstance(value, str):
         raise ValueError(f'must be a text in quotes, such as "living-1", not {shown(value)}')
-    if not _IDENTIFIER.fullmatch(value):
+    if not re.fullmatch(IDENTIFIER, value):
         raise ValueError(
             f"{shown(value)} cannot be an id; use lower-case letters, digits, - and _, beginning with a letter or "
             'digit, at most 64 characters, such as "living-1"'

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from service.errors import BackupError, CheckpointError
+from service.fields.values import IDENTIFIER
 from service.store.checkpoint import DAMAGE, CheckpointStore, decode
 from service.store.durable_files import make_folder, sync_folder
 from service.store.journal_file import SCHEMA_VERSION
@@ -34,8 +35,7 @@ from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, 
 FORMAT_VERSION = 2
 """Since 2 the kept configuration is in a backup, where there is one."""
 _MANIFEST = "manifest.json"
-_ZONE = r"[a-z0-9][a-z0-9_-]{0,63}"
-_NAMES = re.compile(rf"{re.escape(JOURNAL)}|{re.escape(CONFIGURATION)}|{CHECKPOINTS}/{_ZONE}/\d+\.npz")
+_NAMES = re.compile(rf"{re.escape(JOURNAL)}|{re.escape(CONFIGURATION)}|{CHECKPOINTS}/{IDENTIFIER}/\d+\.npz")
 _UNPACKING = f"{RESTORING}.tmp"
 _ATTEMPTS = 3
 _BLOCK = 2**20
@@ -196,7 +196,7 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
 def _zone_folders(checkpoints: Path) -> list[Path]:
     """The folders of zones among `checkpoints`; what else somebody has put there is no state."""
     folders = sorted(checkpoints.iterdir()) if checkpoints.is_dir() else []
-    return [folder for folder in folders if re.fullmatch(_ZONE, folder.name)]
+    return [folder for folder in folders if re.fullmatch(IDENTIFIER, folder.name)]
 
 
 def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Tick) -> None:
