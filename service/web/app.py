@@ -92,11 +92,8 @@ def create_app(
     app.include_router(overview_routes(site, time_zone, zones, changes, Outlooks(zones, changes.note)))
     app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
     api_pages.install(app)
-    # Before anybody is served: FastAPI builds a route at its first request, and cannot write the document meanwhile.
-    document = _written(app)
-    app.openapi = lambda: document  # type: ignore[method-assign]
-    asset = Asset(lambda: json.dumps(document).encode(), "application/json")
-    app.add_route("/openapi.json", asset.answer, include_in_schema=False)
+    document = Asset(lambda: json.dumps(_written(app)).encode(), "application/json")
+    app.add_route("/openapi.json", document.answer, include_in_schema=False)
     return app
 
 
@@ -108,7 +105,6 @@ def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
     api_problems.install(app)
     app.include_router(zone_routes(site, zones))
     app.include_router(control_routes(site, zones))
-    app.openapi()
     return app
 
 

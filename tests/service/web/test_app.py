@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
+import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from support.http_client import get, problem, request
 from service.publish.metrics import Metrics
 from service.publish.sinks import TOPICS
 from service.web.app import create_app, create_questions
+from service.web.server.in_process import ask
 
 STATIC = Path(__file__).parents[3] / "service" / "web" / "static"
 
@@ -152,14 +155,37 @@ def references(node: Any) -> set[str]:
     return set().union(*(references(value) for value in node)) if isinstance(node, list) else set()
 
 
-def test_the_openapi_document_is_there_before_anybody_asks(
-    zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    apps = create_app("htwg", zones, Metrics(zones).registry), create_questions("htwg", zones)
+def test_a_start_writes_no_openapi_document(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fastapi.applications.get_openapi", None)
     monkeypatch.setattr("service.web.app.get_openapi", None)
-    for fresh in apps:
-        assert fresh.openapi() is fresh.openapi()
+    create_questions("htwg", zones)
+    fresh = create_app("htwg", zones, Metrics(zones).registry)
+    assert get(fresh, "/zones").status_code == 200
+    assert "'colour' is not known" in problem(get(fresh, "/zones/living?colour=red"), 422)["detail"]
+
+
+def test_the_openapi_document_is_written_while_the_first_clients_ask(zones: dict[str, FakeZone]) -> None:
+    paths = ("/openapi.json", "/zones", "/zones/living/forecast", "/openapi.json", "/zones/living/history", "/healthz")
+
+    async def first_minute() -> list[int]:
+        fresh = create_app("htwg", zones, Metrics(zones).registry)
+        asked = (ask(fresh, "GET", path, headers=[(b"host", b"localhost")]) for path in paths)
+        return [answer.status for answer in await asyncio.gather(*asked)]
+
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        assert [asyncio.run(first_minute()) for _ in range(5)] == [[200] * len(paths)] * 5
+    finally:
+        sys.setswitchinterval(usual)
+
+
+def test_every_described_route_refuses_a_parameter_that_it_does_not_have(app: FastAPI) -> None:
+    for path, operations in get(app, "/openapi.json").json()["paths"].items():
+        for method in operations:
+            answer = request(app, method.upper(), f"{path.replace('{zone}', 'living')}?colour=red", json={})
+            if answer.status_code != 401:
+                assert "query parameter 'colour' is not known" in problem(answer, 422)["detail"], f"{method} {path}"
 
 
 def test_the_openapi_document_is_complete(app: FastAPI) -> None:
