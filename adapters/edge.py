@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from math import inf, isfinite, nan
+from time import monotonic
 
 from adapters.reading import Fault, Quality, Reading
 from adapters.units import IDENTITY, Affine
@@ -104,3 +106,44 @@ class Converter:
     def _believed(self, time: float, value: float, quality: Quality) -> Reading:
         fault = self._edge.fault(value)
         return Reading(self._channel, time, value, quality) if fault is None else self.bad(time, fault)
+
+
+class StuckWatch:
+    """Watches the raw value of one channel: one that has not changed for `after` s is uncertain, for twice as long bad.
+
+    A sensor that works shows its own noise in the last digit; one whose raw value stays the same to the bit for hours
+    has frozen, or its bus has.
+    """
+
+    def __init__(self, after: float | None) -> None:
+        """`after` None: nothing is ever stuck."""
+        self._after = after
+        self._since: float | None = None
+        self._raw: Hashable = None
+
+    def quality(self, time: float, raw: Hashable) -> Quality:
+        """How far `raw`, seen at `time` (s on a clock that is never set), can be believed."""
+        if self._since is None or raw != self._raw:
+            self._since, self._raw = time, raw
+        if self._after is None or time - self._since < self._after:
+            return Quality.GOOD
+        return Quality.UNCERTAIN if time - self._since < 2 * self._after else Quality.BAD
+
+
+class LiveConverter(Converter):
+    """A converter of live telemetry, which it does not believe where the sensor is stuck."""
+
+    def __init__(self, channel: str, edge: Edge, longest_stretch: float, stuck_after: float | None) -> None:
+        """`longest_stretch`: no power is made of counts that lie further apart, in s. `stuck_after`: as of a
+        StuckWatch."""
+        super().__init__(channel, edge, dated_at_start=False, longest_stretch=longest_stretch)
+        self._stuck = StuckWatch(stuck_after)
+
+    def reading(
+        self, time: float, raw: float, quality: Quality = Quality.GOOD, sent: Hashable = None
+    ) -> Reading | None:
+        """The reading that `raw` brings, of which `sent` is what was sent; None for the first one of a counter."""
+        moving = self._stuck.quality(monotonic(), raw if sent is None else sent)
+        if moving is Quality.BAD:
+            return self.bad(time, Fault.STUCK)
+        return super().reading(time, raw, Quality.UNCERTAIN if Quality.UNCERTAIN in (moving, quality) else quality)

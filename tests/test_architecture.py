@@ -35,7 +35,7 @@ LEVELS = {
         {"bacnet", "csv", "http", "modbus", "mqtt", "zenoh"},
         {"messages"},
         {"payload"},
-        {"edge", "stuck", "rhythm"},
+        {"edge", "rhythm"},
         {"reading", "units", "timestamps", "credentials", "scanning"},
         {"errors", "cancelling"},
     ),

@@ -10,9 +10,8 @@ from typing import NamedTuple
 from adapters.bacnet.objects import ObjectId
 from adapters.bacnet.units import NO_UNITS, differs, unit_of
 from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number
-from adapters.edge import PLAIN, Converter, Edge
+from adapters.edge import PLAIN, Edge, LiveConverter
 from adapters.reading import Fault, Probe, Quality, Reading
-from adapters.stuck import StuckWatch
 
 
 @dataclass(frozen=True)
@@ -87,8 +86,7 @@ class _Watched:
 
     def __init__(self, channel: BacnetChannel, longest_stretch: float) -> None:
         self.channel = channel
-        self.converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
-        self.stuck = StuckWatch(channel.stuck_after)
+        self.converter = LiveConverter(channel.id, channel.edge, longest_stretch, channel.stuck_after)
 
 
 class Channels:
@@ -147,11 +145,7 @@ def _reading(watched: _Watched, seen: Seen, when: float) -> Reading | None:
     verdict = judged(watched.channel, seen)
     if verdict.fault is not None or verdict.raw is None:
         return watched.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
-    moving = watched.stuck.quality(time.monotonic(), seen.value)
-    if moving is Quality.BAD:
-        return watched.converter.bad(when, Fault.STUCK)
-    doubtful = Quality.UNCERTAIN in (moving, verdict.quality)
-    return watched.converter.reading(when, verdict.raw, Quality.UNCERTAIN if doubtful else Quality.GOOD)
+    return watched.converter.reading(when, verdict.raw, verdict.quality, seen.value)
 
 
 def probed(channel: BacnetChannel, seen: Seen, when: float, hints: Sequence[str] = ()) -> Probe:

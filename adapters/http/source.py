@@ -9,10 +9,9 @@ from copy import copy
 from math import inf
 from typing import NamedTuple
 
-from adapters.edge import PLAIN, Converter, Edge
+from adapters.edge import PLAIN, Edge, LiveConverter
 from adapters.http.posted import NO_TAGS, Posted
 from adapters.reading import Batch, Fault, Probe, Quality, Reading
-from adapters.stuck import StuckWatch
 from adapters.timestamps import EARLIEST
 
 _UNHEARD = "this source is posted to, and only the running daemon hears that; look at last_good in GET /zones/{zone}"
@@ -150,8 +149,7 @@ class _Watched:
 
     def __init__(self, channel: HttpChannel, longest_stretch: float) -> None:
         self.channel = channel
-        self._converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
-        self._stuck = StuckWatch(channel.stuck_after)
+        self._converter = LiveConverter(channel.id, channel.edge, longest_stretch, channel.stuck_after)
         self._counted_until = -inf
 
     @property
@@ -181,11 +179,7 @@ class _Watched:
                 # Most probably posted a second time, which the zone knows.
                 return self._converter.bad(when, Fault.OUT_OF_ORDER)
             self._counted_until = when
-        moving = self._stuck.quality(time.monotonic(), posted.value)
-        if moving is Quality.BAD:
-            return self._converter.bad(when, Fault.STUCK)
-        doubtful = Quality.UNCERTAIN in (moving, posted.quality)
-        return self._converter.reading(when, posted.value, Quality.UNCERTAIN if doubtful else Quality.GOOD)
+        return self._converter.reading(when, posted.value, posted.quality)
 
     def _fault(self, posted: Posted) -> Fault | None:
         if isinstance(posted.value, Fault):
@@ -200,7 +194,7 @@ class _Count(NamedTuple):
     """The last count of a counter: its time, UTC s, and what makes power of the next one."""
 
     until: float
-    converter: Converter
+    converter: LiveConverter
 
 
 class _Counted(NamedTuple):

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
-from adapters.edge import PLAIN, Converter, Edge
+from adapters.edge import PLAIN, Edge, LiveConverter
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
-from adapters.stuck import StuckWatch
 from adapters.timestamps import EARLIEST
 
 TIMES = ("payload", "zenoh", "arrival")
@@ -76,8 +75,7 @@ class _Watched:
     def __init__(self, channel: MessageChannel, longest_stretch: float, noun: str) -> None:
         self.channel = channel
         self._noun = noun
-        self.converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=longest_stretch)
-        self.stuck = StuckWatch(channel.stuck_after)
+        self.converter = LiveConverter(channel.id, channel.edge, longest_stretch, channel.stuck_after)
         self.newest = float("-inf")
         """Time of the newest value so far, UTC s."""
         self.known_until = float("-inf")
@@ -167,17 +165,9 @@ class Channels:
                 else:
                     # A time that would be refused by now comes from a clock that has been set back since.
                     watched.newest = when if watched.newest > latest else max(watched.newest, when)
-                reading = _reading(watched, when, entry)
+                reading = watched.converter.reading(when, entry.raw, entry.quality)
                 if reading is not None:
                     yield reading
-
-
-def _reading(watched: _Watched, when: float, decoded: Decoded) -> Reading | None:
-    moving = watched.stuck.quality(time.monotonic(), decoded.raw)
-    if moving is Quality.BAD:
-        return watched.converter.bad(when, Fault.STUCK)
-    doubtful = Quality.UNCERTAIN in (moving, decoded.quality)
-    return watched.converter.reading(when, decoded.raw, Quality.UNCERTAIN if doubtful else Quality.GOOD)
 
 
 def _entries(form: PayloadFormat, incoming: Incoming) -> list[Decoded | Rejected]:

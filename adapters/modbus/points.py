@@ -6,12 +6,11 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from adapters.edge import PLAIN, Converter, Edge
+from adapters.edge import PLAIN, Edge, LiveConverter
 from adapters.modbus.client import Answer
 from adapters.modbus.codec import Format, decode, is_available
 from adapters.modbus.plan import Point, Request
-from adapters.reading import Fault, Quality, Reading
-from adapters.stuck import StuckWatch
+from adapters.reading import Fault, Reading
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class ModbusChannel:
         return f"unit {self.unit} {self.table} {self.register}{bit}"
 
 
-_Watched = tuple[ModbusChannel, Converter, StuckWatch]
+_Watched = tuple[ModbusChannel, LiveConverter]
 
 
 class Channels:
@@ -63,9 +62,7 @@ class Channels:
             self._at.setdefault(channel.point, []).append(known.get(channel) or self._watched(channel))
 
     def _watched(self, channel: ModbusChannel) -> _Watched:
-        stretch = self._longest_stretch
-        converter = Converter(channel.id, channel.edge, dated_at_start=False, longest_stretch=stretch)
-        return channel, converter, StuckWatch(channel.stuck_after)
+        return channel, LiveConverter(channel.id, channel.edge, self._longest_stretch, channel.stuck_after)
 
     @property
     def points(self) -> list[Point]:
@@ -74,29 +71,24 @@ class Channels:
 
     def names(self, point: Point) -> str:
         """The channels at a point and where that is, for the log."""
-        return f"{', '.join(channel.id for channel, _, _ in self._at[point])} ({self._at[point][0][0].place})"
+        return f"{', '.join(channel.id for channel, _ in self._at[point])} ({self._at[point][0][0].place})"
 
     def readings(self, request: Request, answer: Answer) -> Iterator[Reading]:
         """The readings that the answer to `request` brings."""
         for point in request.points:
             begin = point.address - request.address
             words = answer.words[begin : begin + point.size]
-            for channel, converter, watch in self._at[point]:
-                reading = _reading(channel, converter, watch, words, answer.time)
+            for channel, converter in self._at[point]:
+                reading = _reading(channel, converter, words, answer.time)
                 if reading is not None:
                     yield reading
 
     def refused(self, point: Point) -> list[Reading]:
         """Bad readings of the channels at `point`, which the device does not give away."""
-        return [converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for _, converter, _ in self._at[point]]
+        return [converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for _, converter in self._at[point]]
 
 
-def _reading(
-    channel: ModbusChannel, converter: Converter, watch: StuckWatch, words: Sequence[int], when: float
-) -> Reading | None:
+def _reading(channel: ModbusChannel, converter: LiveConverter, words: Sequence[int], when: float) -> Reading | None:
     if not is_available(words, channel.format):
         return converter.bad(when, Fault.NOT_AVAILABLE)
-    quality = watch.quality(time.monotonic(), tuple(words))
-    if quality is Quality.BAD:
-        return converter.bad(when, Fault.STUCK)
-    return converter.reading(when, decode(words, channel.format), quality)
+    return converter.reading(when, decode(words, channel.format), sent=tuple(words))

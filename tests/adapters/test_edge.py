@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from adapters.edge import Converter, Edge
+from adapters.edge import Converter, Edge, StuckWatch
 from adapters.reading import Fault, Quality
-from adapters.stuck import StuckWatch
 from adapters.units import conversion
 
 BELIEVABLE = (-1e6, 1e6)

@@ -145,7 +145,7 @@ def test_a_channel_that_stays_through_a_reload_remembers_its_counter() -> None:
 
 def test_a_value_that_does_not_move_is_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
-    monkeypatch.setattr("adapters.http.source.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("adapters.edge.monotonic", lambda: clock[0])
     stuck = source(ROOF._replace(stuck_after=10.0))
     qualities = []
     for seconds in (0.0, 9.0, 10.0, 20.0):
