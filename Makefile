@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream golden clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -60,10 +60,13 @@ load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 m
 	$(BIN)/python tests/integration/bacnet_load.py --seconds 600
 	$(BIN)/python tests/integration/bacnet_load.py --seconds 600 --polled
 
+golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as it now is; look at the difference before you commit it
+	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py
+
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the test against it
 
 bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
-	$(BIN)/python -m replay.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
+	$(BIN)/python -m replay.lab.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
 
 KILLS ?= 500
 
@@ -74,16 +77,16 @@ fleet-kill-loop: $(VENV)/.fleet  ## a fleet of 2,000 rooms whose machines are ki
 	$(BIN)/python tests/integration/fleet_kill_loop.py --out var/fleet-kill-loop.json $(FLEET_KILLS)
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
-	$(BIN)/python -m replay.measuring.fleet $(FLEET)
+	$(BIN)/python -m replay.lab.measuring.fleet $(FLEET)
 
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt
 
 overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
-	$(BIN)/python -m replay.measuring.overload
+	$(BIN)/python -m replay.lab.measuring.overload
 
 soak: $(VENV)/.bench  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
-	$(BIN)/python -m replay.measuring.soak --picture var/soak/soak.svg $(SOAK)
+	$(BIN)/python -m replay.lab.measuring.soak --picture var/soak/soak.svg $(SOAK)
 
 attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py

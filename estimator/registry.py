@@ -11,6 +11,7 @@ from estimator.bank.options import BankOptions, member_tables, resolver
 from estimator.blackbox import options as arx_options
 from estimator.blackbox.arx import ARX
 from estimator.blackbox.daily import Daily
+from estimator.blackbox.direct import Direct
 from estimator.errors import OptionsError
 from estimator.gaussian import options as gaussian_options
 from estimator.gaussian.ekf import EKF
@@ -32,6 +33,8 @@ class EstimatorKind(NamedTuple):
     """The estimator of a network at a period in s, from resolved options."""
     structural: tuple[str, ...] = ()
     """Options that decide what the arrays of a stored state mean; the others may change between two starts."""
+    terms: bool = False
+    """Whether it has a place for the terms of a network; one that has none is built for the network without them."""
 
 
 def _build_bank(network: Network, period: float, options: BankOptions) -> Estimator:
@@ -54,10 +57,12 @@ ESTIMATORS: dict[str, EstimatorKind] = {
         mkf_options.resolve,
         MKF,
         ("particles", "volatility_blocks", "alpha_min", "alpha_max", "histogram_bins", "volatility", "gain"),
+        terms=True,
     ),
-    "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank),
+    "bank": EstimatorKind(resolver(lambda *of: resolve(*of)), _build_bank, terms=True),
     "arx": EstimatorKind(arx_options.resolve, ARX, ("past_outputs", "past_inputs")),
     "daily": EstimatorKind(arx_options.resolve_daily, Daily, ("past_outputs", "past_inputs")),
+    "direct": EstimatorKind(arx_options.resolve_direct, Direct),
 }
 
 
@@ -69,7 +74,8 @@ def resolve(estimator: str, network: Network, period: float, given: Mapping[str,
 
 def construct(estimator: str, network: Network, period: float, options: Any) -> Estimator:
     """The estimator called `estimator` for `network` at `period` s, with options that `resolve` returned."""
-    return _kind(estimator).build(network, period, options)
+    kind = _kind(estimator)
+    return kind.build(network if kind.terms else network.without_terms(), period, options)
 
 
 def build(estimator: str, network: Network, period: float, given: Mapping[str, object]) -> Estimator:

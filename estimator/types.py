@@ -63,6 +63,12 @@ class Mixtures(NamedTuple):
         """The mixture of a single time."""
         return cls(*(rows[None] for rows in mixture))
 
+    def moments(self) -> tuple[Array, Array]:
+        """Means and standard deviations (L, n_y)."""
+        shares = (self.weights / self.weights.sum(axis=1, keepdims=True))[:, None]
+        means = (shares * self.means).sum(axis=2)
+        return means, np.sqrt((shares * (self.sds**2 + (self.means - means[..., None]) ** 2)).sum(axis=2))
+
     def during(self, times: slice) -> Mixtures:
         """Those of some of the times."""
         return Mixtures(*(rows[times] for rows in self))
@@ -163,6 +169,15 @@ class ParameterSummary(NamedTuple):
     """(n_x, n_levels) in seconds, fastest first."""
     heat_loss: Array
     """(n_levels,) in W/K, seen from the first measured node to all boundaries in steady state."""
+    coefficients: Array = np.empty((0, 0))
+    """(m, n_levels): coefficients of the network's terms, each in its own unit; no row where they are not learned."""
+
+    @classmethod
+    def unknown(cls, network: Network, levels: Array) -> ParameterSummary:
+        """Not a number throughout: that of a model without the parameters of a building."""
+        none = np.full(len(levels), np.nan)
+        parameters, constants = (np.tile(none, (len(of), 1)) for of in (network.parameters, network.nodes))
+        return cls(levels, parameters, constants, none)
 
 
 class ModelDraws(NamedTuple):
@@ -203,16 +218,25 @@ class ModelDraws(NamedTuple):
     point_is_fan: bool
     """Whether the model at `point`, started at `mean`, is the one whose simulation is the mean of the fan; otherwise
     the weighted mean over the draws is, within their sampling error."""
+    coefficients: Array = np.empty((0, 0))
+    """(m, K): coefficients of the terms of `network`; no row where it has none."""
 
 
 class Estimator(Protocol):
-    """An online estimator of one zone. Every method is pure: the states passed in are never changed."""
+    """An online estimator of one zone. Every method is pure: the states passed in are never changed.
+
+    The inputs of a step are a drive row of `network`: the n_u measured inputs, then the known f of each of its m terms
+    (`estimator.network.terms`). Most networks have no terms.
+    """
 
     network: Network
     period: float
     """Sampling period in s."""
     blocks: tuple[str, ...]
     """Names of the volatility blocks; none where the noise covariance is fixed."""
+
+    forecast_draws: int
+    """Draws that a forecast over several steps is made of at most."""
 
     physical: bool
     """Whether its parameters are those of a building."""
@@ -240,9 +264,6 @@ class Estimator(Protocol):
 
     def update(self, state: Any, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,); NaN marks a missing one."""
-
-    def forecast(self, state: Any, plan: Array) -> Iterator[Mixture]:
-        """The outputs at the state's time and then after each row of `plan` (h, n_u): h + 1 mixtures."""
 
     def parameters(self, state: Any, levels: Array) -> ParameterSummary:
         """Posterior quantiles of the parameters and of what follows from them."""

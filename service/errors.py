@@ -27,6 +27,18 @@ class ReloadRefused(ServiceError):
         self.problems = list(problems)
 
 
+class PlanError(ServiceError):
+    """What is planned of an input cannot be; the text goes on after the place of the input."""
+
+
+class RequestError(ServiceError):
+    """A request for forecasts that cannot be answered as it is. `problems` holds one sentence per mistake."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("; ".join(problems))
+        self.problems = list(problems)
+
+
 class TooManyQuestions(ServiceError):
     """More is to be computed than there is room for; asking again later helps."""
 
@@ -45,6 +57,10 @@ class Away(ServiceError):
 
 class NoModel(ServiceError):
     """The estimator of a zone has no physics, and so no state-space model and no sampled futures."""
+
+
+class NoLaw(ServiceError):
+    """Set-points are planned of a zone that does not know what its thermostat does with them."""
 
 
 class JournalError(ServiceError):

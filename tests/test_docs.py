@@ -11,13 +11,14 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 from pydantic import BaseModel
+from support import schemas
 from support.all_metrics import exposed
 from support.harness import EXAMPLES, Daemon, free_port
 
@@ -60,6 +61,10 @@ from service.publish import mqtt as publish_mqtt
 from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
 from service.publish.sinks import TOPICS
+from service.records import history as history_records
+from service.records import skill as skill_records
+from service.records import trust as trust_records
+from service.records.record import document_of
 from service.records.status import STATES
 from service.sources import (
     bacnet as bacnet_models,
@@ -68,6 +73,7 @@ from service.sources import (
     channel as source_models,
 )
 from service.sources import csv
+from service.sources import home_assistant as home_assistant_models
 from service.sources import (
     http as http_source_models,
 )
@@ -80,6 +86,7 @@ from service.sources import (
 from service.sources import (
     mqtt as mqtt_models,
 )
+from service.sources import series as series_models
 from service.sources import weather as weather_models
 from service.sources import (
     zenoh as zenoh_models,
@@ -87,6 +94,7 @@ from service.sources import (
 from service.store import backup, checkpoint
 from service.store.journal_file import SCHEMA_VERSION
 from service.web import models as api_models
+from service.web import planned
 from service.web import problems as api_problems
 from service.web.control import models as control_models
 from service.web.page import payloads as page_models
@@ -107,6 +115,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[zenoh]`": publish_zenoh.ZenohConfig,
     "`[fleet]`": fleet_models.FleetConfig,
     "Recorded files": csv.CsvConfig,
+    "History of Home Assistant": home_assistant_models.HomeAssistantConfig,
+    "Databases of time series": series_models.SeriesConfig,
     "BACnet/IP": bacnet_models.BacnetConfig,
     "Modbus": modbus_models.ModbusConfig,
     "`serial`": modbus_models.SerialConfig,
@@ -126,6 +136,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "`[[zones]]`": config_models.ZoneTable,
     "`[zones.channels]`": source_models.ChannelConfig,
     "Channels of recorded files": csv.CsvChannelConfig,
+    "Channels of the history of Home Assistant": home_assistant_models.HomeAssistantChannelConfig,
+    "Channels of databases of time series": series_models.SeriesChannelConfig,
     "Channels of BACnet/IP": bacnet_models.BacnetChannelConfig,
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
@@ -400,6 +412,13 @@ def test_every_option_of_arx_and_daily_is_documented_with_its_values() -> None:
     )
 
 
+def test_every_option_of_direct_is_documented_with_its_value() -> None:
+    values, meanings = tables(section("configuration.md", "Options of `direct`"))
+    known = {field.name for field in fields(arx_options.DirectOptions)}
+    assert set(first_names(meanings)) == set(first_names(values)) == known
+    assert_values_as_documented(values, [arx_options.DirectOptions()])
+
+
 def test_every_option_of_the_bank_is_documented_with_its_value() -> None:
     values, meanings = tables(section("configuration.md", "Options of `bank`"))
     known = {field.name for field in fields(bank_options.BankOptions)}
@@ -444,11 +463,16 @@ def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> Non
                 assert float(cell) == pytest.approx(value, rel=1e-4), name
 
 
-def model_of(mark: str) -> tuple[type[BaseModel], bool]:
-    """The model that a JSON example illustrates, and whether only what it adds to its base is shown."""
+RECORDS = (history_records, skill_records, trust_records)
+PAYLOADS = (*RECORDS, payloads, api_models, page_models, api_problems, control_models, planned)
+"""Where the models and records of the JSON examples are."""
+
+
+def model_of(mark: str) -> tuple[type, bool]:
+    """The model or record that a JSON example illustrates, and whether only what it adds to its base is shown."""
     match = re.fullmatch(r"model: (\w+)(, added fields)?", mark)
     assert match, f"a JSON example needs a comment <!-- model: Name -->, not {mark!r}"
-    for module in (payloads, api_models, page_models, api_problems, control_models):
+    for module in PAYLOADS:
         if hasattr(module, match[1]):
             return getattr(module, match[1]), match[2] is not None
     raise AssertionError(f"there is no payload {match[1]}")
@@ -483,18 +507,14 @@ def test_json_examples_have_the_fields_of_their_payloads(block: Block) -> None:
     if added:
         assert example.keys() == model.model_fields.keys() - payloads.ForecastPayload.model_fields.keys()
         for step in example["fan"]:
-            assert written(payloads.FanStepPayload, step) == step
-    elif model in (api_models.ForecastRequest, control_models.SiteForecastRequest):
+            schemas.check(step, payloads.FanStepPayload)
+    elif model in (planned.ForecastRequest, control_models.SiteForecastRequest):
         model.model_validate(example)
         assert example.keys() == model.model_fields.keys()
+    elif model is api_problems.Problem:
+        assert json.loads(model.model_validate(example).model_dump_json(exclude_none=True)) == example
     else:
-        assert written(model, example) == example, "every field is there, and none that the payload does not have"
-
-
-def written(model: type[BaseModel], example: object) -> object:
-    """`example`, read as a `model` and written again the way the daemon writes it."""
-    read = model.model_validate(example)
-    return json.loads(read.model_dump_json(by_alias=True, exclude_none=model is api_problems.Problem))
+        schemas.check(example, document_of(model, "zone" in example) if is_dataclass(model) else model)
 
 
 @pytest.fixture(scope="module")
@@ -505,7 +525,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]
     settings = {
         "site.state_dir": str(folder / "state"),
         "zones.0.estimator_options.particles": 200,
-        "sources.recording.pace": 3000,
+        "sources.recording.pace": 600,
         "zenoh.enabled": True,
         "zenoh.listen": [endpoint],
     }

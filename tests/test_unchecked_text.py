@@ -33,6 +33,8 @@ PARTS_OF_STATEMENTS = {
     "month.table": "one of the two tables that are cut into months",
     "month.name": "such a table with a year and a month",
     "until": "one of two columns that the function itself names",
+    "field": "of a question to InfluxDB, from the operator's own configuration: one that cannot end it or write",
+    "source": "likewise",
 }
 """What else than constants may stand in a statement, and why that is no danger."""
 

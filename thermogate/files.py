@@ -82,5 +82,8 @@ def _settings(meta: Mapping[str, Any]) -> Settings:
     network = _NETWORK.validate_json(json.dumps(meta["network"]))
     # Before the default changed, a model that was told no estimator was saved without one.
     given = {"estimator": FORMER_ESTIMATOR, **meta["settings"]}
+    # The network has the sun and the habits that it was saved with, or none.
+    if not network.terms:
+        given |= {"habits": False, "sun": False}
     settings = settings_of(network, given.pop("columns"), meta["tz"], given)
     return settings._replace(other_columns=tuple(meta["other_columns"]))

@@ -32,6 +32,12 @@ def fit(
     levels: Sequence[float] | None = None,
     max_gap: int | None = None,
     hold_inputs: str | float | timedelta | None = None,
+    habits: bool | None = None,
+    sun: str | bool | None = None,
+    floor_area: float | None = None,
+    latitude: float | None = None,
+    longitude: float | None = None,
+    country: str | None = None,
     progress: bool = True,
 ) -> Model:
     """Learn the thermal model of a zone from a table of measurements, as the daemon would have learned it online.
@@ -46,6 +52,11 @@ def fit(
             offset such as "UTC+02:00", or a tzinfo that has one of the two.
         period: the sampling period, such as "15min"; None takes the usual distance of the rows.
         estimator, estimator_options, levels, max_gap, hold_inputs: as in [[zones]]; None is the daemon's default.
+        habits: whether people heat the zone every day at the same hours; None: for the network "auto".
+        sun: "facades", which needs `latitude` and `longitude`, "hours", or False; None: as the network "auto" can.
+        floor_area: of the zone [m2], which scales what is thought of it before the first sample.
+        latitude, longitude: of the building, in degrees, north and east positive.
+        country: whose public holidays are as weekends, such as "DE" or "DE-BW".
         seed: of the random numbers; the same seed gives the same bits.
         progress: whether a fit of more than two seconds shows a progress bar.
 
@@ -64,6 +75,12 @@ def fit(
         "levels": [published] if isinstance(published, int | float) else published,
         "max_gap": plain(max_gap),
         "hold_inputs": duration(hold_inputs),
+        "habits": plain(habits),
+        "sun": plain(sun),
+        "floor_area": plain(floor_area),
+        "latitude": plain(latitude),
+        "longitude": plain(longitude),
+        "country": plain(country),
     }
     known = {name: value for name, value in given.items() if value is not None}
     settings = settings_of(resolved, tables, times.zone, known)

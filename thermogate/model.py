@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict, fields
 from datetime import timedelta
 from os import PathLike
 from pathlib import Path
@@ -18,16 +19,20 @@ from estimator.diagnosis.finding import Finding
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from estimator.verification.scores import gaussian_crps
-from service.errors import DataError
+from service.errors import DataError, NoModel
 from service.fields.durations import format_duration
 from service.fields.numbers import is_level, number_in, whole_in
 from service.fields.words import shown
+from service.forecast.engine import FanQuestion
+from service.forecast.request import detail
+from service.records.fan import Fan
 from service.records.skill import Skill
+from service.zone.foresight.outlook import NO_WEATHER
 from thermogate.arguments import items, plain
 from thermogate.files import write_model
 from thermogate.frames import Frame, moments, pandas, table
 from thermogate.learning import learn
-from thermogate.plans import plan_rows, steps_in
+from thermogate.plans import planned_inputs, steps_in
 from thermogate.session import ALPHA, BOUNDS, OUTCOMES, REGIMES, Session
 from thermogate.settings import Settings
 
@@ -93,42 +98,33 @@ class Model:
         measured temperatures every column is a pair (output, quantity).
         """
         checked = _checked_levels(levels)
-        _, rows = self._planned(plan, horizon)
-        fan = self._session.worker.fan(checked, rows)
-        assert fan is not None
-        columns: dict[Any, list[float]] = {}
-        for step in fan.steps:
-            for output in step.outputs:
-                quantities = {"mean": output.mean, "median": output.median, "sd": output.sd}
-                for interval in output.intervals:
-                    quantities[f"lower_{interval.level:g}"] = interval.lower
-                    quantities[f"upper_{interval.level:g}"] = interval.upper
-                for name, value in quantities.items():
-                    columns.setdefault(self._key(output.output, name), []).append(value)
-        return table(columns, self._moments([step.valid_time for step in fan.steps]))
+        fan = self._asked(plan, horizon, checked)
+        columns: dict[Any, Array] = {}
+        for output in fan.outputs:
+            quantities = {"mean": output.mean, "median": output.median, "sd": output.sd}
+            for level, lower, upper in zip(checked, output.lower, output.upper, strict=True):
+                quantities |= {f"lower_{level:g}": lower, f"upper_{level:g}": upper}
+            columns |= {self._key(output.output, name): values for name, values in quantities.items()}
+        return table(columns, self._steps(fan))
 
     def scenarios(self, plan: Any = None, horizon: str | float | timedelta = "24h", count: int = 100) -> Frame:
         """`count` equally likely futures [degC] of the measured temperatures, without measurement noise: one column per
-        future, and rows, plan and horizon as in `forecast`. DataError if the estimator samples none."""
-        worker = self._session.worker
-        estimator = worker.estimator
-        if not hasattr(estimator, "scenarios"):
-            raise DataError(
-                f'the estimator {self.estimator} samples no futures; fit with estimator="mkf" for scenarios'
-            )
+        future, and rows, plan and horizon as in `forecast`. DataError if the estimator knows no physics."""
         number = whole_in(plain(count), 1, 100_000)
         if number is None:
             raise DataError(f"count must be a whole number from 1 to 100000, not {shown(items(count))}")
-        standing, rows = self._planned(plan, horizon)
-        outlook = worker.foresight.outlook(standing.update.forecast, standing.day, len(rows)).under(rows)
-        paths = estimator.scenarios(standing.state, outlook.rows, number)
-        first, period = standing.update.forecast.valid_time, self._settings.zone.period
+        try:
+            fan = self._asked(plan, horizon, (), number)
+        except NoModel:
+            raise DataError(
+                f"the estimator {self.estimator} knows no physics and samples no futures; fit with another estimator"
+            ) from None
         columns = {
-            self._key(output, place): paths[place, :, i]
+            self._key(output, place): fan.paths[place, :, i]
             for i, output in enumerate(self.network.measured)
-            for place in range(len(paths))
+            for place in range(len(fan.paths))
         }
-        return table(columns, self._moments([first + step * period for step in range(len(rows) + 1)]))
+        return table(columns, self._steps(fan))
 
     def parameters(self, levels: Sequence[float] = QUANTILES) -> Frame:
         """Quantiles at `levels` of every parameter, its unit, the bounds of its prior, and whether it is learned."""
@@ -157,6 +153,16 @@ class Model:
         checked = _checked_levels(levels)
         values = self._summary(checked).heat_loss
         return pandas().Series(values, index=[f"q{level:g}" for level in checked], name="heat_loss")
+
+    def known_heat(self, levels: Sequence[float] = QUANTILES) -> Frame:
+        """Quantiles at `levels` of the coefficients of sun and habits, with node and unit: apertures [m2], what people
+        heat by the hour and what days off differ by [W]. No rows where the zone knows neither."""
+        checked = _checked_levels(levels)
+        found = self._summary(checked).coefficients
+        terms = self.network.terms[: len(found)]
+        columns: dict[str, Any] = _quantiles(checked, found.reshape(len(terms), len(checked)))
+        columns |= {"unit": [term.unit for term in terms], "node": [term.node for term in terms]}
+        return table(columns, pandas().Index([term.name for term in terms], name="term"))
 
     @property
     def predictions(self) -> Frame:
@@ -220,7 +226,7 @@ class Model:
         }
         return table(columns, self._moments(rows["time"]))
 
-    def skill(self, days: int = 30) -> Frame:
+    def skill(self, days: int = 30, as_issued: bool = False) -> Frame:
         """How good the model's forecasts were over the last 1, 7 or 30 `days`, horizon by horizon.
 
         Every forecast was made while the model learned, before the measurement that it is held to: one step ahead at
@@ -230,32 +236,37 @@ class Model:
         Columns: forecasts (their number), coverage and width [K] of the 95 % interval, crps and rmse [K], the rmse [K]
         of persistence (nothing changes) and of an online ARX model, and the skill against both, the share by which the
         model's rmse is smaller: 1 is perfect, 0 as good, below 0 worse.
+
+        With `as_issued`, the forecasts hours ahead as nobody knew the heating: under the inputs foreseen then. Beside
+        their scores stand rmse and crps of persistence and of the measurement a day before.
         """
         found, number = self._skill(), number_in(plain(days))
-        if number is None or number not in found.windows:
-            known = ", ".join(map(str, found.windows))
+        windows = [window.days for window in found.windows]
+        if number is None or number not in windows:
+            known = ", ".join(map(str, windows))
             raise DataError(f"days must be one of {known}, not {shown(items(days))}")
         period = self._settings.zone.period
         rows: dict[str, dict[str, float]] = {}
-        for one in found.windows[int(number)]:
-            against = {"skill_persistence": one.against_persistence, "skill_arx": one.against_arx}
-            rows[_horizon(one.lead, period)] = {**one._asdict(), **against}
+        for one in found.issued_over(int(number)) if as_issued else found.over(int(number)):
+            rows[_horizon(one.lead, period)] = asdict(one)
         index = pandas().Index(list(rows), name="horizon")
-        return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead")
+        shorter = {f"skill_against_{name}": f"skill_{name}" for name in ("persistence", "arx")}
+        return pandas().DataFrame(list(rows.values()), index=index).drop(columns="lead").rename(columns=shorter)
 
     @property
     def findings(self) -> Frame:
         """What the model does not know or what is not plausible about it, now: the name of each finding, its subject,
         and one sentence with the problem and the remedy."""
         found = self._session.worker.diagnosis().findings
-        return pandas().DataFrame([one._asdict() for one in found], columns=list(Finding._fields))
+        return pandas().DataFrame([asdict(one) for one in found], columns=[one.name for one in fields(Finding)])
 
     @property
     def weights(self) -> Frame:
         """What each member of a bank weighs, horizon by horizon; no rows for another estimator."""
         found, period = self._skill(), self._settings.zone.period
-        names = [_horizon(one.lead, period) for one in next(iter(found.windows.values()))]
-        return pandas().DataFrame.from_dict(dict(found.weights), orient="index", columns=names).rename_axis("member")
+        names = [_horizon(one.lead, period) for one in found.longest]
+        weights = {one.member: one.weights for one in found.members}
+        return pandas().DataFrame.from_dict(weights, orient="index", columns=names).rename_axis("member")
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model to one file, which `load` reads. It is NumPy's npz and holds no Python objects."""
@@ -293,16 +304,24 @@ class Model:
     def _settings(self) -> Settings:
         return self._session.settings
 
-    def _planned(self, plan: Any, horizon: str | float | timedelta) -> tuple[Any, list[dict[str, float]]]:
-        """What stands, and the planned inputs of every step; DataError where nothing stands."""
+    def _asked(self, plan: Any, horizon: str | float | timedelta, levels: Sequence[float], scenarios: int = 0) -> Fan:
+        """The forecast under `plan`; DataError where there is none."""
         worker = self._session.worker
-        if worker.standing is None or worker.progress.stalled:
+        if worker.unstalled is None:
             raise DataError(
                 f"there is no forecast: {worker.progress.stalled}; update the model with newer measurements"
             )
         steps = steps_in(horizon, self._settings.zone.period)
-        begin = worker.standing.update.forecast.valid_time
-        return worker.standing, plan_rows(plan, self._settings, begin, steps)
+        planned = planned_inputs(plan, self._settings, worker.unstalled.update.forecast.valid_time, steps)
+        question = FanQuestion(steps, planned, tuple(levels), scenarios, detail([steps + 1]))
+        fan = question(worker, NO_WEATHER, lambda: False)
+        assert fan is not None
+        return fan
+
+    def _steps(self, fan: Fan) -> Any:
+        """When the steps of `fan` are."""
+        first, period = fan.update.forecast.valid_time, self._settings.zone.period
+        return self._moments([first + step * period for step in range(len(fan.outputs[0].mean))])
 
     def _skill(self) -> Skill:
         found = self._session.worker.skill()

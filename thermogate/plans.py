@@ -1,4 +1,4 @@
-"""A plan, as people write it, as one row of inputs for every step of a forecast."""
+"""A plan, as people write it in a notebook, in the grammar of plans."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 
 from adapters.edge import PLAIN, Edge
 from estimator.arrays import Array
-from service.errors import DataError
+from service.config.fitting import limits_of
+from service.errors import DataError, PlanError
 from service.fields.durations import format_duration, parse_duration
 from service.fields.words import shown, suggestion
+from service.forecast.plan import Grid, Inputs, Timed, Values, check
 from service.sources.channel import edge_of
-from service.zone.aggregation import Span, aggregate
 from thermogate.arguments import duration, plain
 from thermogate.frames import clock, moments, numbers, pandas
 from thermogate.settings import Settings
@@ -37,22 +38,23 @@ def steps_in(horizon: object, period: float) -> int:
     return steps
 
 
-def plan_rows(plan: object, settings: Settings, begin: float, steps: int) -> list[dict[str, float]]:
-    """The planned inputs of `steps` steps, of which the first begins at `begin` UTC s, in the network's units.
-
-    A row names only what is planned. DataError with the place of what cannot be used.
-    """
-    rows: list[dict[str, float]] = [{} for _ in range(steps)]
-    for name, values in _planned(plan, settings).items():
+def planned_inputs(plan: object, settings: Settings, begin: float, steps: int) -> Inputs:
+    """What `plan` says of the inputs over `steps` steps from `begin`, UTC s, on, in the network's units. DataError with
+    the place of what cannot be used."""
+    found, grid = {}, Grid(begin, settings.zone.period, steps)
+    for name, given in _columns(plan, settings).items():
         for channel, edge in _meant(name, settings, plan):
-            series = _series(name, values, settings, channel, begin, steps)
-            for row, raw in zip(rows, series.tolist(), strict=True):
-                if not np.isnan(raw):
-                    row[channel] = _believed(name, edge, raw, channel, settings)
-    return rows
+            values = _in_unit(_values(name, given, settings, grid), edge)
+            limits = {channel: limits_of(settings.zone.channels[channel], settings.units[channel])}
+            try:
+                check(values, channel, settings.network, limits, grid)
+            except PlanError as error:
+                raise DataError(f"the plan's {shown(name)} {error}") from None
+            found[channel] = values
+    return found
 
 
-def _planned(plan: object, settings: Settings) -> dict[str, Any]:
+def _columns(plan: object, settings: Settings) -> dict[str, Any]:
     """The columns of a plan by name; those of a DataFrame that cannot be planned are left out."""
     if plan is None:
         return {}
@@ -101,65 +103,42 @@ def _meant(name: str, settings: Settings, plan: object) -> list[tuple[str, Edge]
     return found
 
 
-def _series(name: str, values: Any, settings: Settings, channel: str, begin: float, steps: int) -> Array:
-    """The planned values (steps,) of one column, in its own unit; NaN before the first."""
-    if isinstance(values, np.generic | np.ndarray) and values.ndim == 0:
-        values = plain(values)
-    if isinstance(values, int | float) and not isinstance(values, bool):
-        return np.full(steps, float(values))
+def _values(name: str, given: Any, settings: Settings, grid: Grid) -> float | Array | Timed:
+    """What is planned in one column, in its own unit."""
+    if isinstance(given, np.generic | np.ndarray) and given.ndim == 0:
+        given = plain(given)
+    if isinstance(given, int | float) and not isinstance(given, bool):
+        return float(given)
     pd = pandas()
-    if isinstance(values, pd.Series) and isinstance(values.index, pd.DatetimeIndex):
-        return _timed(name, values.to_frame(name), settings, channel, begin, steps)
-    if isinstance(values, str | bytes | Mapping) or not isinstance(values, Sequence | np.ndarray | pd.Series):
-        raise DataError(f"the plan's {shown(name)} must be a number or one number for every step, not {shown(values)}")
-    found = numbers(pd.DataFrame({name: list(values)}), name, "the plan")
-    if len(found) != steps:
-        period = settings.zone.period
-        raise DataError(
-            f"the plan has {len(found)} values of {shown(name)}, but the horizon has {steps} steps of "
-            f'{format_duration(period)}; give {steps} values, or horizon="{format_duration(len(found) * period)}"'
-        )
-    return _held(found)
+    if isinstance(given, pd.Series) and isinstance(given.index, pd.DatetimeIndex):
+        return _timed(name, given.to_frame(name), settings, grid)
+    if isinstance(given, str | bytes | Mapping) or not isinstance(given, Sequence | np.ndarray | pd.Series):
+        raise DataError(f"the plan's {shown(name)} must be a number or one number for every step, not {shown(given)}")
+    found = numbers(pd.DataFrame({name: list(given)}), name, "the plan")
+    # What is not filled in is as before.
+    last = np.maximum.accumulate(np.where(np.isnan(found), -1, np.arange(len(found))))
+    return np.where(last < 0, np.nan, found[np.maximum(last, 0)])
 
 
-def _timed(name: str, frame: Any, settings: Settings, channel: str, begin: float, steps: int) -> Array:
-    """Values with times on the grid, by the rule of the channel; between them the last one holds."""
-    period = settings.zone.period
+def _timed(name: str, frame: Any, settings: Settings, grid: Grid) -> Timed:
     times, values = clock(frame, settings.tz, "the plan").seconds, numbers(frame, name, "the plan")
     order = np.argsort(times, kind="stable")
     order = order[np.isfinite(times[order]) & ~np.isnan(values[order])]
     times, values = times[order], values[order]
-    places = np.floor((times - begin) / period).astype(np.int64)
-    if len(places) and (places[-1] < 0 or places[0] >= steps):
-        first, last = moments([begin, begin + steps * period], settings.tz)
+    end = grid.start + grid.steps * grid.period
+    if not len(times) or times[-1] < grid.start or times[0] >= end:
+        first, last = moments([grid.start, end], settings.tz)
         raise DataError(
             f"the plan's {shown(name)} has no value between {first} and {last}, the time that is forecast; give the "
             "inputs that are planned for that time"
         )
-    rule, series = aggregate(settings.zone.channels[channel].aggregate), np.full(steps, np.nan)
-    for place in np.unique(places[(places >= 0) & (places < steps)]).tolist():
-        rows = np.flatnonzero(places == place)[rule.used]
-        since = begin + place * period
-        series[place] = rule.combine(Span(times[rows].tolist(), values[rows].tolist(), since, since + period))
-    earlier = values[places < 0]
-    if len(earlier) and np.isnan(series[0]):
-        series[0] = earlier[-1]
-    return _held(series)
+    return Timed(times, values)
 
 
-def _held(values: Array) -> Array:
-    """`values` (n,) with every NaN replaced by the value before it."""
-    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
-    return np.where(last < 0, np.nan, values[np.maximum(last, 0)])
-
-
-def _believed(name: str, edge: Edge, raw: float, channel: str, settings: Settings) -> float:
-    value = edge.value(raw)
-    lower, upper = settings.zone.channels[channel].valid or (-np.inf, np.inf)
-    if not (np.isfinite(value) and lower <= value <= upper):
-        unit = settings.units[channel]
-        raise DataError(
-            f"the plan's {shown(name)} has {raw:g}, which is {value:g} {unit}; {channel} is believed from {lower:g} to "
-            f"{upper:g} {unit}"
-        )
-    return value
+def _in_unit(values: float | Array | Timed, edge: Edge) -> Values:
+    """The same in the network's unit."""
+    if isinstance(values, Timed):
+        return values._replace(values=np.array([edge.value(raw) for raw in values.values.tolist()]))
+    if isinstance(values, float):
+        return edge.value(values)
+    return np.array([edge.value(raw) for raw in values.tolist()])

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
+from zoneinfo import available_timezones
 
 from estimator.network.network import Network
 from service.config.checks import ZoneDraft, check_zone
+from service.config.known_heat import heated
 from service.config.load import completed
 from service.config.network_tables import PresetConfig
 from service.config.networks import read_network
-from service.config.site import ZoneConfig, ZoneTable
+from service.config.site import SiteConfig, Whereabouts, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.fields.problems import Problems
 from service.fields.words import shown, suggestion
@@ -19,6 +22,10 @@ from service.sources.csv import CsvChannelConfig
 
 ZONE = "notebook"
 """The id of the zone, and the name of its source."""
+
+
+PLACE = ("latitude", "longitude", "country")
+"""Keys of a site among those that `fit` takes."""
 
 
 class Settings(NamedTuple):
@@ -63,9 +70,14 @@ def network_of(network: object, channels: Collection[str] = ()) -> Network:
 
 
 def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Mapping[str, Any]) -> Settings:
-    """The checked settings; ConfigError with one sentence for every mistake. Keys of `given` are those of a zone."""
+    """The checked settings; ConfigError with one sentence for every mistake. Keys of `given` are those of a zone, and
+    PLACE of the site."""
     tables = _column_tables(network, columns)
     problems = Problems({**given, "channels": tables})
+    place_table = {name: given[name] for name in PLACE if name in given}
+    site = problems.read(SiteConfig, {"id": ZONE, "time_zone": _named(tz), **place_table}, (), {"folder": Path()})
+    whereabouts = Whereabouts() if site is None else site.whereabouts
+    own = {name: value for name, value in given.items() if name not in PLACE}
     channels: dict[str, ChannelConfig] = {}
     for name, written in tables.items():
         place = ("channels", name)
@@ -73,12 +85,19 @@ def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Ma
         if channel is not None:
             channels[name] = channel
     # The network is checked; a preset stands for it where the table asks for one.
-    described = {**given, "id": ZONE, "network": PresetConfig(preset="tite"), "channels": channels}
+    described = {**own, "id": ZONE, "network": PresetConfig(preset="tite"), "channels": channels}
     zone = problems.read(ZoneTable, described, (), {"site": ZONE})
+    if zone is not None:
+        network = heated(network, zone, whereabouts, (), problems)
     options = check_zone(ZoneDraft((), zone, network, tuple(tables), channels), {}, problems)
     if problems.sentences or zone is None:
         raise ConfigError([_as_columns(sentence) for sentence in problems.sentences])
-    return Settings(completed(zone, network, options), tz, {**given, "columns": tables})
+    return Settings(completed(zone, network, options, whereabouts), tz, {**given, "columns": tables})
+
+
+def _named(tz: str) -> str | None:
+    """A time zone with a name; None for a fixed offset, whose hours `calendar` takes from the sun."""
+    return tz if tz in available_timezones() else None
 
 
 def _column_tables(network: Network, columns: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -14,6 +14,7 @@ from adapters.csv.cells import FAULTS, Status
 from adapters.csv.table import CsvChannel, Layout, Table, column_problems, read_header, read_table
 from adapters.edge import Converter
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.pacing import Pacer
 from adapters.reading import Batch, Probe, Reading
 from adapters.timestamps import time_zone, timestamp_parser
 
@@ -21,8 +22,6 @@ __all__ = ["CsvChannel", "CsvSource"]
 
 # About a millisecond of work between two turns of the event loop.
 _BATCH_READINGS = 2048
-# How long a paced source may sleep without looking whether it was closed, in s.
-_LONGEST_SLEEP = 0.5
 
 
 class CsvSource:
@@ -83,7 +82,7 @@ class CsvSource:
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Deliver the rows from UTC second `start` on. Raises SourceUnavailable if a file cannot be read."""
-        pacer = None if self._pace is None else _Pacer(self._pace)
+        pacer = Pacer(self._pace)
         converters = [Converter(channel.id, channel.edge) for channel in self._channels]
         clock = -inf
         for path in self._files:
@@ -91,10 +90,7 @@ class CsvSource:
             first = 0 if start is None else int(np.searchsorted(table.order, start))
             for begin, end in self._groups(table, first):
                 clock = max(clock, float(table.order[end - 1]))
-                # Even a source in a hurry gives the event loop its turn.
-                await asyncio.sleep(0)
-                while not self._closed and pacer is not None and (delay := pacer.delay(clock)) > 0:
-                    await asyncio.sleep(min(delay, _LONGEST_SLEEP))
+                await pacer.wait(clock, lambda: self._closed)
                 if self._closed:
                     return
                 yield Batch(self._readings(table, begin, end, converters), clock)
@@ -169,24 +165,6 @@ def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
     if channel.edge.counter:
         return Probe(channel.id, place, f"{value:g}", None, time, hints=("a counter: its differences become power",))
     return Probe(channel.id, place, "-", value, time)
-
-
-class _Pacer:
-    """Keeps source time at `pace` times real time, counted from the first row so that sleeping adds no drift."""
-
-    def __init__(self, pace: float) -> None:
-        self._pace = pace
-        self._origin: tuple[float, float] | None = None
-
-    def delay(self, time: float) -> float:
-        """Seconds until source time `time` is due; 0 or less if it is already."""
-        if not isfinite(time):
-            return 0.0
-        real = asyncio.get_running_loop().time()
-        if self._origin is None:
-            self._origin = (real, time)
-        real_origin, source_origin = self._origin
-        return real_origin + (time - source_origin) / self._pace - real
 
 
 def _check_settings(files: Sequence[Path], delimiter: str, decimal: str, encoding: str, pace: float | None) -> None:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 
 from adapters.edge import PLAIN, Edge, LiveConverter
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
-from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, numbers_in, shown
+from adapters.payload.payload import Decoded, Payload, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
 from adapters.timestamps import EARLIEST
 
@@ -137,10 +137,11 @@ class Channels:
 
     def readings(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
         """The readings that `samples` of the subscription to `key` bring."""
-        for watched in self._at[key]:
-            watched.heard = True
-            for incoming in samples:
-                yield from self._read(watched, incoming)
+        for incoming in samples:
+            payload = None if incoming.payload is None else Payload(incoming.payload)
+            for watched in self._at[key]:
+                watched.heard = True
+                yield from self._read(watched, incoming, payload)
 
     def overrun(self, key: str, now: float) -> Iterator[Reading]:
         """Bad readings that say that older samples of `key` had to be dropped."""
@@ -149,10 +150,10 @@ class Channels:
     def _all(self) -> Iterator[_Watched]:
         return (watched for listed in self._at.values() for watched in listed)
 
-    def _read(self, watched: _Watched, incoming: Incoming) -> Iterator[Reading]:
+    def _read(self, watched: _Watched, incoming: Incoming, payload: Payload | None) -> Iterator[Reading]:
         watched.forget_after(incoming.arrived)
         latest = incoming.arrived + self._dating.max_ahead
-        for when, entry, origin in _dated(watched.channel.format, self._dating, incoming):
+        for when, entry, origin in _dated(watched.channel.format, self._dating, incoming, payload):
             if isinstance(entry, Rejected):
                 watched.say(entry, incoming.key)
                 yield watched.converter.bad(when, entry.fault)
@@ -170,20 +171,22 @@ class Channels:
                     yield reading
 
 
-def _entries(form: PayloadFormat, incoming: Incoming) -> list[Decoded | Rejected]:
-    if incoming.payload is not None:
-        return decode(incoming.payload, form, incoming.arrived)
+def _entries(form: PayloadFormat, incoming: Incoming, payload: Payload | None) -> list[Decoded | Rejected]:
+    if payload is not None:
+        return decode(payload, form, incoming.arrived)
     if incoming.size:
         sentence = f"has {incoming.size} bytes; at most {LONGEST_PAYLOAD} are looked at"
         return [Rejected(Fault.NON_NUMERIC, sentence)]
     return [Rejected(Fault.NOT_AVAILABLE, "is gone: the publisher has deleted the key")]
 
 
-def _dated(form: PayloadFormat, dating: Dating, incoming: Incoming) -> list[tuple[float, Decoded | Rejected, str]]:
+def _dated(
+    form: PayloadFormat, dating: Dating, incoming: Incoming, payload: Payload | None
+) -> list[tuple[float, Decoded | Rejected, str]]:
     """What `incoming` says in the order of its times (UTC s), with their origin; what is refused is dated when it
     came."""
     dated: list[tuple[float, Decoded | Rejected, str]] = []
-    for entry in _entries(form, incoming):
+    for entry in _entries(form, incoming, payload):
         when = entry if isinstance(entry, Rejected) else dating.date(entry, incoming)
         dated.append((incoming.arrived, when, "arrival") if isinstance(when, Rejected) else (when[0], entry, when[1]))
     return sorted(dated, key=lambda found: found[0])
@@ -196,7 +199,8 @@ def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming],
         return Probe(channel.id, place, "-", None, None, nothing)
     incoming = max(samples, key=lambda sample: sample.stamp or sample.arrived)
     raw = shown(incoming.payload or b"")
-    entries = _entries(channel.format, incoming)
+    payload = None if incoming.payload is None else Payload(incoming.payload)
+    entries = _entries(channel.format, incoming, payload)
     decoded = next((entry for entry in reversed(entries) if isinstance(entry, Decoded)), None)
     dated = decoded and dating.date(decoded, incoming)
     refused = next((entry for entry in (*entries, dated) if isinstance(entry, Rejected)), None)

@@ -16,6 +16,12 @@ MOST_TOPICS = 2000
 _SHOWN = 5
 
 
+def published_here(topic: str) -> bool:
+    """Whether Thermogate publishes on `topic` itself: results of zones, and what Home Assistant discovers them by."""
+    first, *rest = topic.split("/")
+    return first == "thermogate" or (topic.endswith("/config") and any(part.startswith("thermogate_") for part in rest))
+
+
 def scanned(heard: Mapping[str, Incoming], seconds: float) -> Scanned:
     """The numbers in the newest message of every topic that was `heard` within `seconds`, one a row. A number that is
     the whole payload has no pointer."""

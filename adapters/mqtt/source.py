@@ -13,13 +13,13 @@ from functools import partial
 from typing import Any
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.messages.inbox import Inbox, Incoming
+from adapters.messages.inbox import MOST_BYTES, Inbox, Incoming
 from adapters.messages.points import Channels, Dating, MessageChannel, probed
-from adapters.messages.takings import Takings
+from adapters.messages.takings import Takings, pieces
 from adapters.mqtt.background import Background
 from adapters.mqtt.broker import Broker, topic_problem
 from adapters.mqtt.client import Client, Will, connected
-from adapters.mqtt.scan import MOST_TOPICS, scanned
+from adapters.mqtt.scan import MOST_TOPICS, published_here, scanned
 from adapters.payload.payload import numbers_in, shown
 from adapters.reading import Batch, Probe
 from adapters.scanning import Scan, Scanned
@@ -109,11 +109,11 @@ class MqttSource:
             yield Batch([], time.time() - TRANSIT)
             quiet_at = time.monotonic() + QUIET
             while True:
-                shares = await inbox.take(_LOOK)
-                if shares:
-                    yield Batch(self._takings.readings(shares), time.time() - TRANSIT)
-                    # A flood must leave the loop to others as well.
-                    await asyncio.sleep(0)
+                if await inbox.wait(_LOOK):
+                    for readings in pieces(await self._takings.readings(inbox)):
+                        yield Batch(readings, time.time() - TRANSIT)
+                        # A flood must leave the loop to others as well.
+                        await asyncio.sleep(0)
                 link.check()
                 if self._rebound:
                     self._listen_anew(link, inbox)
@@ -132,13 +132,13 @@ class MqttSource:
         return [self._probed(channel, heard, seconds) for channel in self._listed]
 
     async def scan(self, wanted: Scan) -> Scanned:
-        """Every topic on which something comes within the time of `wanted`, or was retained."""
+        """Every topic of others on which something comes within the time of `wanted`, or was retained."""
         return scanned(await self._listen(set(), wanted.seconds), wanted.seconds)
 
     async def _listen(self, topics: set[str], seconds: float) -> dict[str, Incoming]:
-        """The newest message of every topic, MOST_TOPICS of them and those of `topics`, until all of the latter have
-        had one, `seconds` at most."""
-        inbox = Inbox([EVERYTHING], max(self._intake.queue, MOST_TOPICS))
+        """The newest message of every topic of others, MOST_TOPICS of them, and of `topics`, until all of the latter
+        have had one, `seconds` at most."""
+        inbox = Inbox([EVERYTHING], max(self._intake.queue, MOST_TOPICS), MOST_BYTES)
         # Under its own name it would take the place of the daemon.
         broker = replace(self._broker, client_id=f"thermogate-probe-{secrets.token_hex(4)}")
         link = self._open(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0)
@@ -147,10 +147,11 @@ class MqttSource:
             await link.opened()
             end = time.monotonic() + seconds
             while (left := end - time.monotonic()) > 0 and not (topics and topics <= heard.keys()):
-                for share in (await inbox.take(min(left, _LOOK))).values():
-                    for incoming in share.samples:
-                        if incoming.key in topics or incoming.key in heard or len(heard) < MOST_TOPICS:
-                            heard[incoming.key] = incoming
+                await inbox.wait(min(left, _LOOK))
+                for _, incoming, _ in inbox.waiting():
+                    unknown = incoming.key not in topics and incoming.key not in heard
+                    if not unknown or (len(heard) < MOST_TOPICS and not published_here(incoming.key)):
+                        heard[incoming.key] = incoming
                 link.check()
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error

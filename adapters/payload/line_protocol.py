@@ -9,6 +9,9 @@ from typing import NamedTuple
 UNITS_PER_SECOND = {"ns": 10**9, "us": 10**6, "ms": 10**3, "s": 1}
 """How often each precision of time stamps fits into a second."""
 
+MOST_FIELDS = 20_000
+"""Fields, and tags, of a line; all of them are held until the time at its end is read."""
+
 _SHOWN = 40
 _LONGEST_NUMBER = 400
 
@@ -69,12 +72,16 @@ def _line(text: str, at: int, per_second: int) -> tuple[list[Point], int]:
         value = _expected(_KEY, text, at, "a tag is key=value")
         tags[_plain(key[0])] = _plain(value[0])
         at = value.end()
+        if len(tags) > MOST_FIELDS:
+            raise _Wrong(at, f"a line has at most {MOST_FIELDS} tags")
     at = _expected(_BLANK, text, at, "fields follow after a blank").end()
     fields: list[tuple[str, float | str]] = []
     while True:
         key = _expected(_KEY, text, at, "a field is key=value")
         found, at = _value(text, _after("=", text, key.end(), "a field is key=value"))
         fields.append((_plain(key[0]), found))
+        if len(fields) > MOST_FIELDS:
+            raise _Wrong(at, f"a line has at most {MOST_FIELDS} fields")
         if not text.startswith(",", at):
             break
         at += 1

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 from zoneinfo import ZoneInfo
 
 from adapters.payload import senml
 from adapters.payload.json_pointer import MISSING, numbers, resolve, write
 from adapters.payload.times import NaiveTime, parse_time
 from adapters.reading import Fault, Quality
+
+Found = TypeVar("Found")
 
 FORMATS = ("plain", "json", "senml")
 
@@ -69,17 +72,52 @@ class _Refusal(Exception):
         self.rejected = Rejected(fault, _printable(sentence, _SENTENCE))
 
 
-def decode(payload: bytes, form: PayloadFormat, near: float) -> list[Decoded | Rejected]:
+class Payload:
+    """The bytes of a message, which are parsed once, however many channels read them."""
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+
+    @cached_property
+    def text(self) -> str | Rejected:
+        """What they are as text."""
+        return _or_rejected(_text, self.content)
+
+    @cached_property
+    def document(self) -> Any:
+        """What they are as JSON, or Rejected."""
+        return _or_rejected(_parsed, self.content)
+
+    @cached_property
+    def records(self) -> Mapping[str, Sequence[senml.Record]] | Rejected:
+        """The records of a SenML pack by their names."""
+        return _or_rejected(_records, self.document)
+
+
+def decode(payload: Payload | bytes, form: PayloadFormat, near: float) -> list[Decoded | Rejected]:
     """What `payload`, which came at `near` (UTC s), says: one entry, or of a SenML pack one per record meant."""
+    parsed = Payload(payload) if isinstance(payload, bytes) else payload
+    found = getattr(parsed, {"plain": "text", "json": "document", "senml": "records"}[form.kind])
+    if isinstance(found, Rejected):
+        return [found]
     try:
         if form.kind == "plain":
-            return [Decoded(_number(_text(payload)))]
-        document = _parsed(payload)
+            return [Decoded(_number(found))]
         if form.kind == "json":
-            return [_from_json(document, form, near)]
-        return list(_from_senml(document, form))
+            return [_from_json(found, form, near)]
+        return list(_from_senml(found, form))
     except _Refusal as refusal:
         return [refusal.rejected]
+
+
+def _or_rejected(read: Callable[[Any], Found], source: object) -> Found | Rejected:
+    """What `read` makes of `source`, or why it is refused, which is known once and for all, too."""
+    if isinstance(source, Rejected):
+        return source
+    try:
+        return read(source)
+    except _Refusal as refusal:
+        return refusal.rejected
 
 
 def shown(payload: bytes) -> str:
@@ -185,22 +223,31 @@ def _quality(document: object, form: PayloadFormat) -> Quality:
     )
 
 
-def _from_senml(document: object, form: PayloadFormat) -> Iterator[Decoded | Rejected]:
+def _records(document: object) -> Mapping[str, Sequence[senml.Record]]:
+    found: dict[str, list[senml.Record]] = {}
     try:
-        records = list(senml.records(document))
+        for record in senml.records(document):
+            found.setdefault(record.name, []).append(record)
     except ValueError as error:
         raise _Refusal(Fault.NON_NUMERIC, str(error)) from None
-    names = list(dict.fromkeys(record.name for record in records))
-    if form.record is None and len(names) > 1:
-        raise _Refusal(Fault.NON_NUMERIC, f"has several records; give record, one of {', '.join(names[:8])}")
-    meant = [record for record in records if form.record in (None, record.name)]
+    return found
+
+
+def _from_senml(records: Mapping[str, Sequence[senml.Record]], form: PayloadFormat) -> Iterator[Decoded | Rejected]:
+    if form.record is None and len(records) > 1:
+        raise _Refusal(Fault.NON_NUMERIC, f"has several records; give record, one of {_some(records)}")
+    meant = next(iter(records.values()), ()) if form.record is None else records.get(form.record, ())
     if not meant:
-        raise _Refusal(Fault.NOT_AVAILABLE, f'has no record "{form.record}"; it has {", ".join(names[:8]) or "none"}')
+        raise _Refusal(Fault.NOT_AVAILABLE, f'has no record "{form.record}"; it has {_some(records) or "none"}')
     for record in meant:
         try:
             yield _from_record(record, form)
         except _Refusal as refusal:
             yield refusal.rejected
+
+
+def _some(records: Iterable[str]) -> str:
+    return ", ".join(islice(records, 8))
 
 
 def _from_record(record: senml.Record, form: PayloadFormat) -> Decoded:

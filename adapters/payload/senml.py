@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 ABSOLUTE_FROM = 2.0**28
 """Times from here on are UTC s since 1970; below, s from now on (section 4.5.3)."""
@@ -12,6 +12,11 @@ ABSOLUTE_FROM = 2.0**28
 _UNITS = {"Cel": "degC", "/": "1", "%EL": "%"}
 
 _VERSION = 10
+
+Default = TypeVar("Default", str, "str | None")
+
+LONGEST_NAME = 256
+"""Characters of a base name and a name: they are joined in every record, so a long one costs its length each time."""
 
 
 class Record(NamedTuple):
@@ -53,22 +58,31 @@ def records(document: object) -> Iterator[Record]:
 
 
 def _resolved(fields: Mapping[str, Any], base: Mapping[str, Any]) -> Record:
-    name = f"{base.get('bn', '')}{fields.get('n', '')}"
+    base_name, own_name = _text(base, "bn", ""), _text(fields, "n", "")
+    if len(base_name) + len(own_name) > LONGEST_NAME:
+        raise ValueError(f"has a name of more than {LONGEST_NAME} characters")
     value = fields.get("v", fields.get("vb"))
     text = (value is not None and not isinstance(value, int | float)) or bool(fields.keys() & {"vs", "vd"})
     # A base value alone is a value; a null is none, whatever the base.
     if "bv" in base and not text and not fields.keys() & {"vb"} and fields.get("v", 0) is not None:
         value = _number(fields, "v", 0.0) + _number(base, "bv", 0.0)
     timed = "t" in fields or "bt" in base
-    unit = fields.get("u", base.get("bu"))
+    unit = _text(fields, "u", _text(base, "bu", None))
     return Record(
-        name,
+        base_name + own_name,
         None if text else value,
         text,
         _number(fields, "t", 0.0) + _number(base, "bt", 0.0) if timed else None,
-        None if unit is None else _UNITS.get(str(unit), str(unit)),
+        None if unit is None else _UNITS.get(unit, unit),
         fields,
     )
+
+
+def _text(fields: Mapping[str, Any], label: str, default: Default) -> str | Default:
+    value = fields.get(label, default)
+    if value != default and not isinstance(value, str):
+        raise ValueError(f'has a "{label}" that is no text')
+    return value
 
 
 def _number(fields: Mapping[str, Any], label: str, default: float) -> float:

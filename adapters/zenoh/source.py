@@ -13,7 +13,7 @@ from functools import partial
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.messages.inbox import Inbox, Incoming
 from adapters.messages.points import Channels, Dating, MessageChannel, probed
-from adapters.messages.takings import Takings
+from adapters.messages.takings import Takings, pieces
 from adapters.reading import Batch, Probe
 from adapters.zenoh.connection import Connection
 from adapters.zenoh.link import ZenohLink, key_problem
@@ -98,11 +98,11 @@ class ZenohSource:
             watch = _Watch(self.name, self._connection)
             look_at = time.monotonic()
             while True:
-                shares = await inbox.take(_LOOK)
-                if shares:
-                    yield Batch(self._takings.readings(shares), time.time() - TRANSIT)
-                    # A flood must leave the loop to others as well.
-                    await asyncio.sleep(0)
+                if await inbox.wait(_LOOK):
+                    for readings in pieces(await self._takings.readings(inbox)):
+                        yield Batch(readings, time.time() - TRANSIT)
+                        # A flood must leave the loop to others as well.
+                        await asyncio.sleep(0)
                 if time.monotonic() < look_at:
                     continue
                 look_at = time.monotonic() + _LOOK
@@ -138,9 +138,10 @@ class ZenohSource:
                 link.ask(key, partial(inbox.put, key), seconds)
             end = time.monotonic() + seconds
             while (left := end - time.monotonic()) > 0 and not all(came.values()):
-                for key, share in (await inbox.take(left)).items():
-                    came.get(key, []).extend(share.samples)
-                    heard |= {incoming.key for incoming in share.samples}
+                await inbox.wait(left)
+                for key, incoming, _ in inbox.waiting():
+                    came.get(key, []).append(incoming)
+                    heard.add(incoming.key)
             if not link.connected:
                 raise SourceUnavailable(_nobody(self._connection))
         except SourceUnavailable as error:

@@ -139,7 +139,8 @@ def rest(url: str, key: str | None = None, timeout: float = 20.0) -> Ask:
 def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     """How far ahead (s, at most `wanted`) the forecasts are to be relied on, how, and why no further.
 
-    The rule: plan as far as the trust reaches without a gap, up to the first horizon that is "learning" or "untrusted".
+    The rule: plan as far as the trust in forecasts under a plan reaches without a gap, up to the first horizon that is
+    "learning" or "untrusted".
     What is doubtful within an hour is "doubtful", and takes twice the margin. Doubt further ahead does not: what goes
     wrong there will be seen, and corrected by a later plan. Nor does doubt because something acts on the zone that the
     model does not know: then the forecast's own interval is wide already.
@@ -147,9 +148,9 @@ def reach(ask: Ask, zone: str, wanted: float) -> tuple[float, str, str]:
     trusted, worst = 0.0, "trusted"
     answer = ask("GET", f"/zones/{zone}/trust", None)
     for horizon in answer["horizons"]:
-        if horizon["trust"] not in ("trusted", "doubtful"):
-            return trusted, worst, f"{horizon['trust']}: {horizon['reason']}"
-        if trusted < SHORTEST and horizon["trust"] == "doubtful" and not answer["disturbed"]:
+        if horizon["planned"] not in ("trusted", "doubtful"):
+            return trusted, worst, f"{horizon['planned']}: {horizon['reason']}"
+        if trusted < SHORTEST and horizon["planned"] == "doubtful" and not answer["disturbed"]:
             worst = "doubtful"
         trusted = min(float(horizon["lead_s"]), wanted)
     return trusted, worst, ""

@@ -8,6 +8,7 @@ trust at which horizon (`estimator.bank.weights`) and how wide to make what it p
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.particle.gate import weighted_quantiles
 from estimator.types import Estimator, Mixture, Mixtures, ModelDraws, Outcome, ParameterSummary, Posterior, Verified
-from estimator.verification.hindsight import Due, Hindsight, Pending
+from estimator.verification.hindsight import Due, Hindsight, Issue, Pending
 from estimator.verification.scores import distribution, reduced
 
 _COMPONENTS = 48
@@ -69,6 +70,8 @@ class _Drawn(NamedTuple):
     """(n_x, K) in seconds, fastest first."""
     heat_loss: Array
     """(K,) in W/K."""
+    coefficients: Array
+    """(m, K): of the bank's terms; none where the member has not all of them."""
 
 
 class Bank:
@@ -83,12 +86,16 @@ class Bank:
         self.options = options
         self.names = tuple(members)
         self.members = tuple(members.values())
+        self.forecast_draws = options.scenarios
         self._voice = self.names.index(options.voice)
         self.blocks = self.members[self._voice].blocks
-        self._hindsight = Hindsight(self.members, period)
+        self._hindsight = Hindsight(self.network, self.members, period)
+        self._columns = [self.network.columns(member.network) for member in self.members]
+        """What of the bank's drive row drives every member's network."""
         self.leads = (1, *(lead for lead in self._hindsight.leads if lead > 1))
         """Steps ahead of the horizons at which weights and widths are learned."""
-        hours = np.array(self.leads) * period / _HOUR
+        hours = self._ahead = np.array(self.leads) * period / _HOUR
+        """The leads in hours."""
         self._hours = np.where(np.arange(len(hours)) == 0, hours, self._hindsight.every * period / _HOUR)
         """From one verified forecast to the next."""
         self._shares = np.minimum(self._hours / hours, 1.0)
@@ -108,10 +115,12 @@ class Bank:
 
     def start(self, seed: int, outputs: Array, inputs: Array) -> BankState:
         """Every member at the first sample: its outputs (n_y,) and inputs (n_u,)."""
-        members = tuple(member.start(seed, outputs, inputs) for member in self.members)
+        members = tuple(
+            member.start(seed, outputs, inputs[own]) for member, own in zip(self.members, self._columns, strict=True)
+        )
         return BankState(
             members=members,
-            pending=self._hindsight.start(len(inputs)),
+            pending=self._hindsight.start(),
             costs=no_costs(len(members), len(self.leads)),
             widths=no_widths(len(self.leads)),
             lost=np.zeros(len(members)),
@@ -121,20 +130,24 @@ class Bank:
     def restart(self, state: BankState, outputs: Array, inputs: Array) -> BankState:
         """The first sample after a gap: the members' temperatures anew; what was learned of them is kept."""
         members = tuple(
-            member.restart(own, outputs, inputs) for member, own in zip(self.members, state.members, strict=True)
+            member.restart(own, outputs, inputs[columns])
+            for member, own, columns in zip(self.members, state.members, self._columns, strict=True)
         )
-        return state._replace(members=members, pending=self._hindsight.start(len(inputs)), lost=np.zeros(len(members)))
+        return state._replace(members=members, pending=self._hindsight.start(), lost=np.zeros(len(members)))
 
     def predict(self, state: BankState, inputs: Array) -> BankState:
         """One period on under `inputs` (n_u,) held over the step."""
-        members = tuple(member.predict(own, inputs) for member, own in zip(self.members, state.members, strict=True))
-        now = np.vstack([self._weights(state), np.exp(state.widths.log_scale)])
+        members = tuple(
+            member.predict(own, inputs[columns])
+            for member, own, columns in zip(self.members, state.members, self._columns, strict=True)
+        )
+        now = np.vstack([self._weights(state), np.exp(state.widths.log_scale), self._reaches(state)])
         pending = self._hindsight.advance(state.pending, inputs, members, int(state.phase), now)
         return state._replace(members=members, pending=pending)
 
     def predictive(self, state: BankState) -> Mixture:
         """The members' distributions of the outputs (n_y,), weighted and scaled for one step."""
-        return mixed(self._parts(state), self._weights(state)[:, 0], float(np.exp(state.widths.log_scale[0])))
+        return self._whole(state, self._parts(state), self._weights(state))
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output, by root-finding on the mixture CDF."""
@@ -163,12 +176,6 @@ class Bank:
             verified=verified,
         )
 
-    def forecast(self, state: BankState, plan: Array) -> Iterator[Mixture]:
-        """The outputs at the state's time and then after each row of `plan` (h, n_u): h + 1 mixtures."""
-        yield self.predictive(state)
-        if len(plan):
-            yield from self._futures(state, plan).each()
-
     def parameters(self, state: BankState, levels: Array) -> ParameterSummary:
         """Quantiles over draws from all physical members, each with the weight that it has a few hours ahead.
 
@@ -189,7 +196,17 @@ class Bank:
             parameters=np.array([weighted_quantiles(row, weights, levels) for row in theta]),
             time_constants=np.array([weighted_quantiles(row, shares, levels) for row in constants]),
             heat_loss=weighted_quantiles(np.concatenate([each.heat_loss for each in drawn]), weights, levels),
+            coefficients=self._coefficients([each for each in drawn if len(each.coefficients)], levels),
         )
+
+    def _coefficients(self, drawn: Sequence[_Drawn], levels: Array) -> Array:
+        """(m, n_levels): quantiles of the coefficients over the draws from members that have them; (0, 0) without
+        one."""
+        if not drawn:
+            return np.empty((0, 0))
+        weights = np.concatenate([each.weights for each in drawn])
+        rows = np.concatenate([each.coefficients for each in drawn], axis=1)
+        return np.array([weighted_quantiles(row, weights, levels) for row in rows])
 
     def _drawn(self, state: BankState) -> Iterator[_Drawn]:
         """Draws from every physical member that counts."""
@@ -205,18 +222,26 @@ class Bank:
                     theta=drawn.theta[self._entries[place]],
                     time_constants=time_constants(matrices).T,
                     heat_loss=heat_loss(matrices, int(topology(member.network).measured[0])),
+                    coefficients=drawn.coefficients,
                 )
 
     def member_weights(self, state: BankState) -> Mapping[str, Array]:
         """What each member weighs at each of `leads`, (H,) by name."""
         return dict(zip(self.names, self._weights(state), strict=True))
 
+    def earned_weights(self, state: BankState) -> Mapping[str, Array]:
+        """What each member would weigh at each of `leads` had all begun alike, (H,) by name: what it has proved."""
+        alike = np.ones_like(self._prior)
+        return dict(
+            zip(self.names, weights(state.costs, alike, self.options.learning_rate, self.options.sharing), strict=True)
+        )
+
     def issue(self, state: BankState, count: int) -> BankState:
         """The state itself."""
         return state
 
     def unfold(self, issue: BankState, plan: Array) -> Mixtures:
-        """What `forecast` makes of the issue under `plan` (h, n_u)."""
+        """The outputs at the issue's time and after each row of `plan` (h, n_u)."""
         now = self.predictive(issue)
         if not len(plan):
             return Mixtures.of_one(now)
@@ -230,12 +255,23 @@ class Bank:
         if drawn is None:
             return None
         share = float(now[best, self.compared])
+        if len(self.network.terms) > len(drawn.coefficients):
+            # Models for the bank's drive rows, of which this one knows the measured inputs.
+            drawn = drawn._replace(
+                network=replace(drawn.network, terms=self.network.terms),
+                coefficients=np.zeros((len(self.network.terms), drawn.theta.shape[1])),
+            )
         # What the bank forecasts is the mixture of all members, which no single model simulates.
         return drawn._replace(member=self.names[best], share=share)
 
     def verified(self, state: BankState, lead: int, errors: Array) -> BankState:
         """The state itself: the bank has seen its errors."""
         return state
+
+    def answering_plan(self, state: BankState) -> BankState:
+        """`state` as it answers a plan of heating: members without physics count as lost."""
+        physical = np.array([member.physical for member in self.members])
+        return state._replace(lost=np.where(physical, state.lost, np.inf)) if physical.any() else state
 
     def pack(self, state: BankState) -> dict[str, Array]:
         """The arrays of a state, by name."""
@@ -249,11 +285,14 @@ class Bank:
 
     def unpack(self, arrays: Mapping[str, Array]) -> BankState:
         """The state of packed arrays."""
+        pending = self._hindsight.unpack(_under("pending.", arrays))
+        # Before there was a reach, nothing held the members together.
+        issues = tuple(_with_reach(issue, len(self.members) + 2) for issue in pending.issues)
         return BankState(
             members=tuple(
                 member.unpack(_under(f"member.{place}.", arrays)) for place, member in enumerate(self.members)
             ),
-            pending=self._hindsight.unpack(_under("pending.", arrays)),
+            pending=pending._replace(issues=issues),
             costs=Costs(**_under("costs.", arrays)),
             widths=Widths(**_under("widths.", arrays)),
             lost=arrays["lost"],
@@ -270,8 +309,9 @@ class Bank:
         for place in chosen.tolist():
             member = self.members[place]
             issue = member.issue(state.members[place], self.options.scenarios)
-            futures.append(member.unfold(issue, plan).during(slice(1, None)))
-        return mixed_futures(futures, shares, np.exp(between(state.widths.log_scale, self.leads, leads)))
+            futures.append(member.unfold(issue, plan[:, self._columns[place]]).during(slice(1, None)))
+        scales, reaches = (between(row, self.leads, leads) for row in (state.widths.log_scale, self._reaches(state)))
+        return mixed_futures(futures, shares, np.exp(scales), reaches)
 
     def _parts(self, state: BankState) -> list[Mixture]:
         """The members' distributions of the sample at the state's time."""
@@ -285,10 +325,18 @@ class Bank:
             prior = np.where(state.lost[:, None] > 0.0, np.finfo(float).tiny, prior)
         return weights(state.costs, prior, self.options.learning_rate, self.options.sharing)
 
+    def _reaches(self, state: BankState) -> Array:
+        """(H,): how far from the middle a member may be, by how many forecasts that do not overlap were verified."""
+        return 1.0 + state.costs.hours / self._ahead
+
+    def _whole(self, state: BankState, parts: Sequence[Mixture], now: Array) -> Mixture:
+        """What is published of the members' `parts` one step ahead, with the weights `now` (E, H)."""
+        return mixed(parts, now[:, 0], float(np.exp(state.widths.log_scale[0])), float(self._reaches(state)[0]))
+
     def _published(self, due: Due) -> Mixture:
-        """What was published of a forecast that is `due`: with the weights and the scale of its issue."""
+        """What was published of a forecast that is `due`: with the weights, the scale and the reach of its issue."""
         then = due.note[:, self.leads.index(due.lead)]
-        return mixed(due.mixtures, then[:-1], then[-1])
+        return mixed(due.mixtures, then[:-2], then[-2], then[-1])
 
     def _learned(
         self, state: BankState, now: Array, outputs: Array, due: Sequence[Due], verified: Sequence[Verified]
@@ -301,10 +349,10 @@ class Bank:
         hours, and the error of the mixture that they would make now is smaller than that of what anybody was told.
         """
         parts, scales = self._parts(state), np.exp(state.widths.log_scale)
-        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, mixed(parts, now[:, 0], float(scales[0])))]
+        told: list[tuple[int, Sequence[Mixture], Mixture]] = [(0, parts, self._whole(state, parts, now))]
         for one, published in zip(due, verified, strict=True):
             horizon = self.leads.index(one.lead)
-            whole = stretched(published.mixture, float(scales[horizon] / one.note[-1, horizon]))
+            whole = stretched(published.mixture, float(scales[horizon] / one.note[-2, horizon]))
             told.append((horizon, one.mixtures, whole))
         costs, widths = state.costs, state.widths
         for horizon, forecasts, whole in told:
@@ -341,7 +389,8 @@ class Bank:
         # State of an earlier version may know no inputs yet: who is lost then waits for the next sample.
         if not vanished.all() and len(state.pending.inputs):
             for place in np.flatnonzero(lost >= _LOST).tolist():
-                members[place] = self.members[place].restart(members[place], outputs, state.pending.inputs[-1])
+                inputs = state.pending.inputs[-1, self._columns[place]]
+                members[place] = self.members[place].restart(members[place], outputs, inputs)
                 lost[place] = 0.0
         return state._replace(members=tuple(members), lost=lost)
 
@@ -349,6 +398,21 @@ class Bank:
         """The member with parameters of a building that is trusted most a few hours ahead."""
         physical = [place for place, member in enumerate(self.members) if member.physical]
         return max(physical or range(len(self.members)), key=lambda place: now[place, self.compared])
+
+
+def answering_plan(estimator: Estimator, state: Any) -> Any:
+    """`state` of `estimator` as `issue` takes it to answer a plan of heating that somebody has chosen.
+
+    A regression knows heating by what usually goes with it, so it answers what departs from habit by correlation. Of a
+    bank, only the members with physics answer. Any other estimator has but one answer, and its state stays as it is.
+    """
+    return estimator.answering_plan(state) if isinstance(estimator, Bank) else state
+
+
+def _with_reach(issue: Issue, rows: int) -> Issue:
+    """`issue` with a note of as many `rows`."""
+    note = issue.note
+    return issue if len(note) == rows else issue._replace(note=np.vstack([note, np.full(note.shape[1], np.inf)]))
 
 
 def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:

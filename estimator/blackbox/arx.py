@@ -10,7 +10,7 @@ of forecasts whose time has come (`verified`), and from the residuals of one ste
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from math import exp
 from typing import NamedTuple
 
@@ -83,17 +83,15 @@ class ARX:
         self.period = period
         self.options = options
         self.blocks: tuple[str, ...] = ()
-        units = [network.channel_unit(channel) for channel in network.inputs]
-        self._scale = np.array([_SCALE.get(unit, 1.0) for unit in units])
-        self.level = np.array([LEVEL if unit == "degC" else 0.0 for unit in units])
-        """(n_u,): what every input counts from."""
-        self._width = 1 + options.past_outputs + options.past_inputs * len(units)
+        self._scale, self.level = scales_of(network)
+        self._width = 1 + options.past_outputs + options.past_inputs * len(self.level)
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
         self._forgetting = exp(-period / (options.memory_days * _DAY))
         self._residual_forgetting = exp(-period / (min(options.memory_days, _RESIDUAL_DAYS) * _DAY))
         # Of each lead an error becomes known every hour, or with every sample.
         self._verified_forgetting = exp(-max(3600.0, period) / (options.verified_memory_days * _DAY))
 
+    forecast_draws = 1
     physical = False
     verifies_itself = False
 
@@ -169,10 +167,6 @@ class ARX:
             learned.seen[i] = min(learned.seen[i, 0], outputs[i]), max(learned.seen[i, 1], outputs[i])
         return self._posterior(learned, Outcome.ASSIMILATED, log_likelihood)
 
-    def forecast(self, state: ARXState, plan: Array) -> Iterator[Mixture]:
-        """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        return self.unfold(state, plan).each()
-
     def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
         """Means and standard deviations (h + 1, n_y) at the state's time and after each row of `plan` (h, n_u)."""
         scaled = ((np.concatenate([state.inputs[::-1], plan]) - self.level) / self._scale)[::-1]
@@ -204,13 +198,7 @@ class ARX:
 
     def parameters(self, state: ARXState, levels: Array) -> ParameterSummary:
         """Not a number throughout: the model has no parameters of a building."""
-        none = np.full(len(levels), np.nan)
-        return ParameterSummary(
-            levels=levels,
-            parameters=np.tile(none, (len(self.network.parameters), 1)),
-            time_constants=np.tile(none, (len(self.network.nodes), 1)),
-            heat_loss=none,
-        )
+        return ParameterSummary.unknown(self.network, levels)
 
     def draws(self, state: ARXState, count: int) -> None:
         """None: the model has no physics."""
@@ -273,6 +261,12 @@ class ARX:
             log_likelihood=log_likelihood,
             parameters=np.full(len(self.network.parameters), np.nan),
         )
+
+
+def scales_of(network: Network) -> tuple[Array, Array]:
+    """What every input of `network` varies by, and what it counts from: (n_u,) each."""
+    units = [network.channel_unit(channel) for channel in network.inputs]
+    return np.array([_SCALE.get(unit, 1.0) for unit in units]), np.array([LEVEL * (unit == "degC") for unit in units])
 
 
 def _residual_sd(state: ARXState) -> Array:

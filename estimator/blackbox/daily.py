@@ -7,7 +7,7 @@ Before the first day is over, the first sample stands for the day before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +51,7 @@ class DailyState(NamedTuple):
 class Daily:
     """The model of one zone. See `estimator.types.Estimator` for the moves."""
 
+    forecast_draws = 1
     physical = False
     verifies_itself = False
 
@@ -103,10 +104,6 @@ class Daily:
         posterior = self._arx.update(state.differences(), outputs - state.day_outputs[:, 0] + LEVEL)
         return posterior._replace(state=state.with_differences(posterior.state))
 
-    def forecast(self, state: DailyState, plan: Array) -> Iterator[Mixture]:
-        """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        return self.unfold(state, plan).each()
-
     def issue(self, state: DailyState, count: int) -> DailyState:
         """The state itself: one forecast."""
         return state
@@ -128,7 +125,7 @@ class Daily:
 
     def parameters(self, state: DailyState, levels: Array) -> ParameterSummary:
         """Not a number throughout: the model has no parameters of a building."""
-        return self._arx.parameters(state.differences(), levels)
+        return ParameterSummary.unknown(self.network, levels)
 
     def draws(self, state: DailyState, count: int) -> None:
         """None: the model has no physics."""

@@ -1,9 +1,10 @@
-"""Options of the online ARX model, and of the one that works on changes since the day before."""
+"""Options of the online ARX model, of the one on changes since the day before, and of the direct regressions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 from estimator.network.network import Network
 from estimator.option_checks import check_known, checked_number
@@ -25,7 +26,20 @@ class ARXOptions:
     """The same for the verified errors from which the spread of a forecast follows [d]."""
 
 
+@dataclass(frozen=True)
+class DirectOptions:
+    """Everything the direct regressions can be told."""
+
+    memory_days: float = _MEMORY_DAYS
+    """Time constant with which old samples are forgotten [d]."""
+    verified_memory_days: float = 20.0
+    """The same for verified forecasts, from which trust and spread follow [d]."""
+    penalty_days: float = 0.2
+    """Days of samples that speak for persistence."""
+
+
 _RANGES = {
+    "penalty_days": (1e-6, 1e6),
     "past_outputs": (1, 48),
     "past_inputs": (1, 48),
     "memory_days": (0.1, 1e6),
@@ -44,10 +58,16 @@ def resolve_daily(network: Network, period: float, given: Mapping[str, object]) 
     return _resolve("daily", {"past_outputs": 1, "past_inputs": 1}, given)
 
 
+def resolve_direct(network: Network, period: float, given: Mapping[str, object]) -> DirectOptions:
+    """The options in force; OptionsError with one sentence naming the option that is wrong."""
+    check_known(given, {field.name for field in fields(DirectOptions)}, "direct")
+    return DirectOptions(**_checked(given))
+
+
 def _resolve(estimator: str, preset: Mapping[str, object], given: Mapping[str, object]) -> ARXOptions:
     check_known(given, {field.name for field in fields(ARXOptions)}, estimator)
-    effective = dict(preset) | dict(given)
-    checked = {
-        name: checked_number(name, value, *_RANGES[name], whole=name in _WHOLE) for name, value in effective.items()
-    }
-    return ARXOptions(**checked)  # type: ignore[arg-type]
+    return ARXOptions(**_checked(dict(preset) | dict(given)))
+
+
+def _checked(given: Mapping[str, object]) -> dict[str, Any]:
+    return {name: checked_number(name, value, *_RANGES[name], whole=name in _WHOLE) for name, value in given.items()}

@@ -14,7 +14,9 @@ from estimator.diagnosis.forecasts import implausible
 from estimator.diagnosis.members import carried, disagreement, variants
 from estimator.diagnosis.parameters import LEVELS, at_bound, narrower_bounds, not_identified
 from estimator.diagnosis.record import Record, recorded_days
+from estimator.diagnosis.thermostat import disobedience
 from estimator.network.network import Network
+from estimator.thermostat.thermostat import Thermostat
 from estimator.types import Estimator
 
 EVERY = 6 * 3600
@@ -44,14 +46,22 @@ def due(network: Network, before: Record, after: Record, time: int, period: int,
 
 
 def diagnose(
-    estimator: Estimator, state: Any, record: Record, inputs: Array, *, proposes_bounds: bool = False
+    estimator: Estimator,
+    state: Any,
+    record: Record,
+    inputs: Array,
+    *,
+    thermostat: Thermostat | None = None,
+    proposes_bounds: bool = False,
 ) -> Diagnosis:
-    """Every finding about `state`, with the zone's `record` and the `inputs` (n_u,) in force. Nothing is changed.
+    """Every finding about `state`, with the zone's `record`, the `inputs` (n_u,) in force and what is known of its
+    `thermostat`. Nothing is changed.
 
     With `proposes_bounds` narrower bounds are proposed once there is a week of data.
     """
     days = recorded_days(record)
-    findings = implausible(estimator, state, inputs, record.largest)
+    findings = [] if thermostat is None else disobedience(estimator.network, thermostat)
+    findings += implausible(estimator, state, inputs, record.largest)
     bank = estimator if isinstance(estimator, Bank) else None
     if days >= SETTLED_DAYS:
         if estimator.physical:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 AT_BOUND = "parameter-at-bound"
 NOT_IDENTIFIED = "parameter-not-identified"
@@ -12,8 +13,12 @@ IMPLAUSIBLE = "forecast-implausible"
 MISSES_SOMETHING = "network-misses-something"
 OTHER_VARIANT = "network-variant"
 NARROWER_BOUNDS = "narrower-bounds"
+CALLS_WITHOUT_HEAT = "calls-without-heat"
+HEAT_WITHOUT_CALL = "heat-without-call"
 
 FINDINGS = (
+    CALLS_WITHOUT_HEAT,
+    HEAT_WITHOUT_CALL,
     IMPLAUSIBLE,
     AGAINST_BALANCE,
     AT_BOUND,
@@ -26,20 +31,26 @@ FINDINGS = (
 """Every name that a finding can have, in the order in which findings are listed. Names are stable."""
 
 
-class Finding(NamedTuple):
-    """`finding` is one of FINDINGS, `subject` a parameter, a derived quantity, a variant or "zone", and `sentence`
-    one sentence with the problem and the remedy."""
-
-    finding: str
-    subject: str
-    sentence: str
+def _told(text: str, example: str | None = None) -> Any:
+    """A field of which `text` says what it means wherever a finding is published."""
+    return field(metadata={"description": text} | ({} if example is None else {"examples": [example]}))
 
 
-class VariantWeight(NamedTuple):
-    """A variant of a zone's network, and the share of the forecast a few hours ahead that its members carry, 0 to 1."""
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something about the zone's model that is not known or not plausible."""
 
-    variant: str
-    weight: float
+    finding: str = _told("stable name of the kind of finding", AT_BOUND)
+    subject: str = _told("a parameter, heat_loss, a variant of the network, or zone", "C_i")
+    sentence: str = _told("the problem and its remedy in one sentence")
+
+
+@dataclass(frozen=True, slots=True)
+class VariantWeight:
+    """A variant of the zone's network among the members of a bank."""
+
+    variant: str = _told("own: the zone's network as it is")
+    weight: float = _told("share of the forecast 6 h ahead that its members carry, 0 to 1")
 
 
 class Diagnosis(NamedTuple):

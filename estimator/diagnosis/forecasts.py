@@ -37,7 +37,9 @@ def implausible(estimator: Estimator, state: Any, inputs: Array, largest: Array)
     off, full = inputs.copy(), inputs.copy()
     off[heat], full[heat] = 0.0, largest[heat]
     issue = estimator.issue(state, _DRAWS)
-    cold, warm = (np.array(list(_means(estimator, issue, np.tile(row, (steps, 1))))) for row in (off, full))
+    # Neither sun nor people.
+    plans = (np.tile(np.pad(row, (0, len(network.terms))), (steps, 1)) for row in (off, full))
+    cold, warm = (np.array(list(_means(estimator, issue, plan))) for plan in plans)
     both = np.concatenate([cold, warm])
     # An hour of full heating says little where a step is longer than that.
     rise = float(np.max(warm[-1] - cold[-1])) / (steps * estimator.period / _HOUR)

@@ -75,7 +75,9 @@ def variants(bank: Bank, state: Any) -> tuple[VariantWeight, ...]:
 def carried(bank: Bank, state: Any) -> list[Finding]:
     """The findings that black boxes, or another variant than the bank's own network, carry the forecast hours ahead."""
     hours = bank.leads[bank.compared] * bank.period / 3600.0
-    blind = sum(float(each.weights[bank.compared]) for each in _members(bank, state) if not each.estimator.physical)
+    # By what they have proved: the weights a priori say nothing of this building.
+    earned = bank.earned_weights(state).values()
+    blind = sum(float(own[bank.compared]) for own, one in zip(earned, bank.members, strict=True) if not one.physical)
     findings = []
     if blind > _MOST:
         problem = (
@@ -88,13 +90,13 @@ def carried(bank: Bank, state: Any) -> list[Finding]:
                 f"{problem}; add channels for {absent}, or compare networks with `thermogate experiment topology`"
             )
         findings.append(Finding(MISSES_SOMETHING, "zone", sentence))
-    for variant, weight in variants(bank, state):
-        if variant != "own" and weight > _MOST:
+    for one in variants(bank, state):
+        if one.variant != "own" and one.weight > _MOST:
             sentence = (
-                f"the variant '{variant}' of the network carries {100 * weight:.0f} % of the forecast "
+                f"the variant '{one.variant}' of the network carries {100 * one.weight:.0f} % of the forecast "
                 f"{hours:.0f} h ahead; read parameters and heat loss as those of this variant"
             )
-            findings.append(Finding(OTHER_VARIANT, variant, sentence))
+            findings.append(Finding(OTHER_VARIANT, one.variant, sentence))
     return findings
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -62,8 +62,9 @@ class AugmentedFilter(ABC):
         self._measured = topology(network).measured
         self._space = parameter_space(network, logit=False)
         # Variance of the log-uniform prior (23).
-        self._prior_sd = (self._space.upper - self._space.lower) / np.sqrt(12.0)
+        self._prior_sd = np.sqrt(self._space.prior_variance)
 
+    forecast_draws = 1
     physical = True
     verifies_itself = False
 
@@ -122,10 +123,6 @@ class AugmentedFilter(ABC):
         if not log_likelihood > _LOG_SMALLEST:
             return self._posterior(state, Outcome.VANISHED)
         return self._posterior(AugmentedState(*self._confined(gaussian)), Outcome.ASSIMILATED, log_likelihood)
-
-    def forecast(self, state: AugmentedState, plan: Array) -> Iterator[Mixture]:
-        """The outputs at the state's time and after each row of `plan` (h, n_u)."""
-        return self.unfold(state, plan).each()
 
     def parameters(self, state: AugmentedState, levels: Array) -> ParameterSummary:
         """Quantiles: of theta those of a log-normal distribution cut off at the box, of the others from draws.

@@ -64,6 +64,7 @@ class Purpose(IntEnum):
     MIXTURE_SAMPLE = 21
     SCENARIO = 22
     SCENARIO_SWITCH = 23
+    LAW = 24
     FORECAST = 8
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
 

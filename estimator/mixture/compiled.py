@@ -30,13 +30,14 @@ class CompiledMixture:
         slot[space.free] = np.arange(len(space.free))
         self._shape = Shape(
             shape.capacitance, shape.edges, shape.heat, shape.heat_gain, shape.measured,
-            slot, space.free, space.fixed, space.lower, space.upper, model.block,
+            slot, space.free, space.fixed, model.lower, model.upper, model.prior_variance,
+            model.heated, model.term_place, model.coefficient_walk, model.block,
         )  # fmt: skip
         self._settings = _settings(model)
-        self._rows = mode_rows(len(space.fixed), model.states, model.size, model.free)
+        self._rows = mode_rows(len(space.fixed), model.states, model.size, model.free, len(model.heated))
 
     def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> tuple[Particles, Array]:
-        """One period on under `inputs` (n_u,), and the logarithms (N,) of what each proposal is worth."""
+        """One period on under `inputs` (n_u + m,), and the logarithms (N,) of what each proposal is worth."""
         new = Particles(*(np.empty_like(rows) for rows in particles))
         worth = np.empty(particles.mean.shape[1])
         mkf_kernels.propagate(
@@ -59,7 +60,7 @@ class CompiledMixture:
         return out
 
     def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:
-        """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u)."""
+        """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u + m)."""
         draws = Draws(seed, origin, forecast=True)
         out = np.empty((len(plan), self._model.outputs, start.state.shape[1]))
         mkf_scenarios.paths(

@@ -44,6 +44,13 @@ class Shape(NamedTuple):
     fixed: Array
     lower: Array
     upper: Array
+    """(m + d,): bounds of c and phi."""
+    prior_variance: Array
+    """(m + d,): variances that they have a priori."""
+    heated: Indices
+    term_place: Indices
+    coefficient_walk: Array
+    """As in `MixtureModel`."""
     block: Indices
 
 
@@ -137,7 +144,7 @@ def _switch(at, n, size, on, place, size_place, settings, s):  # type: ignore[no
 
 
 @njit(cache=True, **JIT)
-def _predict_covariance(at, n, gains, size, decay, gain_variance, parameter_variance, first, inside, out, s):  # type: ignore[no-untyped-def]
+def _predict_covariance(at, n, gains, size, decay, gain_variance, walk, parameter_variance, first, inside, out, s):  # type: ignore[no-untyped-def]
     """`out` = F P F^T + Q of the particles first..first+7, without the noise of x."""
     for i in range(n):
         for j in range(size):
@@ -166,20 +173,24 @@ def _predict_covariance(at, n, gains, size, decay, gain_variance, parameter_vari
             if n <= j < n + gains:
                 value = value * decay
             if i == j:
-                value = value + gain_variance if i < n + gains else value + parameter_variance
+                if i < n + gains:
+                    value = value + gain_variance
+                elif i < n + gains + walk.shape[0]:
+                    value = value + walk[i - n - gains]
+                else:
+                    value = value + parameter_variance
             store(out, (t, first), inside, value)
             t += 1
 
 
 @njit(cache=True, **JIT)
 def _bound_covariance(shape, size, first, inside, out):  # type: ignore[no-untyped-def]
-    """No log parameter varies more than under its log-uniform prior."""
-    free = shape.free.shape[0]
-    for d in range(free):
-        i = size - free + d
-        width = shape.upper[d] - shape.lower[d]
+    """No coefficient or log parameter varies more than under its prior."""
+    bounded = shape.lower.shape[0]
+    for d in range(bounded):
+        i = size - bounded + d
         variance = load(out, (i * (i + 1) // 2 + i, first), inside)
-        scale = square_root(minimum(width * width / 12.0 / maximum(variance, _TINY), 1.0))
+        scale = square_root(minimum(shape.prior_variance[d] / maximum(variance, _TINY), 1.0))
         for j in range(size):
             row = i * (i + 1) // 2 + j if j <= i else j * (j + 1) // 2 + i
             factor = scale * scale if j == i else scale
@@ -188,14 +199,15 @@ def _bound_covariance(shape, size, first, inside, out):  # type: ignore[no-untyp
 
 @njit(cache=True, **JIT)
 def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, worth):  # type: ignore[no-untyped-def]
-    """All particles one period on under `inputs` (n_u,), from `old` into `new` (`Particles`).
+    """All particles one period on under `inputs` (n_u + m,), from `old` into `new` (`Particles`).
 
     `worth` (N,) becomes the log of the probability of each particle's gain over that of its proposal.
     """
     n, blocks, outputs = shape.capacitance.shape[0], old.log_alpha.shape[0], old.log_noise.shape[0]
-    gains = old.gain_on.shape[0]
+    gains, terms = old.gain_on.shape[0], shape.term_place.shape[0]
     size, particles = old.mean.shape
     free = shape.free.shape[0]
+    known = inputs.shape[0] - terms
     parameter_variance = gate * gate * settings.parameter_variance
     log_begins = np.log(settings.on_probability / settings.proposed_on_probability)
     log_stays = np.log((1.0 - settings.on_probability) / (1.0 - settings.proposed_on_probability))
@@ -238,19 +250,20 @@ def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, wo
             gain = get(s, at.mean + n)
             put(s, at.flow + settings.gain_node, get(s, at.flow + settings.gain_node) + WATTS * gain)
             store(new.mean, (n, first), inside, decay * gain)
+        for t in range(terms):
+            row = at.flow + shape.heated[shape.term_place[t]]
+            put(s, row, get(s, row) + inputs[known + t] * get(s, at.mean + n + gains + t))
         modes(at, shape.capacitance, shape.edges, settings.period, s)
         transform(at, n, settings.period, s)
-        linearise(
-            at, shape.capacitance, shape.edges, shape.heat, shape.heat_gain, shape.slot,
-            settings.period, inputs, settings.gain_node, size, s,
-        )  # fmt: skip
+        linearise(at, shape, settings.period, inputs, settings.gain_node, size, s)
         for i in range(n):
             store(new.mean, (i, first), inside, get(s, at.later + i))
-        for i in range(size - free, size):
+        for i in range(n + gains, size):
             store(new.mean, (i, first), inside, get(s, at.mean + i))
         _predict_covariance(
-            at, n, gains, size, decay, gain_variance, parameter_variance, first, inside, new.covariance, s
-        )
+            at, n, gains, size, decay, gain_variance, shape.coefficient_walk, parameter_variance,
+            first, inside, new.covariance, s,
+        )  # fmt: skip
         for i in range(n):
             variance = spread(settings.process_variance)
             if settings.volatile_process:
@@ -258,16 +271,15 @@ def propagate(at, shape, settings, gate, inputs, normals, uniforms, old, new, wo
                 variance = variance * alpha * alpha
             row = i * (i + 1) // 2 + i
             store(new.covariance, (row, first), inside, load(new.covariance, (row, first), inside) + variance)
-        if settings.parameter_variance > 0.0:
+        if settings.parameter_variance > 0.0 or terms > 0:
             _bound_covariance(shape, size, first, inside, new.covariance)
 
 
 @njit(cache=True, **JIT)
 def assimilate(shape, outputs, old, mean, covariance, log_likelihood):  # type: ignore[no-untyped-def]
-    """Kalman update of all particles by every output (n_y,) that is not NaN, parameters kept in their box."""
+    """Kalman update of all particles by every output (n_y,) that is not NaN, c and phi kept in their bounds."""
     size, particles = old.mean.shape
     packed = old.covariance.shape[0]
-    free = shape.free.shape[0]
     s = aligned(np.empty((packed + 2 * size + 1) * LANES))
     at_mean, at_column = packed, packed + size
     for first in range(0, particles, LANES):
@@ -299,7 +311,7 @@ def assimilate(shape, outputs, old, mean, covariance, log_likelihood):  # type: 
                     row = i * (i + 1) // 2 + node if i >= node else node * (node + 1) // 2 + i
                     put(s, row, get(s, at_column + i) * (noise * precision))
         store(log_likelihood, (first,), inside, whole)
-        _confine(shape, size, free, at_mean, s)
+        _confine(shape, size, at_mean, s)
         for row in range(size):
             store(mean, (row, first), inside, get(s, at_mean + row))
         for row in range(packed):
@@ -307,10 +319,11 @@ def assimilate(shape, outputs, old, mean, covariance, log_likelihood):  # type: 
 
 
 @njit(cache=True, **JIT)
-def _confine(shape, size, free, at_mean, s):  # type: ignore[no-untyped-def]
-    """A log parameter that left its box on its bound, the rest where it is most probable given that, then cut off."""
-    for d in range(free):
-        i = size - free + d
+def _confine(shape, size, at_mean, s):  # type: ignore[no-untyped-def]
+    """What of c and phi left its bounds on its bound, the rest where it is most probable given that, then cut off."""
+    bounded = shape.lower.shape[0]
+    for d in range(bounded):
+        i = size - bounded + d
         value = get(s, at_mean + i)
         excess = minimum(maximum(value, shape.lower[d]), shape.upper[d]) - value
         if largest(excess * excess) > 0.0:
@@ -319,6 +332,6 @@ def _confine(shape, size, free, at_mean, s):  # type: ignore[no-untyped-def]
             for j in range(size):
                 row = i * (i + 1) // 2 + j if j <= i else j * (j + 1) // 2 + i
                 put(s, at_mean + j, get(s, at_mean + j) + get(s, row) * scale)
-    for d in range(free):
-        row = at_mean + size - free + d
+    for d in range(bounded):
+        row = at_mean + size - bounded + d
         put(s, row, minimum(maximum(get(s, row), shape.lower[d]), shape.upper[d]))

@@ -2,15 +2,15 @@
 
 Chen and Liu, "Mixture Kalman filters", J. R. Statist. Soc. B 62 (2000). A particle samples only what makes the model
 nonlinear: volatility, measurement noise, whether an unmeasured heat gain is on, and its time constant. Everything else
-is in its Gaussian over z = [x, q, phi], moved by an extended Kalman filter with exact zero-order hold and derivatives.
-A few hundred particles therefore do, and parameters cannot all descend from one lucky ancestor.
+is in its Gaussian over z = [x, q, c, phi], moved by an extended Kalman filter with exact zero-order hold and
+derivatives. A few hundred particles therefore do, and parameters cannot all descend from one lucky ancestor.
 
 As in `estimator.rbpf`, the state between two samples is the predicted one, and every method is pure.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -43,9 +43,6 @@ from estimator.types import (
     mixture_moments,
 )
 
-_START_SHARE = 0.5
-"""Standard deviation of a particle's first Gaussian over phi, as a share of the prior's; its centre has the rest."""
-
 _SUMMARY_DRAWS = 400
 """Draws of phi for the quantiles of parameters and of what follows from them."""
 
@@ -69,7 +66,7 @@ class MKFState(NamedTuple):
     step: Array
     """(): k, int64; with `seed` it is the whole state of the random numbers."""
     mean: Array
-    """(n_z, N): means of temperatures [degC], gain [kW] and log parameters."""
+    """(n_z, N): means of temperatures [degC], gain [kW], coefficients and log parameters."""
     covariance: Array
     """(n_z (n_z + 1) / 2, N): packed lower triangles."""
     log_alpha: Array
@@ -125,6 +122,7 @@ class MKF:
         self.network = network.validate()
         self.period = period
         self.options = options
+        self.forecast_draws = options.scenarios
         self._model = MixtureModel(network, period, options)
         self.blocks = self._model.blocks
         moves = CompiledMixture if options.implementation == "compiled" else ReferenceMixture
@@ -141,21 +139,21 @@ class MKF:
     def start(self, seed: int, outputs: Array, inputs: Array) -> MKFState:
         """Particles from the prior at the first sample: its outputs (n_y,) and inputs (n_u,).
 
-        The centres of phi are uniform on a box shrunk so that, with the spread of each particle's own Gaussian, the
-        mixture has the variance of the log-uniform prior.
+        The centres of phi are draws from the prior, drawn together so that, with the spread of each particle's own
+        Gaussian, the mixture has the variance of the prior.
         """
         model, options, draws = self._model, self.options, Draws(seed, 0)
         count = options.particles
         place = draws.uniforms(Purpose.PRIOR_PARAMETERS, (model.free, count))
-        shrunk = 0.5 + np.sqrt(1.0 - _START_SHARE**2) * (place - 0.5)
         log_alpha = options.alpha_initial_sd * draws.normals(Purpose.PRIOR_VOLATILITY, (len(self.blocks), count))
         noise = draws.uniforms(Purpose.PRIOR_NOISE, (model.outputs, count))
         on, size, hours = np.split(draws.uniforms(Purpose.PRIOR_GAIN, (3 * model.gains, count)), 3)
         gain_on = np.where(on < self._initially_on(), 1.0, 0.0)
         mean, covariance = np.zeros((model.size, count)), np.zeros((model.size * (model.size + 1) // 2, count))
-        mean[model.size - model.free :] = model.space.from_uniform(shrunk)
-        for d, variance in enumerate(model.prior_variance, model.size - model.free):
-            covariance[packed(d, d)] = _START_SHARE**2 * variance
+        mean[model.coefficients] = model.coefficient_mean[:, None]
+        mean[model.size - model.free :] = model.space.from_uniform(place, np.sqrt(1.0 - options.start_share**2))
+        for d, variance in enumerate(model.prior_variance, model.size - len(model.prior_variance)):
+            covariance[packed(d, d)] = variance if d < model.size - model.free else options.start_share**2 * variance
         for i in range(model.states, model.states + model.gains):
             covariance[packed(i, i)] = (gain_on * np.exp(2.0 * _between(size, model.gain_sd_bounds)))[0]
         self._set_temperatures(mean, covariance, outputs, inputs)
@@ -213,17 +211,6 @@ class MKF:
             return self._kept(state, Outcome.VANISHED)
         return self._learn(state.with_particles(particles), self._moves.reweigh(log_weights))
 
-    def forecast(self, state: MKFState, plan: Array) -> Iterator[Mixture]:
-        """Mixtures at the state's time and after each row of `plan` (h, n_u).
-
-        The first is `predictive`; the others mix `scenarios` equally likely futures, each with its measurement noise.
-        """
-        yield self.predictive(state)
-        start = self._scenario_starts(state, self.options.scenarios)
-        weights, sds = np.full(self.options.scenarios, 1.0 / self.options.scenarios), np.exp(start.log_noise)
-        for temperatures in self._moves.paths(start, plan, int(state.seed), int(state.step)):
-            yield Mixture(weights, temperatures, sds)
-
     def scenarios(self, state: MKFState, plan: Array, count: int) -> Array:
         """Sampled futures (`count`, h + 1, n_y) of the measured nodes [degC], without measurement noise.
 
@@ -249,7 +236,7 @@ class MKF:
         return Mixtures(np.broadcast_to(1.0 / count, (len(means), count)), means, sds)
 
     def draws(self, state: MKFState, count: int) -> ModelDraws:
-        """`count` draws from the mixture: the starts of the sampled futures that `forecast` mixes."""
+        """`count` draws from the mixture: the starts of sampled futures."""
         model, options = self._model, self.options
         rows, gains = model.states + model.gains, slice(model.states, model.states + model.gains)
         watts = np.concatenate([np.ones(model.states), np.full(model.gains, WATTS)])
@@ -282,6 +269,7 @@ class MKF:
             process_variance=variance,
             measurement_variance=np.exp(2.0 * start.log_noise),
             point_is_fan=False,
+            coefficients=start.state[model.coefficients],
         )
 
     def verified(self, state: MKFState, lead: int, errors: Array) -> MKFState:
@@ -314,6 +302,7 @@ class MKF:
             parameters=np.quantile(theta, levels, axis=1).T,
             time_constants=np.quantile(time_constants(matrices), levels, axis=0).T,
             heat_loss=np.quantile(heat_loss(matrices, self._model.gain_node), levels),
+            coefficients=np.quantile(z[self._model.coefficients], levels, axis=1).T,
         )
 
     def _initially_on(self) -> float:

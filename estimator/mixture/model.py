@@ -1,8 +1,9 @@
 """What a particle of the mixture Kalman filter is, and the model by which all of them move.
 
-Every particle carries one Gaussian over z = [x, q, phi]: node temperatures [degC], the unmeasured heat gain [kW] into
-the first measured node (left out where a filter has none), and the logarithms of the free parameters. Sampled, and so
-known to each particle for certain, are the noise levels, whether the gain is on, and the gain's time constant.
+Every particle carries one Gaussian over z = [x, q, c, phi]: node temperatures [degC], the unmeasured heat gain [kW]
+into the first measured node (left out where a filter has none), the coefficients of the network's terms (each in its
+own unit; most networks have none), and the logarithms of the free parameters. Sampled, and so known to each particle
+for certain, are the noise levels, whether the gain is on, and the gain's time constant.
 """
 
 from __future__ import annotations
@@ -24,14 +25,16 @@ WATTS = 1000.0
 SMALLEST_PIVOT = 1e-12
 """Share of a variance below which what is left of it, given the components before, is rounding."""
 
+DAY = 86400.0
+
 _PROPOSED_ONSETS = 0.1
 """Share of the particles without a gain that try one."""
 
 
 class Particles(NamedTuple):
-    """N particles of a filter with n_z = n_x + G + d Gaussian components, B volatility blocks and n_y outputs.
+    """N particles of a filter with n_z = n_x + G + m + d Gaussian components, B volatility blocks and n_y outputs.
 
-    G is 1 where there is a gain and 0 where there is none.
+    G is 1 where there is a gain and 0 where there is none, m the number of terms of the network.
     """
 
     mean: Array
@@ -84,7 +87,21 @@ class MixtureModel:
         self.states = len(network.nodes)
         self.gains = 0 if options.gain == "none" else 1
         self.free = len(self.space.free)
-        self.size = self.states + self.gains + self.free
+        terms = network.terms
+        self.terms = len(terms)
+        self.size = self.states + self.gains + self.terms + self.free
+        heated = tuple(dict.fromkeys(term.node for term in terms))
+        self.heated: Indices = np.array([network.nodes.index(node) for node in heated], dtype=np.int64)
+        """(D,): states that terms heat."""
+        self.term_place: Indices = np.array([heated.index(term.node) for term in terms], dtype=np.int64)
+        """(m,): place of each term's node in `heated`."""
+        self.coefficient_mean: Array = np.array([term.mean for term in terms], dtype=np.float64)
+        """(m,): of the prior of c."""
+        self.coefficient_walk: Array = np.array([term.walk**2 * period / DAY for term in terms], dtype=np.float64)
+        """(m,): variance of the walk of c over a step."""
+        self.lower: Array = np.concatenate([[-np.inf if t.lower is None else t.lower for t in terms], self.space.lower])
+        self.upper: Array = np.concatenate([np.full(self.terms, np.inf), self.space.upper])
+        """(m + d,): bounds of c and phi."""
         self.outputs = len(network.measured)
         self.learns_noise = options.measurement_sd == LEARNED
         # Volatility and gate are those of the particle filter, whose functions take its options.
@@ -103,7 +120,8 @@ class MixtureModel:
     def samples_nothing(self) -> bool:
         """Whether particles differ in nothing but their Gaussians, and so never part once they are equal."""
         options = self.options
-        switches = options.gain == "switching" or (options.gain == "always" and options.gain_decays)
+        guesses = options.gain_decays and options.gain_hours_min < options.gain_hours_max
+        switches = options.gain == "switching" or (options.gain == "always" and guesses)
         return not (self.blocks or switches or self.learns_noise)
 
     @property
@@ -130,9 +148,15 @@ class MixtureModel:
         return int(self.topology.measured[0])
 
     @property
+    def coefficients(self) -> slice:
+        """The rows of c in z."""
+        return slice(self.states + self.gains, self.states + self.gains + self.terms)
+
+    @property
     def prior_variance(self) -> Array:
-        """(d,): variances of the log-uniform prior of phi."""
-        return (self.space.upper - self.space.lower) ** 2 / 12.0
+        """(m + d,): variances of the prior of c and of phi."""
+        own = np.array([term.sd**2 for term in self.network.terms], dtype=np.float64)
+        return np.concatenate([own, self.space.prior_variance])
 
     @property
     def noise_bounds(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""A block of eight networks in its modes, compiled: exact zero-order hold and its derivative by z = [x, q, phi].
+"""A block of eight networks in its modes, compiled: exact zero-order hold and its derivative by z = [x, q, c, phi].
 
 With D = C^(-1/2) and dt D G D = V diag(m) V^T, the modal state a = V^T D^(-1) x and modal heat b = dt V^T D r become
 exp(-m) a + p b, p = (1 - exp(-m)) / m. A small change K of -dt D G D in modes changes that by (E o K) a + (F o K) b,
@@ -62,16 +62,20 @@ class ModeRows(NamedTuple):
     """(n_z (n_z + 1) / 2,)."""
     product: int
     """(n, n_z): jacobian times covariance."""
+    response: int
+    """(D, n): x' per W into each state that terms heat."""
     rows: int
     """How many there are."""
 
 
-def mode_rows(parameters: int, states: int, size: int, free: int) -> ModeRows:
-    """The scratch rows for so many entries of theta, states, components of z and free parameters."""
+def mode_rows(parameters: int, states: int, size: int, free: int, heated: int) -> ModeRows:
+    """The scratch rows for so many entries of theta, states, components of z, free parameters and states that terms
+    heat."""
     n, square = states, states * states
     triangle = size * (size + 1) // 2
     lengths = (
-        parameters, square, square, n, n, n, n, n, n, square, free * n, n * size, size, n, triangle, n * size
+        parameters, square, square, n, n, n, n, n, n, square, free * n, n * size, size, n, triangle, n * size,
+        heated * n,
     )  # fmt: skip
     return ModeRows(*(sum(lengths[:index]) for index in range(len(lengths) + 1)))
 
@@ -229,12 +233,26 @@ def transform(at, n, period, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, **JIT)
-def linearise(at, capacitance, edges, heat, heat_gain, slot, period, inputs, gain_node, size, s):  # type: ignore[no-untyped-def]
-    """Row `jacobian` (n, n_z) after `modes` and `transform`.
+def respond(at, n, node, scale, row, s):  # type: ignore[no-untyped-def]
+    """Rows `row`.. (n,): x' per unit of a heat into `node`, `scale` W s long, after `modes`."""
+    for i in range(n):
+        value = spread(0.0)
+        for k in range(n):
+            driven = get(s, at.drive + k) * get(s, at.vectors + node * n + k)
+            value = value + get(s, at.vectors + i * n + k) * driven
+        put(s, row + i, value * scale)
 
-    `slot` (n_theta,) is the place among the free parameters, -1 for a fixed one; `gain_node` is -1 without a gain.
+
+@njit(cache=True, **JIT)
+def linearise(at, shape, period, inputs, gain_node, size, s):  # type: ignore[no-untyped-def]
+    """Row `jacobian` (n, n_z) after `modes` and `transform`, under `inputs` (n_u + m,).
+
+    `gain_node` is -1 without a gain.
     """
-    n, first = capacitance.shape[0], size - at_free(at, capacitance.shape[0])
+    capacitance, edges, heat, heat_gain, slot = (
+        shape.capacitance, shape.edges, shape.heat, shape.heat_gain, shape.slot
+    )  # fmt: skip
+    n, first, terms = capacitance.shape[0], size - shape.free.shape[0], shape.term_place.shape[0]
     for row in range(at.slopes, at.jacobian):
         put(s, row, 0.0)
     for e in range(edges.shape[0]):
@@ -249,6 +267,8 @@ def linearise(at, capacitance, edges, heat, heat_gain, slot, period, inputs, gai
     for i in range(n):
         if slot[capacitance[i]] >= 0:
             _capacitance_slope(at, n, i, slot[capacitance[i]], period, s)
+    for d in range(shape.heated.shape[0]):
+        respond(at, n, shape.heated[d], period, at.response + d * n, s)
     for i in range(n):
         row = at.jacobian + i * size
         for j in range(n):
@@ -263,6 +283,9 @@ def linearise(at, capacitance, edges, heat, heat_gain, slot, period, inputs, gai
                 driven = get(s, at.drive + k) * get(s, at.vectors + gain_node * n + k)
                 value = value + get(s, at.vectors + i * n + k) * driven
             put(s, row + n, value * (WATTS * period))
+        for t in range(terms):
+            response = get(s, at.response + shape.term_place[t] * n + i)
+            put(s, row + first - terms + t, inputs[inputs.shape[0] - terms + t] * response)
         for d in range(size - first):
             value = spread(0.0)
             for k in range(n):
@@ -271,12 +294,6 @@ def linearise(at, capacitance, edges, heat, heat_gain, slot, period, inputs, gai
         if slot[capacitance[i]] >= 0:
             column = row + first + slot[capacitance[i]]
             put(s, column, get(s, column) - 0.5 * get(s, at.later + i))
-
-
-@njit(cache=True, **JIT)
-def at_free(at, n):  # type: ignore[no-untyped-def]
-    """Number of free parameters of a layout for n states."""
-    return (at.jacobian - at.slopes) // n
 
 
 @njit(cache=True, **JIT)

@@ -7,6 +7,7 @@ sampled, the rest is an (extended) Kalman filter of each particle.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
 from estimator.mixture.model import HOUR, SMALLEST_PIVOT, WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.network.modal import ModalNetwork
+from estimator.network.network import HeatInput
 from estimator.particle.gate import weighted_quantiles
 from estimator.particle.kalman import kalman_update, pack, unpack
 from estimator.particle.reference import mixture_quantile
@@ -31,10 +33,12 @@ class ReferenceMixture:
 
     def __init__(self, model: MixtureModel) -> None:
         self._model = model
-        self._modal = ModalNetwork(with_known_gain(model.network, model.network.measured[0], _GAIN_CHANNEL))
+        known = with_known_gain(model.network, model.network.measured[0], _GAIN_CHANNEL)
+        heat = tuple(HeatInput(term.name, term.node) for term in model.network.terms)
+        self._modal = ModalNetwork(replace(known, heat_inputs=(*known.heat_inputs, *heat), terms=()))
 
     def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> tuple[Particles, Array]:
-        """One period on under `inputs` (n_u,): sampled quantities by their `walk`, then a Kalman prediction each.
+        """One period on under `inputs` (n_u + m,): sampled quantities by their `walk`, then a Kalman prediction each.
 
         Also the logarithms (N,) of what each particle's proposal is worth.
         """
@@ -42,12 +46,13 @@ class ReferenceMixture:
         worth = self._worth(particles.gain_on, sampled.gain_on)
         model, options = self._model, self._model.options
         x, q = slice(0, model.states), slice(model.states, model.states + model.gains)
-        phi = slice(model.states + model.gains, model.size)
+        c, phi = model.coefficients, slice(model.size - model.free, model.size)
         alpha = np.exp(sampled.log_alpha)
         mean, full = sampled.mean.copy(), unpack(sampled.covariance)
         for n in range(mean.shape[1]):
             gain = sampled.mean[q, n]
-            jacobian, move = np.eye(model.size), self._linearised(sampled.mean[phi, n], inputs, gain)
+            jacobian = np.eye(model.size)
+            move = self._linearised(sampled.mean[phi, n], inputs, gain, sampled.mean[c, n])
             mean[x, n], jacobian[x] = move(sampled.mean[x, n])
             noise = np.zeros(model.size)
             noise[x] = options.process_sd**2
@@ -57,9 +62,10 @@ class ReferenceMixture:
                 decay = self._gain_decay(sampled.log_hours)[0, n]
                 mean[q, n], jacobian[q, q] = decay * gain, decay
                 noise[q] = sampled.gain_on[0, n] * self._gain_walk(alpha)[n] ** 2
+            noise[c] = model.coefficient_walk
             noise[phi] = (gate * options.parameter_sd) ** 2
             full[n] = jacobian @ full[n] @ jacobian.T + np.diag(noise)
-        if options.parameter_sd > 0:
+        if options.parameter_sd > 0 or model.terms:
             full = self._bounded(full)
         return sampled._replace(mean=mean, covariance=pack(full)), worth
 
@@ -80,18 +86,18 @@ class ReferenceMixture:
             return particles._replace(mean=self._confined(mean, covariance), covariance=covariance), log_likelihood
 
     def sample(self, particles: Particles, index: Indices, normals: Array) -> Array:
-        """Draws z (n_z, K) from the Gaussians of the particles `index` (K,), phi inside its box.
+        """Draws z (n_z, K) from the Gaussians of the particles `index` (K,), c and phi inside their bounds.
 
         `normals` (n_z, K) are standard normal.
         """
         factor = _semidefinite_roots(unpack(particles.covariance[:, index]))
         z = particles.mean[:, index] + np.einsum("kij,jk->ik", factor, normals)
-        phi = self._model.size - self._model.free
-        z[phi:] = self._model.space.confine(z[phi:])
+        bounded = self._model.size - len(self._model.lower)
+        z[bounded:] = np.clip(z[bounded:], self._model.lower[:, None], self._model.upper[:, None])
         return z
 
     def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:
-        """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u), `origin` being k now."""
+        """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u + m); `origin` is k now."""
         model, options = self._model, self._model.options
         count, blocks = start.state.shape[1], len(model.blocks)
         phi, gain_at = start.state[model.size - model.free :], model.states
@@ -101,6 +107,7 @@ class ReferenceMixture:
         response = np.array([tangent.input for tangent in tangents])
         x = start.state[: model.states]
         q = start.state[gain_at : gain_at + model.gains]
+        coefficients = start.state[model.coefficients]
         log_alpha, on = start.log_alpha, start.gain_on
         temperatures = np.empty((len(plan), model.outputs, count))
         for ahead, inputs in enumerate(plan):
@@ -115,7 +122,10 @@ class ReferenceMixture:
             alpha = np.exp(log_alpha)
             on, new, spread = self._switches(on, uniforms[blocks:], model.on_probability)
             q = np.where(new, spread * news, q) * on
-            power = np.concatenate([np.repeat(inputs[:, None], count, axis=1), self._heat(q)])
+            measured, known = np.split(inputs, [len(inputs) - model.terms])
+            power = np.concatenate(
+                [np.repeat(measured[:, None], count, axis=1), self._heat(q), known[:, None] * coefficients]
+            )
             noise = np.full((model.states, count), options.process_sd)
             if options.volatility == "process":
                 noise *= alpha[model.block]
@@ -190,18 +200,23 @@ class ReferenceMixture:
         full[changed, model.states, model.states] = np.where(new, spread**2, 0.0)[0, changed]
         return particles._replace(mean=mean, covariance=pack(full), gain_on=on)
 
-    def _linearised(self, phi: Array, inputs: Array, gain: Array) -> Callable[[Array], tuple[Array, Array]]:
+    def _linearised(
+        self, phi: Array, inputs: Array, gain: Array, coefficients: Array
+    ) -> Callable[[Array], tuple[Array, Array]]:
         """The step of one particle as a function from x (n_x,) to x' and its derivative (n_x, n_z) by z."""
         model = self._model
         theta = model.space.parameters(phi[:, None])[:, 0]
         tangent = self._modal.linearise(theta, model.space.free, model.period)
-        heat = np.append(inputs, self._heat(gain) if model.gains else 0.0)
+        measured, known = np.split(inputs, [len(inputs) - model.terms])
+        heat = np.concatenate([measured, self._heat(gain) if model.gains else [0.0], known * coefficients])
+        at = len(measured)
 
         def move(x: Array) -> tuple[Array, Array]:
             slope = tangent.transition_slope @ x + tangent.input_slope @ heat
-            by_gain = WATTS * tangent.input[:, -1:] if model.gains else tangent.input[:, :0]
+            by_gain = WATTS * tangent.input[:, at : at + model.gains]
+            by_coefficients = known * tangent.input[:, at + 1 :]
             later = tangent.transition @ x + tangent.input @ heat
-            return later, np.hstack([tangent.transition, by_gain, slope.T])
+            return later, np.hstack([tangent.transition, by_gain, by_coefficients, slope.T])
 
         return move
 
@@ -221,26 +236,27 @@ class ReferenceMixture:
         return walk * alpha[0] if self._model.options.volatility == "gain" else walk
 
     def _bounded(self, full: Array) -> Array:
-        """Covariances (N, n_z, n_z) in which no log parameter varies more than under its prior."""
-        free = self._model.size - self._model.free
-        variances = np.einsum("nii->ni", full)[:, free:]
+        """Covariances (N, n_z, n_z) in which no coefficient or log parameter varies more than under its prior."""
+        bounded = self._model.size - len(self._model.lower)
+        variances = np.einsum("nii->ni", full)[:, bounded:]
         scale = np.ones(full.shape[:2])
-        scale[:, free:] = np.sqrt(np.minimum(1.0, self._model.prior_variance / variances))
+        scale[:, bounded:] = np.sqrt(np.minimum(1.0, self._model.prior_variance / variances))
         return full * scale[:, :, None] * scale[:, None, :]
 
     def _confined(self, mean: Array, covariance: Array) -> Array:
-        """Means with phi inside its box.
+        """Means with c and phi inside their bounds.
 
         A component that left it is put on its bound, and the others where they are most probable given that
         (projection of the estimate: Simon and Chia 2002); what then still sticks out is cut off.
         """
-        space, first = self._model.space, self._model.size - self._model.free
+        lower, upper = self._model.lower, self._model.upper
+        first = self._model.size - len(lower)
         mean = mean.copy()
-        for d in range(self._model.free):
+        for d in range(len(lower)):
             row = covariance[[packed(i, first + d) for i in range(len(mean))]]
-            excess = np.clip(mean[first + d], space.lower[d], space.upper[d]) - mean[first + d]
+            excess = np.clip(mean[first + d], lower[d], upper[d]) - mean[first + d]
             mean = mean + row * np.where(row[first + d] > 0, excess / np.maximum(row[first + d], 1e-300), 0.0)
-        mean[first:] = space.confine(mean[first:])
+        mean[first:] = np.clip(mean[first:], lower[:, None], upper[:, None])
         return mean
 
 

@@ -15,16 +15,17 @@ from estimator.kernels.lanes import JIT, LANES, choose_below, load, maximum, min
 from estimator.kernels.scratch import aligned, get, put
 from estimator.mixture.kernels import gain_begins, gain_decay, gain_ends, gain_spread, moved_volatility, theta
 from estimator.mixture.model import SMALLEST_PIVOT, WATTS
-from estimator.mixture.modes import flow, modes
+from estimator.mixture.modes import flow, modes, respond
 
 _TINY = 1e-300
 
 
 @njit(cache=True, **JIT)
 def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-def]
-    """`out` (n_z, K): draws from Gaussians, phi inside its box; packed covariances, standard `normals` (n_z, K)."""
+    """`out` (n_z, K): draws from Gaussians, c and phi inside their bounds; packed covariances, standard `normals`
+    (n_z, K)."""
     size, count = mean.shape
-    free = shape.free.shape[0]
+    bounded = shape.lower.shape[0]
     s = aligned(np.empty((covariance.shape[0] + 1) * LANES))
     for first in range(0, count, LANES):
         inside = within(first, count)
@@ -47,15 +48,15 @@ def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-de
             value = load(mean, (i, first), inside)
             for j in range(i + 1):
                 value = value + get(s, i * (i + 1) // 2 + j) * load(normals, (j, first), inside)
-            if i >= size - free:
-                d = i - (size - free)
+            if i >= size - bounded:
+                d = i - (size - bounded)
                 value = minimum(maximum(value, shape.lower[d]), shape.upper[d])
             store(out, (i, first), inside, value)
 
 
 @njit(cache=True, **JIT)
 def _discretise(at, shape, settings, at_transition, at_input, at_gain, channels, s):  # type: ignore[no-untyped-def]
-    """Rows A_d (n, n), B_d (n, n_u) and the response [K/kW] to a gain (n,) of a block."""
+    """Rows A_d (n, n), B_d (n, n_u) and the response [K/kW] to a gain (n,) of a block, and row `response`."""
     n = shape.capacitance.shape[0]
     modes(at, shape.capacitance, shape.edges, settings.period, s)
     for i in range(n):
@@ -84,12 +85,15 @@ def _discretise(at, shape, settings, at_transition, at_input, at_gain, channels,
             for k in range(n):
                 value = value + get(s, at.vectors + i * n + k) * get(s, at.heat + k)
             put(s, at_input + i * channels + c if c < channels else at_gain + i, value)
+    for d in range(shape.heated.shape[0]):
+        respond(at, n, shape.heated[d], settings.period, at.response + d * n, s)
 
 
 @njit(cache=True, **JIT)
 def paths(at, shape, settings, seed, origin, normal_stream, uniform_stream, plan, start, out):  # type: ignore[no-untyped-def]
-    """`out` (h, n_y, K): temperatures of the measured nodes in sampled futures under `plan` (h, n_u)."""
-    n, channels = shape.capacitance.shape[0], plan.shape[1]
+    """`out` (h, n_y, K): temperatures of the measured nodes in sampled futures under `plan` (h, n_u + m)."""
+    terms, heated = shape.term_place.shape[0], shape.heated.shape[0]
+    n, channels = shape.capacitance.shape[0], plan.shape[1] - terms
     size, count = start.state.shape
     free, blocks, gains = shape.free.shape[0], start.log_alpha.shape[0], start.gain_on.shape[0]
     normals, uniforms = n + 2 * blocks + 2 * gains, blocks + 2 * gains
@@ -99,7 +103,8 @@ def paths(at, shape, settings, seed, origin, normal_stream, uniform_stream, plan
     at_normals = at_gain + n
     at_uniforms = at_normals + (normals + ROWS)
     at_alpha = at_uniforms + (uniforms + ROWS)
-    s = aligned(np.empty((at_alpha + blocks + 1) * LANES))
+    at_known = at_alpha + blocks
+    s = aligned(np.empty((at_known + heated + 1) * LANES))
     process_sd = np.sqrt(settings.process_variance)
     for first in range(0, count, LANES):
         inside = within(first, count)
@@ -133,12 +138,20 @@ def paths(at, shape, settings, seed, origin, normal_stream, uniform_stream, plan
                 ends = gain_ends(on, place, settings.off_probability)
                 new = gain_spread(get(s, at_uniforms + blocks + 1), settings) * get(s, at_normals + n + 2 * blocks)
                 gain, on = gain * (1.0 - begins - ends) + begins * new, on + begins - ends
+            for d in range(heated):
+                put(s, at_known + d, 0.0)
+            for t in range(terms):
+                row = at_known + shape.term_place[t]
+                coefficient = load(start.state, (n + gains + t, first), inside)
+                put(s, row, get(s, row) + plan[ahead, channels + t] * coefficient)
             for i in range(n):
                 value = gain * get(s, at_gain + i)
                 for j in range(n):
                     value = value + get(s, at_transition + i * n + j) * get(s, at.mean + j)
                 for c in range(channels):
                     value = value + get(s, at_input + i * channels + c) * plan[ahead, c]
+                for d in range(heated):
+                    value = value + get(s, at.response + d * n + i) * get(s, at_known + d)
                 noise = process_sd * get(s, at_normals + i)
                 if settings.volatile_process:
                     noise = noise * exponential(get(s, at_alpha + shape.block[i]))

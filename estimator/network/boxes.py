@@ -33,6 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.errors import NetworkError
@@ -41,12 +42,20 @@ from estimator.network.network import Network, Parameter
 WIDEST = (20.0, 2000.0)
 """m2: a room and a hall, the floor areas between which the widest box holds."""
 
+TYPICAL_AREA = 70.0
+"""m2: of a zone whose floor area nobody knows, a flat or a storey of a house."""
+
 
 class PerArea(NamedTuple):
     """Range of a parameter per m2 of floor area, in J/K, W/K or m2."""
 
     lower: float
     upper: float
+
+    @property
+    def middle(self) -> float:
+        """The typical value: off by one standard deviation of the prior is a factor of 2.7."""
+        return sqrt(self.lower * self.upper)
 
 
 _INTERIOR = PerArea(3e3, 2e5)
@@ -101,7 +110,8 @@ def is_generic(network: Network) -> bool:
 def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
     """`parameter` of a generic network with the bounds for a floor area between `smallest` and `largest` [m2].
 
-    A nominal value outside the bounds is dropped. NetworkError for a parameter that has no range per m2.
+    Its typical value is the middle of the range per m2 on a logarithmic scale, times the floor area. A nominal value
+    outside the bounds is dropped. NetworkError for a parameter that has no range per m2.
     """
     name = parameter.name
     if name in _SHARES:
@@ -111,7 +121,9 @@ def box(parameter: Parameter, smallest: float, largest: float) -> Parameter:
         raise NetworkError(f"parameter '{name}' has no range per m2 of floor area")
     lower, upper = per_area.lower * smallest, per_area.upper * largest
     inside = parameter.nominal is not None and lower <= parameter.nominal <= upper
-    return replace(parameter, lower=lower, upper=upper, nominal=parameter.nominal if inside else None)
+    nominal = parameter.nominal if inside else None
+    area = TYPICAL_AREA if (smallest, largest) == WIDEST else sqrt(smallest * largest)
+    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=per_area.middle * area)
 
 
 def boxed(network: Network, smallest: float = WIDEST[0], largest: float = WIDEST[1]) -> Network:

@@ -21,13 +21,14 @@ _SHARE = Parameter("f_direct", "1", 0.02, 0.98, 0.3)
 
 
 def family(network: Network) -> dict[str, Network]:
-    """Variants of `network` by name: `own`, itself, and those of `ground`, `two-layers` and `direct-heat` that it
-    allows."""
-    variants = {"own": network}
+    """Variants of `network` by name: `own`, itself, `bare`, without its terms if it has any, and those of `ground`,
+    `two-layers` and `direct-heat` that it allows, without terms too."""
+    variants, bare = {"own": network}, network.without_terms()
     built = {
-        "ground": with_ground(network),
-        "two-layers": with_two_layers(network),
-        "direct-heat": with_direct_heat(network),
+        "bare": bare if network.terms else None,
+        "ground": with_ground(bare),
+        "two-layers": with_two_layers(bare),
+        "direct-heat": with_direct_heat(bare),
     }
     for name, variant in built.items():
         if variant is not None:
@@ -66,29 +67,23 @@ def with_ground(network: Network) -> Network | None:
 def with_two_layers(network: Network) -> Network | None:
     """`network` with its envelope in two layers, the outer of which is tied to the outdoors in its place.
 
-    The envelope is the heaviest unmeasured node with a conductance to the first boundary. None without such a node, and
-    where the names of the outer layer are taken.
+    None without an `envelope`, and where the names of the outer layer are taken.
     """
-    outdoors = next(iter(network.boundaries), "")
-    skins = {
-        node: edge
-        for edge in network.conductances
-        for node in edge.between
-        if outdoors in edge.between and node in network.nodes and node not in network.measured
-    }
-    if _taken(network, OUTER, "C_outer", "g_layers") or not skins:
+    skin = envelope(network)
+    if _taken(network, OUTER, "C_outer", "g_layers") or skin is None:
         return None
-    envelope = max(skins, key=lambda node: _middle(network.parameter(network.capacitances[node])))
-    capacitance = network.parameter(network.capacitances[envelope])
-    touching = [network.parameter(edge.name) for edge in network.conductances if envelope in edge.between]
-    moved = replace(skins[envelope], between=(OUTER, outdoors))
+    outdoors = network.boundaries[0]
+    outwards = next(edge for edge in network.conductances if set(edge.between) == {skin, outdoors})
+    capacitance = network.parameter(network.capacitances[skin])
+    touching = [network.parameter(edge.name) for edge in network.conductances if skin in edge.between]
+    moved = replace(outwards, between=(OUTER, outdoors))
     return replace(
         network,
         name=f"{network.name}-two-layers",
         capacitances={**network.capacitances, OUTER: "C_outer"},
         conductances=(
-            *(moved if edge == skins[envelope] else edge for edge in network.conductances),
-            Conductance("g_layers", (envelope, OUTER)),
+            *(moved if edge == outwards else edge for edge in network.conductances),
+            Conductance("g_layers", (skin, OUTER)),
         ),
         parameters=(
             *network.parameters,
@@ -97,6 +92,18 @@ def with_two_layers(network: Network) -> Network | None:
         ),
         initial={**network.initial, OUTER: InitialTemperature(outdoors, _OUTER_SD)},
     )
+
+
+def envelope(network: Network) -> str | None:
+    """The heaviest unmeasured node with a conductance to the first boundary; None without one."""
+    outdoors = next(iter(network.boundaries), "")
+    skins = [
+        node
+        for edge in network.conductances
+        for node in edge.between
+        if outdoors in edge.between and node in network.nodes and node not in network.measured
+    ]
+    return max(skins, key=lambda node: _middle(network.parameter(network.capacitances[node])), default=None)
 
 
 def with_direct_heat(network: Network) -> Network | None:

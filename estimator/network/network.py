@@ -10,7 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from estimator.arrays import Indices
 from estimator.errors import NetworkError
+from estimator.network.terms import HeatTerm
 
 MEASURED = "measured"
 
@@ -19,8 +23,9 @@ MEASURED = "measured"
 class Parameter:
     """One entry of theta: a capacitance [J/K], a conductance [W/K] or the gain of a heat input.
 
-    `lower` and `upper` are the box of the log-uniform prior (23). A free parameter is learned inside its box; one that
-    is not free stays at `nominal`.
+    `lower` and `upper` are the box that a free parameter is learned in; one that is not free stays at `nominal`. A
+    priori it is log-uniform on the box (23), or, where a `typical` value is known, log-normal about it: off by a factor
+    of e, 2.7, is one standard deviation.
     """
 
     name: str
@@ -29,6 +34,7 @@ class Parameter:
     upper: float
     nominal: float | None = None
     free: bool = True
+    typical: float | None = None
 
 
 @dataclass(frozen=True)
@@ -91,6 +97,8 @@ class Network:
     measured: Sequence[str]
     initial: Mapping[str, InitialTemperature] = field(default_factory=dict)
     description: str = ""
+    terms: tuple[HeatTerm, ...] = ()
+    """Heat that is known up to coefficients."""
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -116,6 +124,20 @@ class Network:
     def free(self) -> tuple[Parameter, ...]:
         """The parameters that are learned, in the order of theta."""
         return tuple(parameter for parameter in self.parameters if parameter.free)
+
+    @property
+    def drive(self) -> tuple[str, ...]:
+        """What drives the network over a step: the input vector u, then the known f of every term."""
+        return (*self.inputs, *(term.name for term in self.terms))
+
+    def columns(self, part: Network) -> Indices:
+        """The places in a drive row of this network of what drives `part`, which has the same inputs and no term that
+        this one lacks."""
+        return np.array([self.drive.index(name) for name in part.drive], dtype=np.int64)
+
+    def without_terms(self) -> Network:
+        """A copy in which all heat is measured or unknown."""
+        return replace(self, terms=()) if self.terms else self
 
     def channel_unit(self, channel: str) -> str:
         """The unit that `channel` must arrive in: degC for temperatures, the declared unit for heat inputs."""
@@ -160,7 +182,7 @@ class Network:
 
     def validate(self) -> Network:
         """Return this network, or raise NetworkError with one sentence naming the first thing wrong with it."""
-        for check in (_check_nodes, _check_parameters, _check_conductances, _check_heat, _check_grounded):
+        for check in (_check_nodes, _check_parameters, _check_conductances, _check_heat, _check_terms, _check_grounded):
             problem = check(self)
             if problem:
                 raise NetworkError(f"network '{self.name}': {problem}")
@@ -241,6 +263,9 @@ def _check_parameters(network: Network) -> Problem:
                 f"{at} has value {parameter.nominal:g}, outside {_SMALLEST:g} to {_LARGEST:g} {parameter.unit}; "
                 "no building needs it"
             )
+        typical = parameter.typical if parameter.free else None
+        if typical is not None and not parameter.lower <= typical <= parameter.upper:
+            return f"{at} has the typical value {typical:g}, outside {parameter.lower:g} to {parameter.upper:g}"
     twice = _duplicate([*network.capacitances.values(), *(edge.name for edge in network.conductances)])
     if twice:
         return f"parameter '{twice}' stands for two elements; every capacitance and conductance needs its own"
@@ -296,6 +321,21 @@ def _check_heat(network: Network) -> Problem:
         seen[heat.channel, heat.node] = heat.unit
         if units.setdefault(heat.channel, heat.unit) != heat.unit:
             return f"heat input '{heat.channel}' is given in {units[heat.channel]} and in {heat.unit}"
+    return None
+
+
+def _check_terms(network: Network) -> Problem:
+    twice = _duplicate((*network.inputs, *(term.name for term in network.terms)))
+    if twice:
+        return f"the name '{twice}' is used for two inputs or terms; every term needs its own"
+    for term in network.terms:
+        at = f"term '{term.name}'"
+        if term.node not in network.nodes:
+            return f"{at} heats '{term.node}', which is not a state node; the state nodes are {_listed(network.nodes)}"
+        if not term.sd > 0 or not term.walk >= 0:
+            return f"{at} has sd {term.sd:g} and walk {term.walk:g}; the one must be above 0, the other at least 0"
+        if not abs(term.mean) < float("inf") or (term.lower is not None and term.mean < term.lower):
+            return f"{at} has mean {term.mean:g}, which must be a number, and not below its lower bound"
     return None
 
 

@@ -1,4 +1,6 @@
-"""The coordinates in which parameters are learned, and their log-uniform prior (paper 3.4.3).
+"""The coordinates in which parameters are learned, and their prior (paper 3.4.3).
+
+The prior is log-uniform on the box, as the paper's, or log-normal about a typical value and cut off at the box.
 
 phi = log theta lies in the box [log theta_min, log theta_max]. Two coordinates are offered: "log", phi itself, where
 jittered values are clipped to the box (as the authors' runs do), and "logit", the logit of phi's place in the box,
@@ -10,7 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logit
+from scipy.special import expit, logit, ndtr, ndtri
 
 from estimator.arrays import Array, Indices
 from estimator.network.network import Network
@@ -19,11 +21,13 @@ from estimator.network.network import Network
 class ParameterSpace(NamedTuple):
     """Where theta lives.
 
-    `lower` and `upper` (d,) bound phi, `free` (d,) are its entries of theta, `fixed` (n_theta,) fills the others.
+    `lower` and `upper` (d,) bound phi. `typical` (d,) is the centre of a log-normal prior with a standard deviation of
+    1, NaN for a log-uniform one; `free` (d,) are its entries of theta, `fixed` (n_theta,) fills the others.
     """
 
     lower: Array
     upper: Array
+    typical: Array
     free: Indices
     fixed: Array
     logit: bool
@@ -40,13 +44,36 @@ class ParameterSpace(NamedTuple):
         theta[self.free] = np.exp(self.log_parameters(coordinates))
         return theta
 
-    def from_uniform(self, place: Array) -> Array:
-        """Coordinates (d, N) of `place` (d, N) in the unit box: the log-uniform prior (23) when `place` is uniform."""
+    @property
+    def prior_variance(self) -> Array:
+        """(d,): of phi; for a log-normal prior without regard to the little that the box cuts off."""
+        uniform = (self.upper - self.lower) ** 2 / 12.0
+        return np.where(np.isnan(self.typical), uniform, np.minimum(uniform, 1.0))
+
+    def from_uniform(self, place: Array, share: float = 1.0) -> Array:
+        """Coordinates (d, N) of `place` (d, N) in the unit box: draws from the prior when `place` is uniform.
+
+        With a `share` below 1 they lie closer to the middle, and their standard deviation is that share of the prior's.
+        """
+        place = self._placed(place, share)
         if self.logit:
             edge = np.finfo(float).eps
             coordinates: Array = logit(np.clip(place, edge, 1 - edge))
             return coordinates
         return self.lower[:, None] + (self.upper - self.lower)[:, None] * place
+
+    def _placed(self, place: Array, share: float) -> Array:
+        """`place` moved to where the prior's distribution has it in the box, and towards the middle."""
+        placed = place if share == 1.0 else 0.5 + share * (place - 0.5)
+        normal = ~np.isnan(self.typical)
+        if not normal.any():
+            return placed
+        low, high, centre = (rows[normal, None] for rows in (self.lower, self.upper, self.typical))
+        below, above = ndtr(low - centre), ndtr(high - centre)
+        middle, drawn = (ndtri(below + (above - below) * part) for part in (0.5, place[normal]))
+        placed = placed.copy()
+        placed[normal] = (centre + middle + share * (drawn - middle) - low) / (high - low)
+        return np.clip(placed, 0.0, 1.0)
 
     def confine(self, coordinates: Array) -> Array:
         """Coordinates back inside the box: clipping in log space, nothing to do in logit space."""
@@ -62,6 +89,7 @@ def parameter_space(network: Network, *, logit: bool) -> ParameterSpace:
     return ParameterSpace(
         lower=np.log([box.lower for box in boxes]),
         upper=np.log([box.upper for box in boxes]),
+        typical=np.log([np.nan if box.typical is None else box.typical for box in boxes]),
         free=np.array(free, dtype=np.int64),
         fixed=np.array([np.nan if p.free else p.nominal for p in network.parameters], dtype=np.float64),
         logit=logit,

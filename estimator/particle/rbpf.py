@@ -8,7 +8,7 @@ forecasts is what the next update scores. Every method is pure.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -73,6 +73,7 @@ class RBPF:
         self.network = network.validate()
         self.period = period
         self.options = options
+        self.forecast_draws = options.particles
         self._topology = topology(network)
         self._space = parameter_space(network, logit=options.coordinates == "logit")
         blocks = options.volatility_blocks or {ALL_NODES: network.nodes}
@@ -144,16 +145,6 @@ class RBPF:
             return self._kept(state, Outcome.VANISHED)
         return self._learn(state._replace(mean=mean, covariance=covariance), self._steps.reweigh(log_weights))
 
-    def forecast(self, state: ParticleState, plan: Array) -> Iterator[Mixture]:
-        """Mixtures at the state's time and after each row of `plan` (h, n_u), with sampled volatility paths."""
-        yield self.predictive(state)
-        origin = int(state.step)
-        for ahead, inputs in enumerate(plan, start=1):
-            # A stream of its own: asking for a forecast changes nothing in what the filter will draw.
-            draws = Draws(int(state.seed), origin + ahead, forecast=True)
-            state = self._propagate(state, inputs, origin + ahead, draws)
-            yield self.predictive(state)
-
     def parameters(self, state: ParticleState, levels: Array) -> ParameterSummary:
         """Weighted quantiles over particles of theta, the time constants and the heat-loss coefficient."""
         weights = np.exp(state.log_weights)
@@ -185,7 +176,8 @@ class RBPF:
         )
 
     def unfold(self, issue: ParticleState, plan: Array) -> Mixtures:
-        """What `forecast` makes of the issue under `plan` (h, n_u)."""
+        """The outputs at the issue's time and after each row of `plan` (h, n_u), each particle along a volatility path
+        of its own."""
         measured = self._topology.measured
         means = np.empty((len(plan) + 1, len(measured), len(issue.log_weights)))
         variances = np.empty_like(means)

@@ -5,8 +5,10 @@ With inputs u that are held over a step, the states x, which are the temperature
 
     x' = A x + B u + w,    w ~ N(0, Q),        y = C x + v,    v ~ N(0, R).
 
-A and B are the exact zero-order hold of the network (paper (5)-(6)). Over one period the gain is switched off or stays,
-heats its node, and then decays; a longer step composes periods, so that a simulation passes through the same values.
+After the measured inputs, u holds the known f of each term of the network; its columns of B are the response to heat
+into the term's node times the draw's coefficient. A and B are the exact zero-order hold of the network (paper (5)-(6)).
+Over one period the gain is switched off or stays, heats its node, and then decays; a longer step composes periods, so
+that a simulation passes through the same values.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ class StateSpace(NamedTuple):
     a: Array
     """(K, n_x, n_x)."""
     b: Array
-    """(K, n_x, n_u)."""
+    """(K, n_x, n_u + m)."""
     c: Array
     """(n_y, n_x)."""
     q: Array
@@ -49,7 +51,7 @@ def of_draws(draws: ModelDraws, period: float, periods: int) -> StateSpace:
     """The matrices of every draw over a step of `periods` sampling periods of `period` s each."""
     network, gains = draws.network, len(draws.gain_decay)
     states = len(network.nodes)
-    transition, response, heat = _one_period(network, draws.theta, period)
+    transition, response, heat = _one_period(draws, period)
     count, size = len(transition), states + gains
     whole, drive = np.zeros((count, size, size)), np.zeros((count, size, response.shape[2]))
     whole[:, :states, :states], drive[:, :states] = transition, response
@@ -93,12 +95,18 @@ def of_point(draws: ModelDraws, period: float, periods: int) -> StateSpace:
         gain_decay=mean(draws.gain_decay),
         process_variance=mean(draws.process_variance),
         measurement_variance=mean(draws.measurement_variance),
+        coefficients=mean(draws.coefficients) if len(draws.coefficients) else draws.coefficients,
     )
     return of_draws(point, period, periods)
 
 
-def _one_period(network: Network, theta: Array, period: float) -> tuple[Array, Array, Array]:
-    """A_d (K, n_x, n_x), B_d (K, n_x, n_u), and the response (K, n_x) [K/W] to heat into the first measured node."""
-    heated = HeatInput(_GAIN, network.measured[0])
-    exact = discretise(assemble(replace(network, heat_inputs=(*network.heat_inputs, heated)), theta), period)
-    return exact.transition, exact.input[:, :, :-1], exact.input[:, :, -1]
+def _one_period(draws: ModelDraws, period: float) -> tuple[Array, Array, Array]:
+    """A_d (K, n_x, n_x), B_d (K, n_x, n_u + m), and the response (K, n_x) [K/W] to heat into the first output."""
+    network = draws.network
+    terms = tuple(HeatInput(term.name, term.node) for term in network.terms)
+    heated = (*network.heat_inputs, *terms, HeatInput(_GAIN, network.measured[0]))
+    exact = discretise(assemble(replace(network, heat_inputs=heated), draws.theta), period)
+    response = exact.input[:, :, :-1]
+    if len(draws.coefficients):
+        response[:, :, -len(terms) :] *= draws.coefficients.T[:, None, :]
+    return exact.transition, response, exact.input[:, :, -1]

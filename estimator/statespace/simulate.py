@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -26,12 +26,17 @@ class Room(Protocol):
         """The same at its beginning."""
 
 
+Driving = Callable[[int, Array], Array]
+"""The drive row (n_u + m,) of a step of a simulation, by its number from 0, under inputs (n_u,)."""
+
+
 class Simulation:
     """The draws of one zone, moved step by step; their mean is the zone's forecast as far as its physics go."""
 
-    def __init__(self, models: StateSpace) -> None:
-        self._models = models
-        self._state = models.state
+    def __init__(self, models: StateSpace, driving: Driving | None = None) -> None:
+        """`driving` is needed where the network of the models has terms."""
+        self._models, self._driving = models, driving
+        self._state, self._step = models.state, 0
 
     def outputs(self) -> Array:
         """(n_y,): mean of the outputs now [degC]."""
@@ -40,11 +45,13 @@ class Simulation:
 
     def step(self, inputs: Array) -> None:
         """One step on under `inputs` (n_u,)."""
-        self._state = np.einsum("kij,kj->ki", self._models.a, self._state) + self._models.b @ inputs
+        row = inputs if self._driving is None else self._driving(self._step, inputs)
+        self._state = np.einsum("kij,kj->ki", self._models.a, self._state) + self._models.b @ row
+        self._step += 1
 
     def anew(self) -> Simulation:
         """The same draws at their beginning."""
-        return Simulation(self._models)
+        return Simulation(self._models, self._driving)
 
 
 def mean_path(models: StateSpace, plan: Array) -> Array:

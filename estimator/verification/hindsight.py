@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.network.network import Network
 from estimator.types import Estimator, Mixture
 
 HORIZONS = (3600.0, 21600.0, 86400.0)
@@ -39,7 +40,7 @@ class Pending(NamedTuple):
 
     step: int
     inputs: Array
-    """(m, n_u): of the last m steps, the newest last; at least the newest, from the first step on."""
+    """(m, n_u): drive rows of the last m steps, the newest last; at least the newest, from the first step on."""
     issues: tuple[Issue, ...]
 
 
@@ -60,16 +61,19 @@ NOTHING = np.empty(0)
 class Hindsight:
     """The pending forecasts of `members`, which share network inputs, outputs and period."""
 
-    def __init__(self, members: Sequence[Estimator], period: float) -> None:
+    def __init__(self, network: Network, members: Sequence[Estimator], period: float) -> None:
+        """`network` is the one whose drive rows come; each member takes what drives its own."""
         self._members = tuple(members)
+        self._width = len(network.drive)
+        self._columns = [network.columns(member.network) for member in members]
         self.leads = tuple(round(horizon / period) for horizon in HORIZONS)
         """Steps ahead of each horizon; a horizon of one step or less is not verified here."""
         self.every = max(1, round(EVERY / period))
         """Steps from one issue to the next."""
 
-    def start(self, width: int) -> Pending:
-        """Nothing is pending; `width` is the number of inputs n_u."""
-        return Pending(0, np.zeros((0, width)), ())
+    def start(self) -> Pending:
+        """Nothing is pending."""
+        return Pending(0, np.zeros((0, self._width)), ())
 
     def advance(
         self, pending: Pending, inputs: Array, states: Sequence[Any], phase: int, note: Array = NOTHING
@@ -95,8 +99,8 @@ class Hindsight:
             for issue in pending.issues:
                 if pending.step - issue.step + 1 == lead:
                     plan = pending.inputs[len(pending.inputs) - (lead - 1) :]
-                    issued = zip(self._members, issue.samples, strict=True)
-                    mixtures = tuple(member.unfold(sample, plan).at(-1) for member, sample in issued)
+                    issued = zip(self._members, issue.samples, self._columns, strict=True)
+                    mixtures = tuple(member.unfold(sample, plan[:, own]).at(-1) for member, sample, own in issued)
                     yield Due(horizon, lead, mixtures, issue.note)
 
     def pack(self, pending: Pending) -> dict[str, Array]:

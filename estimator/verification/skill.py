@@ -20,12 +20,12 @@ Sums = npt.NDArray[np.float32]
 
 
 class SkillBook(NamedTuple):
-    """Verified forecasts of H horizons, hour by hour."""
+    """Verified forecasts of H horizons, hour by hour: sums of F quantities, of which the first is their number."""
 
     hours: Indices
     """(HOURS,): which hour since 1970 each row is about; -1 where it is about none."""
     sums: Sums
-    """(HOURS, H, len(FIELDS))."""
+    """(HOURS, H, F)."""
 
 
 class Scores(NamedTuple):
@@ -45,13 +45,13 @@ class Scores(NamedTuple):
     """K."""
 
 
-def empty_book(horizons: int) -> SkillBook:
-    """Nothing has been verified."""
-    return SkillBook(np.full(HOURS, -1, dtype=np.int64), np.zeros((HOURS, horizons, len(FIELDS)), dtype=np.float32))
+def empty_book(horizons: int, fields: int = len(FIELDS)) -> SkillBook:
+    """Nothing has been verified of `horizons`, each of which has so many `fields`."""
+    return SkillBook(np.full(HOURS, -1, dtype=np.int64), np.zeros((HOURS, horizons, fields), dtype=np.float32))
 
 
 def noted(book: SkillBook, hour: int, horizon: int, values: tuple[float, ...]) -> SkillBook:
-    """`book` with one more verified forecast of `horizon`, whose `values` follow FIELDS without their number."""
+    """`book` with one more verified forecast of `horizon`, whose `values` are the book's fields without the number."""
     row = hour % HOURS
     hours, sums = book.hours, book.sums.copy()
     if hours[row] != hour:
@@ -61,19 +61,26 @@ def noted(book: SkillBook, hour: int, horizon: int, values: tuple[float, ...]) -
     return SkillBook(hours, sums)
 
 
-def scores(book: SkillBook, until: int, window: int) -> Scores:
-    """The scores of the last `window` hours up to and with the hour `until`."""
+def means(book: SkillBook, until: int, window: int) -> Array:
+    """The number of forecasts and the means of the other fields, (F, H), over the last `window` hours up to and with
+    the hour `until`; NaN where nothing was verified."""
     within = (book.hours > until - window) & (book.hours <= until)
     total = book.sums[within].sum(axis=0, dtype=np.float64)
     count = total[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / np.where(count > 0.0, count, np.nan)[:, None]
+    return np.vstack([count, mean[:, 1:].T])
+
+
+def scores(book: SkillBook, until: int, window: int) -> Scores:
+    """The scores of the last `window` hours up to and with the hour `until`."""
+    count, square, score, covered, width, persistence, arx = means(book, until, window)
     return Scores(
         forecasts=count,
-        coverage=mean[:, 3],
-        crps=mean[:, 2],
-        rmse=np.sqrt(mean[:, 1]),
-        width=mean[:, 4],
-        persistence_rmse=np.sqrt(mean[:, 5]),
-        arx_rmse=np.sqrt(mean[:, 6]),
+        coverage=covered,
+        crps=score,
+        rmse=np.sqrt(square),
+        width=width,
+        persistence_rmse=np.sqrt(persistence),
+        arx_rmse=np.sqrt(arx),
     )

@@ -57,15 +57,19 @@ def add_to(add: AddCommand) -> None:
     parser.add_argument(
         "--building", action="append", default=[], metavar="NAME", help="a building of EnergyPlus (control; repeatable)"
     )
+    parser.add_argument(
+        "--contender",
+        action="append",
+        default=[],
+        metavar="NAME[:OPTIONS]",
+        help="who forecasts, such as ridge, bank or mkf:particles=64 (hours-ahead; repeatable)",
+    )
+    parser.add_argument(
+        "--recording", action="append", default=[], metavar="NAME", help="one recording (hours-ahead; repeatable)"
+    )
     parser.add_argument("--case", action="append", default=[], metavar="NAME", help="one case (control; repeatable)")
     parser.add_argument(
         "--jobs", type=whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
-    )
-    parser.add_argument(
-        "--cluster",
-        metavar="ADDRESS",
-        help='run on the machines of a Ray cluster, such as "10.0.0.1:6379", or "auto" for the one that this machine '
-        "belongs to",
     )
 
 
@@ -87,15 +91,15 @@ def _experiment(arguments: argparse.Namespace) -> int:
         overrides=tuple(arguments.overrides),
         building=tuple(arguments.building),
         case=tuple(arguments.case),
+        contender=tuple(arguments.contender),
+        recording=tuple(arguments.recording),
     )
     watched = sys.stderr.isatty()
     if watched:
         print(f"preparing {arguments.name}", file=sys.stderr)
     workers = arguments.jobs or len(os.sched_getaffinity(0))
     try:
-        written = run_experiment(
-            arguments.name, request, out, workers=workers, progress=watched, cluster=arguments.cluster
-        )
+        written = run_experiment(arguments.name, request, out, workers=workers, progress=watched)
     except KeyboardInterrupt:
         kept = len(list((out / RUNS).glob("*.npz")))
         print(

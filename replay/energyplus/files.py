@@ -28,7 +28,7 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
     truth = {"time": stamps, "wind_m_s": cells(recording.wind, 2)}
     for index, room in enumerate(building.rooms):
         columns[_temperature(room.name)] = cells(recording.air[:, index], 2)
-        columns[f"{room.name}_set_point_degC"] = cells(recording.set_points[:, index], 1)
+        columns[_set_point(room.name)] = cells(recording.set_points[:, index], 1)
         columns[_heating(room.name)] = cells(recording.heating[:, index], 1)
         truth[f"{room.name}_degC"] = cells(recording.exact[:, index], 4)
         truth[f"{room.name}_persons"] = cells(recording.persons[:, index], 0)
@@ -46,6 +46,10 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
 
 def _temperature(room: str) -> str:
     return f"{room}_degC"
+
+
+def _set_point(room: str) -> str:
+    return f"{room}_set_point_degC"
 
 
 def _heating(room: str) -> str:
@@ -84,7 +88,14 @@ def _configuration(building: Building) -> dict[str, Any]:
             "I_sol": {"source": "recording", "column": _SUN, "unit": "W/m2"},
         }
         zones.append(
-            {"id": room.name, "period": round(STEP), "network": "auto", "estimator": "mkf", "channels": channels}
+            {
+                "id": room.name,
+                "period": round(STEP),
+                "network": "auto",
+                "estimator": "mkf",
+                "channels": channels,
+                "setpoint": celsius(_set_point(room.name)),
+            }
         )
     return {
         "site": {"id": building.name, "state_dir": "state"},

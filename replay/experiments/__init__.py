@@ -1,1 +1,1 @@
-"""The paper's experiments: each a plan of runs, and a report of what came out (`thermogate experiment NAME`)."""
+"""Experiments, each a plan of runs and a report of what came out; here are those on a recording of one's own."""

@@ -6,44 +6,48 @@ from typing import NamedTuple
 
 
 class Entry(NamedTuple):
-    """Where an experiment lives, what it does, and whether its runs must have the machine to themselves."""
+    """Where an experiment lives, what it does, and whether its runs must have the machine to themselves.
+
+    One `in_lab` is found below `replay.lab`, which only a checkout has.
+    """
 
     module: str
     text: str
     alone: bool = False
+    in_lab: bool = True
 
 
 # Names of modules, not modules: `thermogate --help` lists these without waiting for the compiler.
 EXPERIMENTS = {
     "semi-synthetic": Entry(
-        "replay.experiments.semi_synthetic.experiment",
+        "experiments.semi_synthetic.experiment",
         "a simulated building with a known truth and heat gains that nobody measures (Tables 4 to 6)",
     ),
     "ecolar": Entry(
-        "replay.experiments.ecolar.experiment",
+        "experiments.ecolar.experiment",
         "a lived-in zone whose truth nobody knows: forecasts, and nights without measurements (Tables 7 and 8)",
     ),
     "topology": Entry(
         "replay.experiments.topology.experiment",
         "which RC network to take: the paper's candidates and one's own, fitted and ranked (Tables 2 and 3)",
+        in_lab=False,
     ),
     "peers": Entry(
-        "replay.experiments.peers.experiment",
+        "experiments.peers.experiment",
         "measured buildings that others have fitted, from the folder that --data names",
     ),
     "hours-ahead": Entry(
         "replay.experiments.hours_ahead.experiment",
         "forecasts of the next step and up to a day ahead, by every estimator on measured and simulated recordings",
+        in_lab=False,
     ),
     "control": Entry(
-        "replay.experiments.control.experiment",
+        "experiments.control.experiment",
         "the loop closed over buildings of EnergyPlus: thermostat, planners, and perfect knowledge",
     ),
     "sensitivity": Entry(
-        "replay.experiments.sensitivity.experiment",
+        "experiments.sensitivity",
         "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
     ),
-    "cost": Entry(
-        "replay.experiments.cost.experiment", "time and memory of one sample on this machine (Table 9)", alone=True
-    ),
+    "cost": Entry("experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
 }

@@ -1,4 +1,4 @@
-"""Runs spread over processes or machines: those already finished are read, the others run and kept one by one."""
+"""Runs spread over processes: those already finished are read, the others run and kept one by one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from estimator.errors import EstimatorError
 from replay.errors import ReplayError
-from replay.experiments.cluster import run_on_cluster
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.store import load, run_file, save
@@ -25,14 +24,11 @@ _SHARE = 200
 """Steps that a process does between two notes of its progress."""
 
 
-def run_jobs(
-    jobs: Sequence[Job], folder: Path, *, workers: int, progress: bool, cluster: str | None = None
-) -> list[Arrays]:
+def run_jobs(jobs: Sequence[Job], folder: Path, *, workers: int, progress: bool) -> list[Arrays]:
     """The results of `jobs`, in their order, kept in `folder` and taken from there where they are.
 
-    With one worker everything runs in this process; with the address of a Ray `cluster`, on its machines. Interrupted
-    by Ctrl-C, the finished runs stay and KeyboardInterrupt is raised. Raises ReplayError naming the run that failed,
-    and ServiceError where the cluster cannot be joined.
+    With one worker everything runs in this process. Interrupted by Ctrl-C, the finished runs stay and KeyboardInterrupt
+    is raised. Raises ReplayError naming the run that failed.
     """
     paths = [run_file(folder, job) for job in jobs]
     results = [load(path) for path in steps(paths, "finished runs", len(paths))]
@@ -40,9 +36,7 @@ def run_jobs(
     total = sum(jobs[index].steps for index in missing)
     note = f"{len(jobs) - len(missing)} of {len(jobs)} runs were there" if len(missing) < len(jobs) else "runs"
     with tqdm(total=total, unit=" steps", unit_scale=True, disable=not progress, desc=note) as bar:
-        if cluster is not None and missing:
-            run_on_cluster([(jobs[index], paths[index]) for index in missing], cluster, bar.update)
-        elif workers == 1:
+        if workers == 1:
             for index in missing:
                 _run_here(jobs[index], paths[index], bar.update)
         elif missing:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
-from replay.experiments.report import Report
+from replay.reports.kit.report import Report
 from service.config.kept import kept_configuration
 
 
@@ -32,6 +32,10 @@ class Request:
     """Names of buildings of EnergyPlus."""
     case: tuple[str, ...] = ()
     """Names of cases of the experiment."""
+    contender: tuple[str, ...] = ()
+    """Who takes part."""
+    recording: tuple[str, ...] = ()
+    """Names of recordings."""
 
     def seeds_or(self, count: int) -> tuple[int, ...]:
         """The seeds asked for, or 1 to `count`."""

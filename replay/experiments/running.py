@@ -7,34 +7,29 @@ from pathlib import Path
 
 from replay.errors import ReplayError
 from replay.experiments.catalogue import EXPERIMENTS
+from replay.experiments.checkout import laboratory
 from replay.experiments.pool import run_jobs
 from replay.experiments.progress import Taken
-from replay.experiments.report import write_report
 from replay.experiments.request import Experiment, Request
+from replay.reports.kit.report import write_report
 
 RUNS = "runs"
 """Folder under --out that holds the finished runs."""
 
 
-def run_experiment(
-    name: str, request: Request, out: Path, *, workers: int, progress: bool, cluster: str | None = None
-) -> list[Path]:
+def run_experiment(name: str, request: Request, out: Path, *, workers: int, progress: bool) -> list[Path]:
     """Run what is missing of the experiment `name`, write its report into `out`; the paths written.
 
-    Finished runs are kept in `out`/runs and reused where neither their settings nor the code has changed. `cluster`
-    is the address of a Ray cluster that runs them instead of processes here. Raises ReplayError, and ServiceError where
-    the cluster cannot be joined.
+    Finished runs are kept in `out`/runs and reused where neither their settings nor the code has changed. Raises
+    ReplayError.
     """
     entry = EXPERIMENTS[name]
-    if entry.alone and cluster is not None:
-        raise ReplayError(f"--cluster means nothing to {name}, which measures this machine; leave it out")
-    experiment: Experiment = import_module(entry.module).prepare(request)
+    module = laboratory(entry.module, f"experiment {name}") if entry.in_lab else import_module(entry.module)
+    experiment: Experiment = module.prepare(request)
     runs = out / RUNS
     try:
         runs.mkdir(parents=True, exist_ok=True)
-        results = run_jobs(
-            experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress, cluster=cluster
-        )
+        results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     scored = Taken(results, "scoring")

@@ -14,6 +14,7 @@ import math
 import resource
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -30,9 +31,9 @@ from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
 from service.fields.durations import format_duration
 from service.fields.times import written_time
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS, HistoryRow
+from service.records.record import values
 from service.records.sample import Sample
-from service.records.skill import HorizonSkill
 from service.records.update import Update
 from service.zone.alignment import Alignment
 
@@ -99,7 +100,7 @@ class Run:
         self._worker = make_worker(table)
         self._updates = csv.writer(updates, lineterminator="\n")
         self._parameters = csv.writer(parameters, lineterminator="\n")
-        self._updates.writerow(HistoryRow._fields)
+        self._updates.writerow(HISTORY_COLUMNS)
         self._parameters.writerow(["time", *(parameter.name for parameter in self._worker.network.parameters)])
         self._tracer = Tracer(table, self._worker)
         self._seconds: list[float] = []
@@ -118,7 +119,7 @@ class Run:
         row = self._tracer.rows[-1]
         self._seconds.append(update.step_seconds)
         when = written_time(update.time)
-        self._updates.writerow([when, *(_cell(value) for value in row[1:])])
+        self._updates.writerow([when, *(_cell(value) for value in values(row)[1:])])
         self._parameters.writerow([when, *(_cell(value) for value in update.parameters)])
 
     @property
@@ -150,6 +151,7 @@ class Run:
             **_scores(rows, table.levels[0]),
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
             "skill": _skill(trace),
+            "skill_as_issued": _skill_as_issued(trace),
             "faults": self.faults,
             "parameters": {}
             if posterior is None
@@ -158,7 +160,7 @@ class Run:
                 | {f"q{level:g}": float(value) for level, value in zip(QUANTILES, values, strict=True)}
                 for p, values in zip(network.parameters, posterior.parameters, strict=True)
             },
-            "findings": [finding._asdict() for finding in trace.diagnosis.findings],
+            "findings": [asdict(finding) for finding in trace.diagnosis.findings],
             "variants": {each.variant: each.weight for each in trace.diagnosis.variants},
             "ms_per_update": {
                 "mean": 1000 * float(np.mean(self._seconds)) if rows else None,
@@ -179,13 +181,14 @@ class Run:
 
 def _skill(trace: Trace) -> dict[str, dict[str, float | None]]:
     """What the forecasts of the last 30 days were worth, by lead."""
-    found = () if trace.skill is None else trace.skill.windows[max(trace.skill.windows)]
-    return {format_duration(one.lead): _finite(_described(one)) for one in found}
+    found = () if trace.skill is None else trace.skill.longest
+    return {format_duration(one.lead): _finite(asdict(one)) for one in found}
 
 
-def _described(one: HorizonSkill) -> dict[str, float]:
-    against = {"skill_against_persistence": one.against_persistence, "skill_against_arx": one.against_arx}
-    return one._asdict() | against
+def _skill_as_issued(trace: Trace) -> dict[str, dict[str, float | None]]:
+    """The same of the forecasts as they were issued."""
+    found = () if trace.skill is None else trace.skill.windows[-1].as_issued
+    return {format_duration(one.lead): _finite(asdict(one)) for one in found}
 
 
 def _scores(rows: list[HistoryRow], level: float) -> dict[str, float]:

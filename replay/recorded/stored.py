@@ -8,6 +8,7 @@ the same samples and settings give the same bits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -25,6 +26,7 @@ from service.errors import StateMismatch
 from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.sample import Sample
+from service.records.series import GAIN
 from service.store.checkpoint import Checkpoint
 from service.store.reading import read_state
 from service.zone import snapshot
@@ -151,9 +153,8 @@ def _kept(published: HistoryRow, learned: HistoryRow) -> HistoryRow:
     """The row as it was published; one from before gains were kept takes its gain from the row learned anew."""
     if published.gain_median == published.gain_median:
         return published
-    return published._replace(
-        gain_lower=learned.gain_lower, gain_median=learned.gain_median, gain_upper=learned.gain_upper
-    )
+    gain = {name: getattr(learned, name) for name in GAIN}
+    return replace(published, **gain)
 
 
 def _note(zone: ZoneConfig, rows: Sequence[HistoryRow], published: dict[int, HistoryRow]) -> str:

@@ -103,7 +103,7 @@ class Tracer:
 
     def note(self, update: Update) -> None:
         """Take down `update`, which the worker has just returned."""
-        held = self._worker.held.values
+        held = self._worker.carried.held.values
         self._rows.append(HistoryRow.of(update))
         self._inputs.extend(held.tolist())
         self._look(update)
@@ -161,6 +161,7 @@ class Tracer:
             current = self._followed.get(when, current)
             plan.append(current)
         rows = np.array(plan).reshape(len(times) - 1, len(current))
-        mixtures = estimator.unfold(issue.sample, rows).each()
+        driving = self._worker.loop.driving(times[:-1].astype(np.float64), rows)
+        mixtures = estimator.unfold(issue.sample, driving).each()
         quantiles = [estimator.quantiles(mixture, np.array(LEVELS), 0) for mixture in mixtures]
         return Fan(times, np.array(quantiles))

@@ -34,11 +34,11 @@ def advice(trace: Trace, found: Diagnostics) -> list[str]:
 def _from_skill(trace: Trace) -> Iterator[str]:
     judged = [one for one in horizons(trace) if one.forecasts >= ENOUGH]
     for name, other, remedy in (
-        ("against_persistence", "a forecast that nothing changes", _NETWORK),
-        ("against_arx", "a linear regression that knows no physics", _BANK),
+        ("skill_against_persistence", "a forecast that nothing changes", _NETWORK),
+        ("skill_against_arx", "a linear regression that knows no physics", _BANK),
     ):
         worse = [one for one in judged if getattr(one, name) < _WORSE]
-        if worse and not (name == "against_arx" and trace.estimator in ("arx", "bank")):
+        if worse and not (name == "skill_against_arx" and trace.estimator in ("arx", "bank")):
             leads = " and ".join(f"{ahead(trace, one)} ({-100 * getattr(one, name):.0f} %)" for one in worse)
             yield f"Compared with {other}, the RMSE is larger at {leads}; {remedy}."
 

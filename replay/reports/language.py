@@ -15,8 +15,8 @@ from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
-from replay.experiments.report import Picture, Plot, Report, Section
-from replay.experiments.table import Cell, Table
+from replay.reports.kit.report import Picture, Plot, Report, Section
+from replay.reports.kit.table import Cell, Table
 
 LANGUAGES = ("en", "de")
 """What a report can be in; the first is what it is written in."""

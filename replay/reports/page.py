@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from tqdm import tqdm
 
 from estimator.network.network import Network
-from replay.experiments.report import Picture, Report, Section
 from replay.recorded.runner import SLOW
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
 from replay.reports.drawing import picture
+from replay.reports.kit.report import Picture, Report, Section
 from replay.reports.residuals import diagnostics
 
 
@@ -39,8 +39,8 @@ def _in_a_sentence(trace: Trace) -> str:
     findings = len(trace.diagnosis.findings)
     return (
         f"`{trace.zone}`: {tables.ahead(trace, farthest)} ahead the error is {farthest.rmse:.2g} K (RMSE), "
-        f"{_against(farthest.against_persistence)}, and {100 * farthest.coverage:.0f} % of the 95 % intervals held; "
-        f"{findings or 'no'} finding{'' if findings == 1 else 's'}."
+        f"{_against(farthest.skill_against_persistence)}, and {100 * farthest.coverage:.0f} % of the 95 % intervals "
+        f"held; {findings or 'no'} finding{'' if findings == 1 else 's'}."
     )
 
 

@@ -9,9 +9,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from estimator.arrays import Array
-from replay.experiments.report import Plot
 from replay.localtime import HOUR, Seconds
 from replay.recorded.trace import Trace
+from replay.reports.kit.report import Plot
 from replay.reports.residuals import Diagnostics
 from replay.scores import pit_histogram
 

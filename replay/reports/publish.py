@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from replay.errors import ReplayError
-from replay.experiments.report import page
 from replay.recorded.trace import Trace
 from replay.reports import tables
+from replay.reports.kit.report import page
 from replay.reports.language import LANGUAGES, in_language, sayer, table_in
 from replay.reports.page import report
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimator.diagnosis.finding import amount
-from replay.experiments.table import Cell, Table, shown
 from replay.localtime import HOUR
 from replay.recorded.trace import LEVELS, Trace
+from replay.reports.kit.table import Cell, Table, shown
 from service.cli.tables import aligned
 from service.fields.times import written_time
 from service.records.skill import HorizonSkill
@@ -25,7 +25,7 @@ NOTE = (
 
 def horizons(trace: Trace) -> Sequence[HorizonSkill]:
     """What the forecasts of the longest window were worth, from the shortest horizon."""
-    return () if trace.skill is None else trace.skill.windows[max(trace.skill.windows)]
+    return () if trace.skill is None else trace.skill.longest
 
 
 def skill(traces: Sequence[Trace]) -> Table:
@@ -42,8 +42,8 @@ def _skill_rows(traces: Sequence[Trace]) -> list[tuple[Cell, ...]]:
             one.coverage,
             one.width,
             one.rmse,
-            percent(one.against_persistence),
-            percent(one.against_arx),
+            percent(one.skill_against_persistence),
+            percent(one.skill_against_arx),
         )
         for trace in traces
         for one in horizons(trace)

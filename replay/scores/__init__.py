@@ -3,7 +3,6 @@
 from replay.scores.intervals import (
     LEVEL,
     IntervalScores,
-    by_regime,
     coverage,
     interval_scores,
     mean_width,
@@ -22,7 +21,6 @@ __all__ = [
     "TransferErrors",
     "Window",
     "area_under_roc",
-    "by_regime",
     "coverage",
     "daily_windows",
     "frequency_response",

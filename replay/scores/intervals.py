@@ -11,7 +11,6 @@ Rows with a NaN count for nothing; without any other row the score is NaN.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -41,13 +40,6 @@ def interval_scores(y: Array, lower: Array, upper: Array, level: float = LEVEL) 
     return IntervalScores(
         int(complete.sum()), coverage(y, lower, upper), mean_width(lower, upper), winkler(y, lower, upper, level)
     )
-
-
-def by_regime(
-    y: Array, lower: Array, upper: Array, regimes: Mapping[str, Mask], level: float = LEVEL
-) -> dict[str, IntervalScores]:
-    """The scores of each named regime, given as a mask (K,) over the rows (Table 5 and its kind)."""
-    return {name: interval_scores(y[rows], lower[rows], upper[rows], level) for name, rows in regimes.items()}
 
 
 def rmse(residual: Array) -> float:

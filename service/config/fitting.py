@@ -12,12 +12,14 @@ from math import ceil
 from adapters.timestamps import EARLIEST
 from adapters.units import conversion, default_valid_range
 from estimator import registry
+from estimator.heat.known import KnownHeat
 from service.config.site import Config, ZoneConfig
-from service.records.outlook import Surroundings, WeatherLink
+from service.records.outlook import SET_POINTS, Surroundings, WeatherLink
 from service.sources.channel import ChannelConfig
 from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE
+from service.zone.local_time import calendar
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 _MOST_EMPTY = 1000
@@ -31,7 +33,11 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
     settings = WorkerSettings(
         zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages, zone.proposes_bounds
     )
-    return ZoneWorker(estimator, settings)
+    network, where = estimator.network, zone.whereabouts
+    if not network.terms:
+        return ZoneWorker(estimator, settings)
+    hours = calendar(where.time_zone, where.country, where.location)
+    return ZoneWorker(estimator, settings, KnownHeat(network, zone.period, hours, where.location))
 
 
 def make_alignment(
@@ -84,8 +90,11 @@ def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = Non
     outputs = measured_outputs(config) if outputs is None else outputs
     network = zone.network
     inputs = {name: zone.channels[name] for name in network.inputs}
+    limits = {name: limits_of(zone.channels[name], network.channel_unit(name)) for name in network.channels}
+    if zone.setpoint is not None:
+        limits.setdefault(SET_POINTS, limits_of(zone.setpoint, "degC"))
     return Surroundings(
-        limits={name: _limits(zone.channels[name], network.channel_unit(name)) for name in network.channels},
+        limits=limits,
         neighbours={
             name: found for name in network.boundaries if (found := _neighbour(outputs, zone, inputs[name])) is not None
         },
@@ -97,7 +106,7 @@ def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = Non
     )
 
 
-def _limits(channel: ChannelConfig, unit: str) -> tuple[float, float]:
+def limits_of(channel: ChannelConfig, unit: str) -> tuple[float, float]:
     """What may be planned: what would be believed if it were measured, and no more power than is installed."""
     lower, upper = channel.valid or default_valid_range(unit)
     power = channel.installed or channel.nominal

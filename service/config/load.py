@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,13 @@ from service.config.checks import (
 )
 from service.config.fleet import FleetConfig
 from service.config.http import HttpConfig
+from service.config.known_heat import heated
 from service.config.log import LogConfig
 from service.config.network_tables import PresetConfig
 from service.config.networks import proposes_bounds, read_network
 from service.config.overrides import apply_overrides
 from service.config.resumed import resumed
-from service.config.site import TABLES, Config, SiteConfig, ZoneConfig, ZoneTable
+from service.config.site import TABLES, Config, SiteConfig, Whereabouts, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.fields.problems import Place, Problems, unknown_key
 from service.fields.values import identifier
@@ -52,6 +54,63 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
     if config is None or problems.sentences:
         raise ConfigError(problems.sentences)
     return config
+
+
+def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Config:
+    """The configuration at `path` with the telemetry that the file `history` names in place of its own: the [sources]
+    there, and of every zone there its channels and set-point. Zones that it does not name are left out.
+
+    Raises ConfigError with every mistake found; places are those in `history`.
+    """
+    plant, told = apply_overrides(_parsed(path), overrides), _parsed(history)
+    problems = Problems(told)
+    for key in told:
+        if key not in _OF_HISTORY:
+            problems.add((key,), f"does not belong into a history; it has {' and '.join(_OF_HISTORY)} only")
+    zones = [
+        _with_history(table, index, plant, path, problems)
+        for index, table in enumerate(_raw_zones(told, problems))
+        if isinstance(table, dict)
+    ]
+    if problems.sentences:
+        raise ConfigError(problems.sentences)
+    # Relative paths are those of the folder of their own file.
+    site = dict(plant.get("site", {}))
+    site["state_dir"] = str(path.resolve().parent / site.get("state_dir", "var/thermogate"))
+    config = _read({"site": site, "sources": told.get("sources"), "zones": zones}, history.resolve().parent, problems)
+    if config is None or problems.sentences:
+        raise ConfigError(problems.sentences)
+    return config
+
+
+_OF_HISTORY = ("sources", "zones")
+_OF_HISTORY_ZONES = ("id", "channels", SETPOINT)
+
+
+def _with_history(
+    told: Mapping[str, Any], index: int, plant: Mapping[str, Any], path: Path, problems: Problems
+) -> dict[str, Any]:
+    """The zone of `plant` that `told` names, with the telemetry of `told`."""
+    place: Place = ("zones", index)
+    for key in told:
+        if key not in _OF_HISTORY_ZONES:
+            problems.add(
+                (*place, key), f"does not belong into a history; a zone there has {', '.join(_OF_HISTORY_ZONES)}"
+            )
+    tables = plant.get("zones")
+    zones = {zone.get("id"): zone for zone in (tables if isinstance(tables, list) else ()) if isinstance(zone, dict)}
+    zone = zones.get(told.get("id"))
+    if zone is None:
+        known = suggestion(told.get("id"), [str(name) for name in zones], "its zones are")
+        problems.add((*place, "id"), f"{path} has no zone {shown(told.get('id'))}; {known}")
+        return {}
+    own, channels = zone.get("channels"), told.get("channels")
+    if isinstance(own, dict) and isinstance(channels, dict) and set(own) != set(channels):
+        problems.add(
+            (*place, "channels"),
+            f"must name the same channels as zone {shown(told['id'])} of {path}, which are {', '.join(own)}",
+        )
+    return {key: value for key, value in zone.items() if key not in _OF_HISTORY_ZONES} | dict(told)
 
 
 def load_sources(path: Path, overrides: Sequence[str] = ()) -> dict[str, SourceConfig]:
@@ -114,6 +173,8 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     known = {name: (_kind(table), sources[name]) for name, table in raw_sources.items()}
     drafts = [_read_zone(table, ("zones", index), known, problems, context) for index, table in enumerate(raw_zones)]
     check_ids(raw_zones, problems)
+    whereabouts = Whereabouts() if site is None else site.whereabouts
+    drafts = [_heated(draft, whereabouts, problems) for draft in drafts]
     options = [check_zone(draft, {name: kind for name, (kind, _) in known.items()}, problems) for draft in drafts]
     check_weather(weather, drafts, problems)
     if raw_zones:
@@ -124,7 +185,7 @@ def _read(raw: Mapping[str, Any], folder: Path, problems: Problems) -> Config | 
     if problems.sentences or site is None or log is None or http is None:
         return None
     zones = tuple(
-        completed(draft.table, draft.network, resolved)
+        completed(draft.table, draft.network, resolved, whereabouts)
         for draft, resolved in zip(drafts, options, strict=True)
         if draft.table and draft.network
     )
@@ -262,12 +323,21 @@ def _read_zone(table: Any, place: Place, sources: _Known, problems: Problems, co
     return ZoneDraft(place, problems.read(ZoneTable, rest, place, context), network, names, channels, setpoint)
 
 
-def completed(zone: ZoneTable, network: Network, options: object) -> ZoneConfig:
-    """The checked `zone`, with the defaults that depend on its network: aggregate and valid range of every channel."""
+def _heated(draft: ZoneDraft, whereabouts: Whereabouts, problems: Problems) -> ZoneDraft:
+    """`draft` with what its network knows of sun and habits."""
+    if draft.table is None or draft.network is None:
+        return draft
+    return replace(draft, network=heated(draft.network, draft.table, whereabouts, draft.place, problems))
+
+
+def completed(zone: ZoneTable, network: Network, options: object, whereabouts: Whereabouts) -> ZoneConfig:
+    """The checked `zone` of a site, with the defaults that depend on its network: aggregate and valid range of every
+    channel."""
     channels = {name: _filled(channel, network.channel_unit(name)) for name, channel in zone.channels.items()}
     setpoint = None if zone.setpoint is None else _filled(zone.setpoint, unit_of(network, SETPOINT))
     written = {name: getattr(zone, name) for name in ZoneTable.model_fields}
     resolved = {"network": network, "options": options, "proposes_bounds": proposes_bounds(zone.network)}
+    resolved |= {"whereabouts": whereabouts}
     values = written | resolved | {"channels": channels, "setpoint": setpoint}
     return ZoneConfig.model_construct(_fields_set=zone.model_fields_set | set(resolved), **values)
 

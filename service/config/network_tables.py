@@ -16,28 +16,31 @@ _SMALLEST_AREA, _LARGEST_AREA = 1, 100_000
 
 
 class BoundsConfig(BaseModel):
-    """What can be said about a parameter: the bounds of its prior and a nominal value, or a value that fixes it."""
+    """What can be said about a parameter: the bounds of its prior, a nominal value and a typical one, or a value that
+    fixes it."""
 
     model_config = TABLE
 
     lower: Positive | None = None
     upper: Positive | None = None
     nominal: Positive | None = None
+    typical: Positive | None = None
     value: Positive | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        lower, upper, nominal = self.lower, self.upper, self.nominal
-        if self.value is not None and (lower, upper, nominal) != (None, None, None):
+        lower, upper = self.lower, self.upper
+        if self.value is not None and (lower, upper, self.nominal, self.typical) != (None,) * 4:
             raise ValueError(
                 "has both a value, which fixes it, and bounds, which let it be learned; give one of the two"
             )
         if lower is not None and upper is not None and lower >= upper:
             raise ValueError(f"lower = {lower:g} is not below upper = {upper:g}; swap or correct them")
-        below = nominal is not None and lower is not None and nominal < lower
-        above = nominal is not None and upper is not None and nominal > upper
-        if below or above:
-            raise ValueError(f"nominal = {nominal:g} lies outside the bounds; move it or the bounds")
+        for name, value in (("nominal", self.nominal), ("typical", self.typical)):
+            below = value is not None and lower is not None and value < lower
+            above = value is not None and upper is not None and value > upper
+            if below or above:
+                raise ValueError(f"{name} = {value:g} lies outside the bounds; move it or the bounds")
         return self
 
     @property
@@ -91,7 +94,7 @@ class GainConfig(BoundsConfig):
             )
         if self.name is not None:
             _require_complete(self)
-        elif self.unit is not None or self.complete or self.model_fields_set & {"lower", "upper", "nominal"}:
+        elif self.unit is not None or self.complete or self.model_fields_set & {"lower", "upper", "nominal", "typical"}:
             raise ValueError("has bounds, a value or a unit but no name; give it a name, such as A_w")
         return self
 

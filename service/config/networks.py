@@ -139,14 +139,15 @@ def _from_preset(table: PresetConfig, channels: Collection[str], mistakes: list[
 
 def _bounds_problem(parameter: Parameter, default: str) -> str | None:
     """What is wrong with the bounds of a free parameter, of which only some may have been given."""
-    lower, upper, nominal = parameter.lower, parameter.upper, parameter.nominal
+    lower, upper = parameter.lower, parameter.upper
     remedy = f"a bound that is left out stays {default}, so give both"
     if not parameter.free:
         return None
     if lower >= upper:
         return f"lower = {lower:g} is not below upper = {upper:g}; {remedy}"
-    if nominal is not None and not lower <= nominal <= upper:
-        return f"nominal = {nominal:g} lies outside the bounds {lower:g} and {upper:g}; {remedy}"
+    for name, value in (("nominal", parameter.nominal), ("typical", parameter.typical)):
+        if value is not None and not lower <= value <= upper:
+            return f"{name} = {value:g} lies outside the bounds {lower:g} and {upper:g}; {remedy}"
     return None
 
 
@@ -175,15 +176,18 @@ def _with_solar(network: Network, aperture: Parameter, solar: SolarConfig, mista
 
 
 def _changed(parameter: Parameter, bounds: BoundsConfig) -> Parameter:
-    """`parameter` with what `bounds` says; a nominal value that its new bounds exclude is dropped."""
+    """`parameter` with what `bounds` says; a nominal or typical value that its new bounds exclude is dropped."""
     if bounds.value is not None:
-        return replace(parameter, nominal=bounds.value, free=False)
+        return replace(parameter, nominal=bounds.value, free=False, typical=None)
     lower = parameter.lower if bounds.lower is None else bounds.lower
     upper = parameter.upper if bounds.upper is None else bounds.upper
     nominal = parameter.nominal if bounds.nominal is None else bounds.nominal
     if nominal is not None and not lower <= nominal <= upper and bounds.nominal is None:
         nominal = None
-    return replace(parameter, lower=lower, upper=upper, nominal=nominal)
+    typical = parameter.typical if bounds.typical is None else bounds.typical
+    if typical is not None and not lower <= typical <= upper and bounds.typical is None:
+        typical = None
+    return replace(parameter, lower=lower, upper=upper, nominal=nominal, typical=typical)
 
 
 def _inline(table: InlineConfig, mistakes: list[Mistake]) -> Network:
@@ -230,7 +234,7 @@ def _parameter(name: str, unit: str, bounds: BoundsConfig) -> Parameter:
         return Parameter(name, unit, bounds.value, bounds.value, bounds.value, free=False)
     if bounds.lower is None or bounds.upper is None:
         raise AssertionError("the model of an inline parameter asks for a value or both bounds")
-    return Parameter(name, unit, bounds.lower, bounds.upper, bounds.nominal)
+    return Parameter(name, unit, bounds.lower, bounds.upper, bounds.nominal, typical=bounds.typical)
 
 
 def _gain(gain: GainConfig) -> Gain:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import zlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
 
 from adapters.reading import Source
 from adapters.weather.forecast import WeatherSource
+from estimator.heat.sun import Location
+from estimator.heat.terms import SUN_KINDS
 from estimator.network.network import Network
 from service.config.fleet import FleetConfig
 from service.config.http import HttpConfig
@@ -25,6 +27,7 @@ from service.fields.tables import TABLE
 from service.fields.values import (
     Duration,
     FilePath,
+    Flag,
     Identifier,
     JournalSize,
     Levels,
@@ -33,13 +36,39 @@ from service.fields.values import (
     Text,
     TimeZone,
     context,
+    number_between,
+    text,
     whole,
 )
+from service.fields.words import shown
 from service.publish.kinds import SINK_KINDS
 from service.sources.channel import Binding, ChannelConfig, SourceKind
 from service.sources.kinds import SOURCE_KINDS
 from service.sources.weather import WEATHER_KINDS
 from service.zone.alignment import SETPOINT, unit_of
+from service.zone.local_time import check_country
+
+
+def _country(value: object) -> str:
+    """The code of a country or a part of it whose public holidays are known."""
+    check_country(text(value))
+    return str(value)
+
+
+def _sun(value: object) -> str | bool:
+    if value is False:
+        return False
+    if value not in SUN_KINDS:
+        raise ValueError(f'must be "facades", "hours" or false, not {shown(value)}')
+    return str(value)
+
+
+class Whereabouts(NamedTuple):
+    """What known heat depends on beside the telemetry; None for what is not known."""
+
+    location: Location | None = None
+    time_zone: str | None = None
+    country: str | None = None
 
 
 class SiteConfig(BaseModel):
@@ -53,6 +82,23 @@ class SiteConfig(BaseModel):
     keep_history: PositiveDuration = 400 * DAY
     max_journal: JournalSize = 2 * 10**9
     time_zone: TimeZone | None = None
+    latitude: Annotated[float | None, BeforeValidator(number_between(-90, 90, "degrees"))] = None
+    longitude: Annotated[float | None, BeforeValidator(number_between(-180, 180, "degrees"))] = None
+    country: Annotated[str | None, BeforeValidator(_country)] = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if (self.latitude is None) != (self.longitude is None):
+            raise ValueError("has only one of latitude and longitude; give both, in degrees, or none")
+        return self
+
+    @property
+    def whereabouts(self) -> Whereabouts:
+        """Where the site is."""
+        location = None
+        if self.latitude is not None and self.longitude is not None:
+            location = Location(self.latitude, self.longitude)
+        return Whereabouts(location, self.time_zone, self.country)
 
 
 DEFAULT_ESTIMATOR = "bank"
@@ -77,6 +123,9 @@ class ZoneTable(BaseModel):
     network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
     estimator: Text = DEFAULT_ESTIMATOR
     seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))]
+    habits: Flag | None = None
+    sun: Annotated[str | bool | None, BeforeValidator(_sun)] = None
+    floor_area: Annotated[float | None, BeforeValidator(number_between(1, 100_000, "m2"))] = None
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
     max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = 12
     hold_inputs: Duration = 900.0
@@ -113,6 +162,8 @@ class ZoneConfig(ZoneTable):
     """What `estimator_options` amount to: the resolved options of the estimator."""
     proposes_bounds: bool = False
     """Whether the zone proposes narrower bounds after its first week."""
+    whereabouts: Whereabouts = Whereabouts()
+    """Of the site."""
 
     @property
     def delivered(self) -> dict[str, ChannelConfig]:

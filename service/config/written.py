@@ -7,6 +7,7 @@ from typing import Any
 
 import tomli_w
 
+from estimator.heat.terms import DIFFUSE, HABIT_HOURS, SUN_HOURS
 from estimator.network.network import HeatInput, Network, Parameter
 from estimator.registry import written
 from service.config.site import TABLES, Config
@@ -14,7 +15,7 @@ from service.config.site import TABLES, Config
 
 def effective_toml(config: Config) -> str:
     """`config` as TOML that `load` accepts, with every default, network parameter and estimator option written out."""
-    resolved = {"zones": {"__all__": {"network", "options", "proposes_bounds"}}}
+    resolved = {"zones": {"__all__": {"network", "options", "proposes_bounds", "whereabouts"}}}
     dumped = config.model_dump(mode="json", exclude_none=True, exclude=resolved)
     shown = dumped | dumped["sinks"]
     tables = {name: shown[name] for name in TABLES if name in shown}
@@ -23,8 +24,21 @@ def effective_toml(config: Config) -> str:
         tables["http"] = {name: value for name, value in tables["http"].items() if name not in ("host", "port")}
     for table, zone in zip(tables["zones"], config.zones, strict=True):
         table["network"] = network_table(zone.network)
+        for key, value in _known_heat(zone.network).items():
+            table.pop(key, None)
+            table[key] = value
         table["estimator_options"] = _plain(written(zone.estimator, zone.options))
     return tomli_w.dumps(tables)
+
+
+def _known_heat(network: Network) -> dict[str, Any]:
+    """The keys of a zone that give `network` its terms."""
+    series = {term.series for term in network.terms}
+    by = {"facades": DIFFUSE, "hours": f"sun_{SUN_HOURS[0]:02}"}
+    return {
+        "habits": f"habit_{HABIT_HOURS[0]:02}" in series,
+        "sun": next((kind for kind, mark in by.items() if mark in series), False),
+    }
 
 
 def network_table(network: Network) -> dict[str, Any]:
@@ -55,7 +69,8 @@ def _bounds(parameter: Parameter) -> dict[str, float]:
     if not parameter.free:
         return {} if parameter.nominal is None else {"value": parameter.nominal}
     bounds = {"lower": parameter.lower, "upper": parameter.upper}
-    return bounds if parameter.nominal is None else bounds | {"nominal": parameter.nominal}
+    known = {"nominal": parameter.nominal, "typical": parameter.typical}
+    return bounds | {name: value for name, value in known.items() if value is not None}
 
 
 def _gain(network: Network, heat: HeatInput) -> Any:

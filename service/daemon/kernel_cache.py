@@ -8,8 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
+import stat
 from pathlib import Path
 from typing import Any
+
+from service.store.ownership import others_can_change
 
 _MARK = b"thermogate:sha256:"
 """What stands between the content of a file and its checksum. Files without are read as Numba does."""
@@ -29,6 +33,9 @@ def guard_kernel_cache() -> None:
     load, save = caching.Cache.load_overload, caching.Cache.save_overload
 
     def load_or_compile(cache: Any, *arguments: Any) -> Any:
+        if _is_foreign(Path(cache.cache_path)):
+            cache.disable()
+            return None
         try:
             return load(cache, *arguments)
         # What unpickling makes of a damaged file can be anything.
@@ -62,6 +69,22 @@ def guard_kernel_cache() -> None:
     caching.Cache.load_overload, caching.Cache.save_overload = load_or_compile, save_if_possible
     caching.IndexDataCacheFile._save_data = _save_data
     caching.IndexDataCacheFile._load_data = read_if_sound
+
+
+def _is_foreign(folder: Path) -> bool:
+    """Whether other accounts can put kernels into `folder`, which are code and pickles; said once."""
+    try:
+        status = folder.stat()
+    except OSError:
+        return False  # There is nothing to read.
+    # The folder itself must be private: in one like /tmp, others can make the files that are not there yet.
+    if not others_can_change(status, (0, os.geteuid())) and not status.st_mode & stat.S_IWOTH:
+        return False
+    _tell(
+        f"the compiled kernels in {folder} can be replaced by other accounts of this machine, and are not used; "
+        f"say: chmod go-w {folder}, or set NUMBA_CACHE_DIR to a private folder, or every start compiles them anew"
+    )
+    return True
 
 
 def _save_data(files: Any, name: str, data: object) -> None:

@@ -18,6 +18,9 @@ ROUTES = {
     "plan": ("POST", "/zones/{zone}/forecast"),
     "model": ("GET", "/zones/{zone}/model"),
     "parameters": ("GET", "/zones/{zone}/parameters"),
+    "preheat": ("GET", "/zones/{zone}/preheat"),
+    "demand": ("POST", "/zones/{zone}/demand"),
+    "what-if": ("POST", "/zones/{zone}/what-if"),
     "forecasts": ("POST", "/forecasts"),
 }
 """The route that answers each question."""

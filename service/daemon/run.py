@@ -234,7 +234,7 @@ class Daemon:
             changes=changes,
             time_zone=site.time_zone,
         )
-        queries = Queries(create_questions(site.id, zones), loop)
+        queries = Queries(create_questions(site.id, zones, site.time_zone), loop)
         for sink in opened:
             if isinstance(sink, Publisher):
                 await asyncio.to_thread(sink.answer_with, queries.answer)

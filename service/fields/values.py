@@ -72,6 +72,16 @@ def non_zero(value: object) -> float:
     return found
 
 
+def number_between(lower: float, upper: float, unit: str) -> Callable[[object], float]:
+    def check(value: object) -> float:
+        found = number(value)
+        if not lower <= found <= upper:
+            raise ValueError(f"must be from {lower:g} to {upper:g} {unit}, not {shown(value)}")
+        return found
+
+    return check
+
+
 def whole(lower: int, upper: int) -> Callable[[object], int]:
     def check(value: object) -> int:
         found = whole_in(value, lower, upper)

@@ -167,7 +167,7 @@ def _of_update(update: Update) -> Iterator[_Entity]:
 
 
 def _of_skill(skill: Skill) -> Iterator[_Entity]:
-    for horizon in skill.windows[SKILL_DAYS]:
+    for horizon in skill.over(SKILL_DAYS):
         ahead = format_duration(horizon.lead)
         chosen = (
             f"((value_json.windows | selectattr('days', 'eq', {SKILL_DAYS}) | first).horizons"

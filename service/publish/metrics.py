@@ -84,6 +84,18 @@ class Metrics:
             ["zone", "lead", "reference"],
             registry=registry,
         )
+        self._issued_coverage = Gauge(
+            "thermogate_forecast_issued_coverage",
+            "Share of 95 % intervals that held what came, as published when nobody knew the heating, 7 days",
+            horizon,
+            registry=registry,
+        )
+        self._issued_crps = Gauge(
+            "thermogate_forecast_issued_crps_kelvin",
+            "Mean CRPS of forecasts as published when nobody knew the heating, 7 days",
+            horizon,
+            registry=registry,
+        )
         self._loop_delay = Histogram(
             "thermogate_event_loop_delay_seconds",
             "How late the event loop served a timer",
@@ -132,6 +144,8 @@ class Metrics:
             self._coverage,
             self._crps,
             self._skill,
+            self._issued_coverage,
+            self._issued_crps,
             self._checkpoints,
             self._checkpointed,
             self._failures,
@@ -193,13 +207,18 @@ class Metrics:
                 self._gain.labels(zone, f"{level:g}").set(gain)
 
     def _observe_skill(self, zone: str, skill: Skill) -> None:
-        for one in skill.windows[_SKILL_DAYS]:
+        for one in skill.over(_SKILL_DAYS):
             if one.forecasts:
                 lead = format_duration(one.lead)
                 self._coverage.labels(zone, lead).set(one.coverage)
                 self._crps.labels(zone, lead).set(one.crps)
-                self._skill.labels(zone, lead, "persistence").set(one.against_persistence)
-                self._skill.labels(zone, lead, "arx").set(one.against_arx)
+                self._skill.labels(zone, lead, "persistence").set(one.skill_against_persistence)
+                self._skill.labels(zone, lead, "arx").set(one.skill_against_arx)
+        for issued in skill.issued_over(_SKILL_DAYS):
+            if issued.forecasts:
+                lead = format_duration(issued.lead)
+                self._issued_coverage.labels(zone, lead).set(issued.coverage)
+                self._issued_crps.labels(zone, lead).set(issued.crps)
 
 
 class _MeasureCollector(Collector):

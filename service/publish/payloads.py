@@ -12,6 +12,9 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
 from adapters.reading import Quality
+from estimator.diagnosis.finding import Finding
+from service.records.outlook import InputOrigin
+from service.records.update import InputUsed, Interval, OutputForecast
 
 
 def _finite(value: object) -> object:
@@ -36,25 +39,6 @@ class Envelope(Payload):
     zone: str = Field(examples=["living"])
 
 
-class IntervalPayload(Payload):
-    """A central prediction interval."""
-
-    level: float = Field(description="probability content, between 0 and 1")
-    lower: Number = Field(description="degC")
-    upper: Number = Field(description="degC")
-
-
-class OutputPayload(Payload):
-    """The predictive distribution of one measured temperature."""
-
-    output: str = Field(description="channel of the network")
-    unit: Literal["degC"] = Field(default="degC", description="unit of mean, median and interval bounds")
-    mean: Number = Field(description="degC")
-    median: Number = Field(description="degC")
-    sd: Number = Field(description="standard deviation in K")
-    intervals: list[IntervalPayload]
-
-
 class BlockPayload(Payload):
     """Quantiles of the volatility alpha of one block, and where its median stands in its own history."""
 
@@ -73,32 +57,11 @@ class AlphaPayload(BlockPayload):
     blocks: list[BlockPayload]
 
 
-class InputPayload(Payload):
-    """An input as the forecast uses it."""
-
-    channel: str = Field(examples=["u_heat"])
-    value: Number = Field(description="in unit", examples=[2000.0])
-    unit: str = Field(examples=["W"])
-    age_s: Number = Field(description="age of the value at issue time, s")
-    quality: Quality
-    held: bool = Field(description="true if the last interval brought no reading and an older value is held")
-
-
 class FanStepPayload(Payload):
     """One step of a forecast over several steps."""
 
     valid_time: AwareDatetime
-    outputs: list[OutputPayload]
-
-
-class OriginPayload(Payload):
-    """Where the values of an input in the steps after the first come from."""
-
-    channel: str
-    origin: str = Field(description="plan, neighbour, weather, yesterday or held")
-    source: str = Field(description="the zone or the forecast of the weather that they are from; empty otherwise")
-    age_s: Number = Field(description="age at issue time of that forecast or of the held value, s; null for a plan")
-    quality: Quality = Field(description="uncertain where it covers the horizon in part only")
+    outputs: tuple[OutputForecast, ...]
 
 
 class ForecastPayload(Envelope):
@@ -113,13 +76,13 @@ class ForecastPayload(Envelope):
     mean: Number = Field(description="degC", examples=[21.34])
     median: Number = Field(description="degC", examples=[21.34])
     sd: Number = Field(description="standard deviation in K", examples=[0.052])
-    intervals: list[IntervalPayload]
-    outputs: list[OutputPayload]
+    intervals: tuple[Interval, ...]
+    outputs: tuple[OutputForecast, ...]
     volatility: AlphaPayload | None = Field(description="null where the estimator has no volatility (ekf, ukf)")
     gate: Number = Field(description="learning gate g_k: how much the parameters may move now, 0 to 1")
     regime: str = Field(description="low, transitional or high volatility; constant where there is none")
     n_eff: Number = Field(description="effective sample size, particles; null where the estimator has none")
-    inputs: list[InputPayload]
+    inputs: tuple[InputUsed, ...]
     quality: Quality = Field(description="the worst of the inputs' quality and what became of the last sample")
 
 
@@ -128,7 +91,9 @@ class FanPayload(ForecastPayload):
 
     horizon_s: float = Field(description="from valid_time to the last step, s")
     planned: list[str] = Field(description="input channels whose planned values were used; the others are foreseen")
-    origins: list[OriginPayload] = Field(description="where the values of every input come from, after the first step")
+    origins: tuple[InputOrigin, ...] = Field(
+        description="where the values of every input come from, after the first step"
+    )
     fan: list[FanStepPayload] = Field(description="the first step is the standing one-step forecast")
 
 
@@ -178,62 +143,6 @@ class GainPayload(Envelope):
     measurement_sd: list[NoisePayload]
 
 
-class HorizonSkillPayload(Payload):
-    """What the verified forecasts of one horizon were worth."""
-
-    lead_s: int = Field(description="from the last sample that the forecast knew to the one that it is about, s")
-    forecasts: int = Field(description="how many were verified")
-    coverage: Number = Field(description="share of them whose interval held what came, 0 to 1")
-    crps: Number = Field(description="mean continuous ranked probability score, K")
-    rmse: Number = Field(description="root mean square error of the mean, K")
-    width: Number = Field(description="mean width of the interval, K")
-    persistence_rmse: Number = Field(description="of the forecast that nothing changes, K")
-    arx_rmse: Number = Field(description="of a linear regression on past outputs and inputs, learned online, K")
-    skill_against_persistence: Number = Field(description="1 - rmse / persistence_rmse; above 0 is better than it")
-    skill_against_arx: Number = Field(description="1 - rmse / arx_rmse")
-
-
-class SkillWindowPayload(Payload):
-    """The horizons over one window."""
-
-    days: int
-    horizons: list[HorizonSkillPayload] = Field(description="one step, 1 h, 6 h, 24 h")
-
-
-class MemberPayload(Payload):
-    """What one member of a bank weighs."""
-
-    member: str
-    weights: list[Number] = Field(description="at each horizon, 0 to 1")
-
-
-class SkillPayload(Envelope):
-    """The zone's own forecasts held to what came: under the inputs that really followed."""
-
-    sample_time: AwareDatetime = Field(description="the newest sample that was compared with a forecast")
-    unit: Literal["K"] = Field(default="K", description="unit of crps, rmse and width")
-    level: float = Field(description="of the interval whose coverage is counted")
-    windows: list[SkillWindowPayload] = Field(description="the last day, 7 days, 30 days")
-    members: list[MemberPayload] = Field(description="of a bank; empty for other estimators")
-
-
-class HorizonTrustPayload(Payload):
-    """Trust in the forecasts of one horizon."""
-
-    lead_s: int = Field(description="from the last sample that a forecast knew to the one that it is about, s")
-    trust: str = Field(description="learning, trusted, doubtful or untrusted")
-    reason: str = Field(description="one sentence; empty while trusted")
-    since: AwareDatetime = Field(description="when it came to be so")
-
-
-class TrustPayload(Envelope):
-    """How far a controller may rely on the zone's forecasts."""
-
-    sample_time: AwareDatetime = Field(description="the sample after which it was judged")
-    disturbed: bool = Field(description="true while something acts on the zone that its model does not know")
-    horizons: list[HorizonTrustPayload] = Field(description="from the shortest")
-
-
 class ChannelStatus(Payload):
     """When a channel last had a good reading."""
 
@@ -241,14 +150,6 @@ class ChannelStatus(Payload):
     last_good: AwareDatetime | None = Field(description="null: never since the start")
     age_s: Number = Field(description="age of last_good on the zone's clock, s")
     stale: bool = Field(description="true if the last interval brought no good reading of it")
-
-
-class FindingPayload(Payload):
-    """Something about the zone's model that is not known or not plausible."""
-
-    finding: str = Field(description="stable name of the kind of finding", examples=["parameter-at-bound"])
-    subject: str = Field(description="a parameter, heat_loss, a variant of the network, or zone", examples=["C_i"])
-    sentence: str = Field(description="the problem and its remedy in one sentence")
 
 
 class StatusPayload(Envelope):
@@ -265,7 +166,7 @@ class StatusPayload(Envelope):
     overruns: int = Field(description="forecasts since the start that came after the next sample was due")
     faults: dict[str, int] = Field(description="bad readings by kind since the start")
     channels: list[ChannelStatus]
-    findings: list[FindingPayload] = Field(description="what the zone's model does not know")
+    findings: tuple[Finding, ...] = Field(description="what the zone's model does not know")
 
 
 def to_json(payload: Payload) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from adapters.reading import Quality
@@ -16,30 +17,16 @@ from service.publish.payloads import (
     ChannelStatus,
     FanPayload,
     FanStepPayload,
-    FindingPayload,
     ForecastPayload,
     GainPayload,
     GatePayload,
-    HorizonSkillPayload,
-    HorizonTrustPayload,
-    InputPayload,
-    IntervalPayload,
-    MemberPayload,
     NoisePayload,
-    OriginPayload,
-    OutputPayload,
-    SkillPayload,
-    SkillWindowPayload,
     StatusPayload,
-    TrustPayload,
     VolatilityPayload,
 )
 from service.records.fan import Fan
-from service.records.outlook import InputOrigin
-from service.records.skill import HorizonSkill, Skill
 from service.records.status import ZoneStatus
-from service.records.trust import Trust
-from service.records.update import InputUsed, OutputForecast, Update
+from service.records.update import InputUsed, Interval, OutputForecast, Update
 
 _WORST_LAST = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
 Forecasted = TypeVar("Forecasted", bound=ForecastPayload)
@@ -76,42 +63,33 @@ def believable(means: Iterable[tuple[str, float | None]], limits: Limits) -> boo
 
 
 def refined_payload(site: str, zone: str, fan: Fan) -> ForecastPayload:
-    """The standing forecast of `fan`, with the intervals that were asked for."""
-    return _forecast(site, zone, fan.update, fan.steps[0].outputs, fan.inputs)
+    """The published forecast of `fan`, with the intervals that were asked for."""
+    update = fan.update
+    return _forecast(site, zone, update, _steps(fan)[0], update.forecast.inputs)
 
 
 def fan_payload(site: str, zone: str, fan: Fan, planned: Iterable[str] = ()) -> FanPayload:
     """All steps of `fan`; `planned` names the channels that followed a plan."""
-    first, last = fan.steps[0].valid_time, fan.steps[-1].valid_time
+    first, steps = fan.update.forecast.valid_time, _steps(fan)
+    period = first - fan.update.forecast.sample_time
     return FanPayload(
-        **dict(refined_payload(site, zone, fan)),
-        horizon_s=last - first,
+        **dict(_forecast(site, zone, fan.update, steps[0], fan.update.forecast.inputs)),
+        horizon_s=(len(steps) - 1) * period,
         planned=list(planned),
-        origins=[origin_payload(one) for one in fan.origins],
-        fan=[
-            FanStepPayload(valid_time=utc(step.valid_time), outputs=[_output(output) for output in step.outputs])
-            for step in fan.steps
-        ],
+        origins=fan.origins,
+        fan=[FanStepPayload(valid_time=utc(first + ahead * period), outputs=step) for ahead, step in enumerate(steps)],
     )
 
 
-def origin_payload(one: InputOrigin) -> OriginPayload:
-    """Where the values of an input come from."""
-    return OriginPayload(channel=one.channel, origin=one.origin, source=one.source, age_s=one.age, quality=one.quality)
-
-
-def trust_payload(site: str, zone: str, trust: Trust) -> TrustPayload:
-    """How far the zone's forecasts can be relied on."""
-    return TrustPayload(
-        site=site,
-        zone=zone,
-        sample_time=utc(trust.time),
-        disturbed=trust.disturbed,
-        horizons=[
-            HorizonTrustPayload(lead_s=one.lead, trust=one.level, reason=one.reason, since=utc(one.since))
-            for one in trust.horizons
-        ],
-    )
+def _steps(fan: Fan) -> list[tuple[OutputForecast, ...]]:
+    """The forecast of every output, step by step."""
+    each = []
+    for one in fan.outputs:
+        bounds = zip(one.lower.T.tolist(), one.upper.T.tolist(), strict=True)
+        intervals = [tuple(map(Interval, fan.levels, lower, upper)) for lower, upper in bounds]
+        numbers = (one.mean.tolist(), one.median.tolist(), one.sd.tolist(), intervals)
+        each.append([OutputForecast(one.output, *step) for step in zip(*numbers, strict=True)])
+    return list(zip(*each, strict=True))
 
 
 def volatility_payload(site: str, zone: str, update: Update) -> VolatilityPayload:
@@ -164,36 +142,6 @@ def gain_payload(site: str, zone: str, update: Update) -> GainPayload | None:
     )
 
 
-def skill_payload(site: str, zone: str, skill: Skill) -> SkillPayload:
-    """What a zone's forecasts were worth."""
-    return SkillPayload(
-        site=site,
-        zone=zone,
-        sample_time=utc(skill.time),
-        level=skill.level,
-        windows=[
-            SkillWindowPayload(days=days, horizons=[_horizon(one) for one in horizons])
-            for days, horizons in skill.windows.items()
-        ],
-        members=[MemberPayload(member=name, weights=list(weights)) for name, weights in skill.weights.items()],
-    )
-
-
-def _horizon(one: HorizonSkill) -> HorizonSkillPayload:
-    return HorizonSkillPayload(
-        lead_s=one.lead,
-        forecasts=one.forecasts,
-        coverage=one.coverage,
-        crps=one.crps,
-        rmse=one.rmse,
-        width=one.width,
-        persistence_rmse=one.persistence_rmse,
-        arx_rmse=one.arx_rmse,
-        skill_against_persistence=one.against_persistence,
-        skill_against_arx=one.against_arx,
-    )
-
-
 def status_payload(site: str, zone: str, status: ZoneStatus, update: Update | None) -> StatusPayload:
     """How the zone is doing, with what became of its last sample."""
     now = clock(status)
@@ -212,13 +160,8 @@ def status_payload(site: str, zone: str, status: ZoneStatus, update: Update | No
         overruns=status.overruns,
         faults=dict(status.faults),
         channels=[_channel(channel, status, now) for channel in status.channels],
-        findings=finding_payloads(status),
+        findings=status.diagnosis.findings,
     )
-
-
-def finding_payloads(status: ZoneStatus) -> list[FindingPayload]:
-    """The findings about the zone that is in `status`."""
-    return [FindingPayload(**finding._asdict()) for finding in status.diagnosis.findings]
 
 
 def _channel(channel: str, status: ZoneStatus, now: float) -> ChannelStatus:
@@ -249,8 +192,8 @@ def _forecast(
     inputs: Iterable[InputUsed],
 ) -> ForecastPayload:
     forecast = update.forecast
-    described = [_output(output) for output in outputs]
-    inputs = tuple(inputs)
+    described, inputs = tuple(outputs), tuple(inputs)
+    first = described[0]
     return ForecastPayload(
         site=site,
         zone=zone,
@@ -258,40 +201,24 @@ def _forecast(
         issue_time=utc(forecast.issue_time),
         valid_time=utc(forecast.valid_time),
         period_s=forecast.valid_time - forecast.sample_time,
-        **dict(described[0]),
+        output=first.output,
+        mean=first.mean,
+        median=first.median,
+        sd=first.sd,
+        intervals=first.intervals,
         outputs=described,
         volatility=_alpha(update),
         gate=update.shown_gate.value,
         regime=update.shown_gate.regime,
         n_eff=update.shown_sample_size,
-        inputs=[
-            InputPayload(
-                channel=used.channel,
-                value=used.value,
-                unit=used.unit,
-                age_s=used.age,
-                quality=used.quality,
-                held=used.held,
-            )
-            for used in inputs
-        ],
+        inputs=inputs,
         quality=quality(update, inputs),
     )
 
 
 def _narrowed(output: OutputForecast, levels: Sequence[float]) -> OutputForecast:
     at = {interval.level: interval for interval in output.intervals}
-    return output._replace(intervals=tuple(at[level] for level in levels))
-
-
-def _output(output: OutputForecast) -> OutputPayload:
-    return OutputPayload(
-        output=output.output,
-        mean=output.mean,
-        median=output.median,
-        sd=output.sd,
-        intervals=[IntervalPayload(level=i.level, lower=i.lower, upper=i.upper) for i in output.intervals],
-    )
+    return replace(output, intervals=tuple(at[level] for level in levels))
 
 
 def _alpha(update: Update) -> AlphaPayload | None:

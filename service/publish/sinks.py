@@ -14,13 +14,12 @@ from service.publish.rendering import (
     forecast_payload,
     gain_payload,
     gate_payload,
-    skill_payload,
     status_payload,
-    trust_payload,
     volatility_payload,
     vouched,
 )
 from service.records.measures import Measure
+from service.records.record import document
 from service.records.skill import Skill
 from service.records.status import ZoneStatus
 from service.records.trust import Trust
@@ -87,19 +86,15 @@ class Announcement:
     def payload(self, topic: str) -> bytes:
         """The document of `topic`, one of `topics`; the forecast also where the status alone has changed."""
         if topic not in self._rendered:
-            self._rendered[topic] = to_json(self._render(topic))
+            told = {"skill": self.skill, "trust": self.trust}.get(topic)
+            site, zone = self._site, self.zone
+            self._rendered[topic] = to_json(self._render(topic)) if told is None else document(told, site, zone)
         return self._rendered[topic]
 
     def _render(self, topic: str) -> Any:
         site, zone, update = self._site, self.zone, self.update
         if topic == "status":
             return status_payload(site, zone, self.status, update)
-        if topic == "skill":
-            assert self.skill is not None, "there is no news of the skill"
-            return skill_payload(site, zone, self.skill)
-        if topic == "trust":
-            assert self.trust is not None, "there is no news of the trust"
-            return trust_payload(site, zone, self.trust)
         assert update is not None, f"there is no {topic} without an update"
         if topic == "forecast":
             return vouched(forecast_payload(site, zone, update), self.status)

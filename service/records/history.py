@@ -3,39 +3,38 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal
 
+from service.records.record import Number, Time, constant, names, record, shown
 from service.records.update import Update
 
 
-class HistoryRow(NamedTuple):
-    """One update in numbers: the first output (degC, K) against its forecast, and the first volatility block, if any.
+@record
+class HistoryRow:
+    """One sample against the forecast that stood before it was seen."""
 
-    `mean`, `lower`, `upper`, `sd` and `residual` belong to the forecast that stood before `y` was seen; NaN where there
-    was none, and `y` is NaN where it was missing. `time` is UTC seconds. The gain is unmeasured heat [W], NaN where the
-    estimator has no model of it; the set-point [degC] is NaN where nobody says it.
-    """
-
-    time: int
-    y: float
-    mean: float
-    lower: float
-    upper: float
-    sd: float
-    residual: float
-    alpha_lower: float
-    alpha_median: float
-    alpha_upper: float
-    cdf: float
-    gate: float
-    n_eff: float
+    # Of the first output and the first volatility block. NaN: no forecast stood, nothing was measured, the estimator
+    # has no model of it, or nobody says it.
+    time: Time
+    y: Number = shown("measured, degC")
+    mean: Number = shown("degC")
+    lower: Number = shown("degC, at the first published level")
+    upper: Number = shown("degC, at the first published level")
+    sd: Number = shown("K")
+    residual: Number = shown("y - mean, K")
+    alpha_lower: Number = shown(".025 quantile")
+    alpha_median: Number
+    alpha_upper: Number = shown(".975 quantile")
+    cdf: Number
+    gate: Number
+    n_eff: Number
     resampled: bool
-    log_likelihood: float
+    log_likelihood: Number
     segment: int
-    gain_lower: float = math.nan
-    gain_median: float = math.nan
-    gain_upper: float = math.nan
-    setpoint: float = math.nan
+    gain_lower: Number = shown("unmeasured heat, .025 quantile, W; null where the estimator knows of none")
+    gain_median: Number = shown("W")
+    gain_upper: Number = shown(".975 quantile, W")
+    setpoint: Number = shown("set-point, degC; null where none was told")
 
     @classmethod
     def of(cls, update: Update) -> HistoryRow:
@@ -62,3 +61,17 @@ class HistoryRow(NamedTuple):
             gain_upper=gain[2],
             setpoint=update.setpoint,
         )
+
+
+HISTORY_COLUMNS = names(HistoryRow)
+"""The columns of stored and exported histories."""
+
+
+@record
+class History:
+    """Samples in time order, for the first output."""
+
+    output: str
+    unit: Literal["degC"] = constant("degC")
+    period_s: float
+    rows: tuple[HistoryRow, ...]

@@ -31,26 +31,9 @@ class ZoneModel(NamedTuple):
     """K models."""
     covariance: Array
     """(n_x + G, n_x + G): posterior covariance of temperatures [K^2] and gain [W^2]."""
+    known_heat: Array
+    """(h, n_x + G): what sun and habits add to the states of `mean` over each step of a day [K], under inputs as they
+    are foreseen without a plan; h is 0 where the network has no terms."""
     gain: Array
     """(2, h): mean and standard deviation of the unmeasured gain [W] at the beginning of each step of a day; h is 0
     where the estimator has none."""
-
-
-class CompactOutput(NamedTuple):
-    """The forecast of one output over h + 1 steps [degC, K]; `lower` and `upper` are (L, h + 1)."""
-
-    output: str
-    mean: Array
-    median: Array
-    sd: Array
-    lower: Array
-    upper: Array
-
-
-class CompactFan(NamedTuple):
-    """A fan as arrays, for requests over many zones."""
-
-    update: Update
-    outputs: tuple[CompactOutput, ...]
-    paths: Array
-    """(K, h + 1, n_y): sampled futures [degC] without measurement noise; K is 0 where none were asked for."""

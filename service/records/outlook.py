@@ -11,27 +11,28 @@ import numpy.typing as npt
 from adapters.reading import Quality
 from adapters.units import Affine
 from adapters.weather.forecast import WeatherForecast
+from service.records.record import Number, record, shown
 
 Array = npt.NDArray[np.float64]
 
-ORIGINS = ("plan", "neighbour", "weather", "yesterday", "held")
-"""Where the values of an input in a forecast come from, from the first choice to the last: the request; the forecast of
-the zone next door; a forecast of the weather; the values of the day before; the last measured value."""
+ORIGINS = ("plan", "thermostat", "neighbour", "weather", "yesterday", "held")
+"""Where the values of an input in a forecast come from, from the first choice to the last: the request; the law of the
+thermostat; the forecast of the zone next door; a forecast of the weather; the values of the day before; the last
+measured value."""
+
+SET_POINTS = "T_set"
+"""What a plan of set-points [degC] is called, of a zone with a set-point whose network has no input of that name."""
 
 
-class InputOrigin(NamedTuple):
-    """Where the values of one input come from.
-
-    `source` is the zone or the forecast of the weather that they are from, empty otherwise. `age` is how old that
-    forecast, or the value that is held, is at issue time, s; NaN for a plan. `quality` is uncertain where they cover
-    the horizon in part only, or an older value is held.
-    """
+@record
+class InputOrigin:
+    """Where the values of an input in the steps after the first come from."""
 
     channel: str
-    origin: str
-    source: str
-    age: float
-    quality: Quality
+    origin: str = shown("plan, thermostat, neighbour, weather, yesterday or held")
+    source: str = shown("the zone or the forecast of the weather that they are from; empty otherwise")
+    age: Number = shown("age at issue time of that forecast or of the held value, s; null for a plan", key="age_s")
+    quality: Quality = shown("uncertain where it covers the horizon in part only")
 
 
 class Outlook(NamedTuple):

@@ -2,40 +2,47 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+
+from service.records.record import Time, hidden, record, shown
 
 LEARNING, TRUSTED, DOUBTFUL, UNTRUSTED = LEVELS = ("learning", "trusted", "doubtful", "untrusted")
 """Too few forecasts were verified; plan with them; plan with care; do not plan with them."""
 
 
-class HorizonTrust(NamedTuple):
-    """Trust in the forecasts of one horizon; times are UTC s."""
+@record
+class HorizonTrust:
+    """Trust in the forecasts of one horizon."""
 
-    lead: int
-    """From the last sample that the forecast knew to the one that it is about, s."""
-    level: str
-    """One of LEVELS, as published."""
-    reason: str
-    """One sentence; empty while trusted."""
-    since: int
-    """When `level` was reached."""
-    verified: str = LEARNING
+    lead: int = shown("from the last sample that a forecast knew to the one that it is about, s", key="lead_s")
+    level: str = shown("learning, trusted, doubtful or untrusted: the forecast as it is published", key="trust")
+    reason: str = shown("one sentence; empty while trusted")
+    since: Time = shown("when it came to be so")
+    verified: str = hidden(default=LEARNING)
     """The level by verified forecasts and findings alone, without what is disturbed at this moment."""
-    why: str = ""
+    why: str = hidden(default="")
     """The sentence for `verified`."""
-    rising: int = 0
+    rising: int = hidden(default=0)
     """How many judgements in a row found a better level than `verified`."""
+    planned: str = shown("the same of forecasts under a plan of the heating", default=LEARNING)
+    issued: str = hidden(default=TRUSTED)
+    """DOUBTFUL where the intervals held too little of what came, as they were issued; else TRUSTED."""
+    issued_why: str = hidden(default="")
+    """The sentence for `issued`."""
+    issued_rising: int = hidden(default=0)
+    """How many judgements in a row found a better level than `issued`."""
 
 
-class Trust(NamedTuple):
-    """Trust in the forecasts of every horizon, from the shortest; none before the first sample."""
+@record
+class Trust:
+    """How far a controller may rely on the zone's forecasts."""
 
-    time: int = 0
-    """Of the sample after which it was judged, UTC s."""
-    horizons: tuple[HorizonTrust, ...] = ()
-    disturbed: bool = False
-    """Whether something acts on the zone now that its model does not know."""
-    usual: float = 0.0
+    time: Time = shown("the sample after which it was judged", key="sample_time", default=0)
+    disturbed: bool = shown(
+        "true while something acts on the zone that its model does not know", default=False, kw_only=True
+    )
+    horizons: tuple[HorizonTrust, ...] = shown("from the shortest", default=())
+    usual: float = hidden(default=0.0, kw_only=True)
     """Mean width [K] of the 95 % intervals one step ahead in seven days, when it was last looked up."""
 
     def at(self, lead: float) -> HorizonTrust | None:
@@ -46,5 +53,5 @@ class Trust(NamedTuple):
 
 def untrusted(trust: Trust, reason: str) -> Trust:
     """`trust` of a zone that can no longer vouch for its forecasts, and why."""
-    told = tuple(one._replace(level=UNTRUSTED, reason=reason) for one in trust.horizons)
-    return trust._replace(horizons=told)
+    told = tuple(replace(one, level=UNTRUSTED, planned=UNTRUSTED, reason=reason) for one in trust.horizons)
+    return replace(trust, horizons=told)

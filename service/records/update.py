@@ -3,42 +3,44 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from adapters.reading import Quality
 from estimator.types import Outcome
+from service.records.record import Number, constant, record, shown
 
 
-class Interval(NamedTuple):
-    """A central prediction interval: `level` in (0, 1), bounds in degC."""
+@record
+class Interval:
+    """A central prediction interval."""
 
-    level: float
-    lower: float
-    upper: float
+    level: float = shown("probability content, between 0 and 1")
+    lower: Number = shown("degC")
+    upper: Number = shown("degC")
 
 
-class OutputForecast(NamedTuple):
-    """Predictive distribution of one output, degC and K."""
+@record
+class OutputForecast:
+    """The predictive distribution of one measured temperature."""
 
-    output: str
-    mean: float
-    median: float
-    sd: float
+    output: str = shown("channel of the network")
+    unit: Literal["degC"] = constant("degC", "unit of mean, median and interval bounds")
+    mean: Number = shown("degC")
+    median: Number = shown("degC")
+    sd: Number = shown("standard deviation in K")
     intervals: tuple[Interval, ...]
 
 
-class InputUsed(NamedTuple):
-    """An input as the forecast uses it.
+@record
+class InputUsed:
+    """An input as the forecast uses it."""
 
-    `age` is how old the value is at issue time, in s; `held` says that the last interval did not measure it.
-    """
-
-    channel: str
-    value: float
-    unit: str
-    age: float
+    channel: str = shown(examples=["u_heat"])
+    value: Number = shown("in unit", examples=[2000.0])
+    unit: str = shown(examples=["W"])
+    age: Number = shown("age of the value at issue time, s", key="age_s")
     quality: Quality
-    held: bool
+    held: bool = shown("true if the last interval brought no reading and an older value is held")
 
 
 class Forecast(NamedTuple):

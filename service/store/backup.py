@@ -28,8 +28,9 @@ from typing import IO, Any, NamedTuple
 from service.errors import BackupError, CheckpointError
 from service.fields.values import IDENTIFIER
 from service.store.checkpoint import DAMAGE, CheckpointStore, decode
-from service.store.durable_files import make_folder, sync_folder
-from service.store.journal_file import SCHEMA_VERSION
+from service.store.durable_files import make_folder, sync_folder, write_file
+from service.store.journal_file import SCHEMA_VERSION, schema_problem
+from service.store.ownership import as_owner_of, database, open_plain
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, locked
 
 FORMAT_VERSION = 2
@@ -129,44 +130,47 @@ def restore_backup(
     `tick` is told of the progress. The daemon must be stopped. Raises BackupError where the backup is damaged or of
     another site, and where there is state already unless `replace`; then nothing has changed.
     """
-    with locked(state_dir), _told(f"the backup {backup} cannot be restored into {state_dir}"):
-        there = [path for path in state_dir.iterdir() if path.name.startswith(JOURNAL) or path.name == CHECKPOINTS]
-        interrupted = (state_dir / RESTORING).exists()
+    told = f"the backup {backup} cannot be restored into {state_dir}"
+    with locked(state_dir), _told(told), backup.open("rb") as file:
+        with as_owner_of(state_dir) as folder:
+            there = [name for name in os.listdir(folder) if name.startswith(JOURNAL) or name == CHECKPOINTS]
+            interrupted = (folder / RESTORING).exists()
         if there and not replace and not interrupted:
             raise BackupError(f"there is state in {state_dir} already; say --replace to set it aside for the backup")
-        unpacked = state_dir / _UNPACKING
-        shutil.rmtree(unpacked, ignore_errors=True)
         try:
-            restored = _unpack(backup, site, unpacked, tick)
+            with as_owner_of(state_dir) as folder:
+                shutil.rmtree(folder / _UNPACKING, ignore_errors=True)
+                restored = _unpack(file, backup, site, folder / _UNPACKING, tick)
+            _check_journal(state_dir / _UNPACKING / JOURNAL, backup)
         except BaseException:
-            shutil.rmtree(unpacked, ignore_errors=True)
+            with as_owner_of(state_dir) as folder:
+                shutil.rmtree(folder / _UNPACKING, ignore_errors=True)
             raise
-        _give_to_owner(state_dir, [*unpacked.rglob("*"), state_dir / "lock"])
-        if (unpacked / CONFIGURATION).exists() and (state_dir / CONFIGURATION).exists():
-            there.append(state_dir / CONFIGURATION)
-        # From here to the end of the moves no daemon starts on the half of it.
-        make_folder(state_dir / RESTORING)
-        aside = state_dir / f"before-restore-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}" if there else None
-        if aside is not None:
-            make_folder(aside)
-            for path in there:
-                path.rename(aside / path.name)
-            sync_folder(aside)
-        for path in unpacked.iterdir():
-            path.rename(state_dir / path.name)
-        sync_folder(state_dir)
-        unpacked.rmdir()
-        (state_dir / RESTORING).rmdir()
-        sync_folder(state_dir)
-    return restored, aside
+        with as_owner_of(state_dir) as folder:
+            aside = _put_in_place(folder, there)
+    return restored, None if aside is None else state_dir / aside
 
 
-def _give_to_owner(folder: Path, paths: list[Path]) -> None:
-    """Root may restore for the daemon, which must own what is in its `folder`."""
-    if os.geteuid() == 0:
-        owner = folder.stat()
-        for path in paths:
-            os.chown(path, owner.st_uid, owner.st_gid)
+def _put_in_place(folder: Path, there: list[str]) -> Path | None:
+    """Move what was unpacked into `folder`, and what is `there` into a folder beside it, which is returned."""
+    unpacked = folder / _UNPACKING
+    if (unpacked / CONFIGURATION).exists() and (folder / CONFIGURATION).exists():
+        there = [*there, CONFIGURATION]
+    # From here to the end of the moves no daemon starts on the half of it.
+    make_folder(folder / RESTORING)
+    aside = folder / f"before-restore-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}" if there else None
+    if aside is not None:
+        make_folder(aside)
+        for name in there:
+            (folder / name).rename(aside / name)
+        sync_folder(aside)
+    for path in unpacked.iterdir():
+        path.rename(folder / path.name)
+    sync_folder(folder)
+    unpacked.rmdir()
+    (folder / RESTORING).rmdir()
+    sync_folder(folder)
+    return aside
 
 
 def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
@@ -174,13 +178,12 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
     for _ in range(_ATTEMPTS):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        steps = {
-            zone.name: step
-            for zone in _zone_folders(state_dir / CHECKPOINTS)
-            if (step := _copy_checkpoint(zone, folder / CHECKPOINTS / zone.name)) is not None
-        }
+        with as_owner_of(state_dir) as state:
+            zones = _zones(state / CHECKPOINTS)
+        copied = {zone: _copy_checkpoint(state_dir, zone, folder / CHECKPOINTS / zone) for zone in zones}
+        steps = {zone: step for zone, step in copied.items() if step is not None}
         with (
-            closing(sqlite3.connect(f"{(state_dir / JOURNAL).as_uri()}?mode=rw", uri=True)) as source,
+            database(state_dir / JOURNAL, "rw") as source,
             closing(sqlite3.connect(folder / JOURNAL)) as copy,
         ):
             _copy_journal(source, copy, tick)
@@ -193,10 +196,10 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
     raise BackupError(f"the journal in {state_dir} is pruned faster than it can be copied; raise site.max_journal")
 
 
-def _zone_folders(checkpoints: Path) -> list[Path]:
-    """The folders of zones among `checkpoints`; what else somebody has put there is no state."""
-    folders = sorted(checkpoints.iterdir()) if checkpoints.is_dir() else []
-    return [folder for folder in folders if re.fullmatch(IDENTIFIER, folder.name)]
+def _zones(checkpoints: Path) -> list[str]:
+    """The zones that have a folder among `checkpoints`; what else somebody has put there is no state."""
+    names = sorted(os.listdir(checkpoints)) if checkpoints.is_dir() else []
+    return [name for name in names if re.fullmatch(IDENTIFIER, name)]
 
 
 def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Tick) -> None:
@@ -217,43 +220,71 @@ def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Ti
 def _copy_configuration(state_dir: Path, folder: Path) -> None:
     """Copy the configuration that the daemon keeps, unless it is from before it kept any."""
     with suppress(FileNotFoundError):
-        shutil.copyfile(state_dir / CONFIGURATION, folder / CONFIGURATION)
+        with as_owner_of(state_dir) as state, open(open_plain(state / CONFIGURATION), "rb") as file:
+            content = file.read()
+        write_file(folder / CONFIGURATION, content)
 
 
 def _version(connection: sqlite3.Connection) -> int:
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
-def _copy_checkpoint(zone: Path, folder: Path) -> int | None:
-    """Copy the newest valid checkpoint in the folder `zone`; its step, None if there is none."""
-    for path in CheckpointStore(zone.parent).files(zone.name):
+def _copy_checkpoint(state_dir: Path, zone: str, folder: Path) -> int | None:
+    """Copy the newest valid checkpoint of `zone` into `folder`; its step, None if there is none."""
+    with as_owner_of(state_dir) as state:
+        found = _newest_checkpoint(state / CHECKPOINTS, zone)
+    if found is None:
+        return None
+    name, content, step = found
+    folder.mkdir(parents=True)
+    (folder / name).write_bytes(content)
+    return step
+
+
+def _newest_checkpoint(checkpoints: Path, zone: str) -> tuple[str, bytes, int] | None:
+    """Name, content and step of the newest valid checkpoint of `zone`; None if there is none."""
+    for path in CheckpointStore(checkpoints).files(zone):
         try:
-            content = path.read_bytes()
-            step = decode(content, path).step
+            with open(open_plain(path), "rb") as file:
+                content = file.read()
+            return path.name, content, decode(content, path).step
         except FileNotFoundError:
             continue  # the daemon has removed it, for it has written a newer one
         except (*DAMAGE, CheckpointError) as error:
             _log.warning("checkpoint %s is left out of the backup: %s", path, error)
-            continue
-        folder.mkdir(parents=True)
-        (folder / path.name).write_bytes(content)
-        return step
     return None
 
 
-def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
-    """Everything in `backup`, checked against its manifest, durable in the new `folder`."""
+def _check_journal(path: Path, backup: Path) -> None:
+    """BackupError where the journal at `path`, out of `backup`, is none that a daemon would open."""
+    with database(path, "rw") as journal:
+        schema = _version(journal)
+        if schema > SCHEMA_VERSION:
+            raise BackupError(f"the journal in {backup} has schema {schema} of a newer Thermogate; upgrade Thermogate")
+        if (problem := schema_problem(journal)) is not None:
+            raise BackupError(f"{backup} is damaged, or made to do damage: its journal {problem}; use another backup")
+
+
+def unpacked_backup(backup: Path, folder: Path) -> Backup:
+    """Everything in `backup` of any site, checked against its manifest, in the new `folder`. Raises BackupError."""
+    with _told(f"the backup {backup} cannot be read"), backup.open("rb") as file:
+        return _unpack(file, backup, None, folder, lambda more, total: None)
+
+
+def _unpack(file: IO[bytes], backup: Path, site: str | None, folder: Path, tick: Tick) -> Backup:
+    """Everything in the `file` of `backup` of `site` (None: any), checked against its manifest, durable in the new
+    `folder`."""
     make_folder(folder)
-    with tarfile.open(backup, "r:") as archive:
+    with tarfile.open(fileobj=file, mode="r:") as archive:
         manifest = _manifest(archive, backup)
-        if manifest["site"] != site:
+        if site not in (None, manifest["site"]):
             raise BackupError(
                 f"{backup} is a backup of the site '{manifest['site']}', and the configuration is that of '{site}'"
             )
         total = sum(described["size"] for described in manifest["files"].values())
         missing = dict(manifest["files"])
         # A backup is not compressed: what is in it cannot be larger than it is.
-        if sum(described["size"] for described in missing.values()) > backup.stat().st_size:
+        if sum(described["size"] for described in missing.values()) > os.fstat(file.fileno()).st_size:
             raise BackupError(f"{backup} is damaged: it claims to hold more than there is; use another backup")
         for member in archive:
             if member.name == _MANIFEST:
@@ -270,14 +301,14 @@ def _unpack(backup: Path, site: str, folder: Path, tick: Tick) -> Backup:
             sync_folder(target.parent)
         if missing:
             raise BackupError(f"{backup} is damaged: '{next(iter(missing))}' is missing; use another backup")
-    with closing(sqlite3.connect(folder / JOURNAL)) as journal:
-        schema = _version(journal)
-    if schema > SCHEMA_VERSION:
-        raise BackupError(f"the journal in {backup} has schema {schema} of a newer Thermogate; upgrade Thermogate")
     files = manifest["files"]
     zones = {Path(name).parent for name in files if name.startswith(f"{CHECKPOINTS}/")}
     return Backup(
-        backup, site, datetime.fromisoformat(manifest["made"]), len(zones), sum(f["size"] for f in files.values())
+        backup,
+        manifest["site"],
+        datetime.fromisoformat(manifest["made"]),
+        len(zones),
+        sum(f["size"] for f in files.values()),
     )
 
 
@@ -307,9 +338,8 @@ def _manifest(archive: tarfile.TarFile, backup: Path) -> dict[str, Any]:
 def _write(content: _Watched, target: Path) -> str:
     """Write `content` to `target`, durably; its SHA-256."""
     digest = hashlib.sha256()
-    # A configuration may hold passwords; it is nobody else's from the first byte on.
-    mode = 0o600 if target.name == CONFIGURATION else 0o666
-    with open(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb") as file:
+    # It tells when people are at home, and a configuration may hold passwords.
+    with open(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         while block := content.read(_BLOCK):
             digest.update(block)
             file.write(block)

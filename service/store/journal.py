@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from adapters.reading import Reading
 from service.errors import JournalError
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
 from service.records.update import Update
 from service.store.journal_file import LOG_LIMIT, open_database, translated
@@ -44,7 +44,7 @@ _PAGE = 1000
 _PENDING_LIMIT = 1000
 _ROWS_AT_ONCE = 250
 """SQLite takes 32,766 values in a statement; the widest row has 22."""
-_EARLIEST = -(2**63)
+_EARLIEST, _LATEST = -(2**63), 2**63 - 1
 
 REMEMBERED = 3600
 """Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
@@ -52,7 +52,7 @@ REMEMBERED = 3600
 SERIES_ROWS = 4000
 """Rows that a chart reads at once, before other work of the journal's thread has its turn."""
 
-_COLUMNS = ", ".join(HistoryRow._fields)
+_COLUMNS = ", ".join(HISTORY_COLUMNS)
 _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
 _SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, setpoint, link"
 
@@ -184,7 +184,12 @@ class Journal:
 
     def last_sample_time(self, zone: str) -> int | None:
         """Time of the newest stored sample of `zone`, skipped or not."""
-        newest: int | None = self.read("SELECT max(time) FROM samples WHERE zone = ?", zone)[0][0]
+        return self.sample_time_until(zone, _LATEST)
+
+    def sample_time_until(self, zone: str, time: int) -> int | None:
+        """As `last_sample_time`, of the samples up to `time`."""
+        query = "SELECT max(time) FROM samples WHERE zone = ? AND time <= ?"
+        newest: int | None = self.read(query, zone, time)[0][0]
         return newest
 
     def pruned_until(self, zone: str) -> int | None:

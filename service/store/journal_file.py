@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import logging
+import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from service.errors import JournalError
 from service.store.durable_files import SPACE, make_folder
@@ -76,6 +78,9 @@ def open_database(path: Path, busy_seconds: float) -> sqlite3.Connection:
     """
     try:
         make_folder(path.parent)
+        with suppress(FileExistsError):
+            # SQLite would let every account read it.
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
         _check_size(path)
         written = _commits_in_log(path)
     except OSError as error:
@@ -92,8 +97,46 @@ def open_database(path: Path, busy_seconds: float) -> sqlite3.Connection:
     return connection
 
 
+def schema_problem(connection: sqlite3.Connection) -> str | None:
+    """What in the file is no part of a journal, such as a trigger, which would run with every write; or is missing.
+    None if all is as it should be. A file of an earlier version, which lacks something, is only looked at for more."""
+    present = connection.execute("PRAGMA user_version").fetchone()[0] == SCHEMA_VERSION
+    there, expected = _schema(connection), _expected_schema()
+    strange = [entry for entry in there if entry not in expected] if present else []
+    strange += [entry for entry in there if entry.kind != "table"]
+    if strange:
+        return f"has the {strange[0].kind} '{strange[0].name[:40]}', which does not belong into it"
+    missing = [entry for entry in expected if entry not in there and entry.name != "readings"] if present else []
+    return f"lacks the table '{missing[0].name}'" if missing else None
+
+
+class _Entry(NamedTuple):
+    """A table, index, view or trigger, and the statement that makes it, with single blanks."""
+
+    kind: str
+    name: str
+    statement: str
+
+
+def _schema(connection: sqlite3.Connection) -> list[_Entry]:
+    # As bytes: what a damaged disk makes of text may be none.
+    rows = connection.execute(
+        "SELECT CAST(type AS BLOB), CAST(name AS BLOB), CAST(coalesce(sql, '') AS BLOB) FROM sqlite_master"
+    ).fetchall()
+    return [_Entry(*(" ".join(text.decode("utf-8", "replace").split()) for text in row)) for row in rows]
+
+
+@lru_cache(maxsize=1)
+def _expected_schema() -> list[_Entry]:
+    """What a journal made by this version consists of."""
+    with closing(sqlite3.connect(":memory:")) as model:
+        model.executescript(_SCHEMA + _SINCE_VERSION_2 + _SINCE_VERSION_3 + _READINGS)
+        return _schema(model)
+
+
 def _prepare(connection: sqlite3.Connection, path: Path) -> None:
     connection.isolation_level = None
+    connection.execute("PRAGMA trusted_schema = OFF")
     version = connection.execute("PRAGMA user_version").fetchone()[0]
     empty = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
     if version > SCHEMA_VERSION:
@@ -103,6 +146,7 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
         )
     if version == 0 and not empty:
         raise JournalError(f"{path} is an SQLite file, but not a Thermogate journal; use another state_dir")
+    _check_schema(connection, path)
     if version < 2:
         # Only a file that is made or rewritten with this can give space back to the disk later.
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
@@ -119,6 +163,15 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
         _script(connection, _SINCE_VERSION_3)
     if not connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'readings'").fetchone():
         _script(connection, _READINGS)
+    _check_schema(connection, path)
+
+
+def _check_schema(connection: sqlite3.Connection, path: Path) -> None:
+    if (problem := schema_problem(connection)) is not None:
+        raise JournalError(
+            f"the journal {path} {problem}, as no Thermogate writes it; restore a backup from before, or move it away: "
+            "the zones go on from their checkpoints with an empty history"
+        )
 
 
 def _script(connection: sqlite3.Connection, statements: str) -> None:

@@ -20,7 +20,8 @@ import numpy.typing as npt
 
 from adapters.reading import Quality, Reading
 from service.errors import JournalError, reset_by_run
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS, HistoryRow
+from service.records.record import values
 from service.records.sample import Array, Sample
 
 Accepted = tuple[str, int, bytes, bytes, str, str, float | None]
@@ -37,10 +38,10 @@ _EARLIEST = -(2**63)
 
 _log = logging.getLogger(__name__)
 
-_FIRST = HistoryRow._fields.index("gain_lower")
+_FIRST = HISTORY_COLUMNS.index("gain_lower")
 """How many columns history rows had up to version 2."""
 _NUMBERS = struct.Struct(f"<{_FIRST}d")
-_MORE = struct.Struct(f"<{len(HistoryRow._fields) - _FIRST}d")
+_MORE = struct.Struct(f"<{len(HISTORY_COLUMNS) - _FIRST}d")
 _SETPOINT = struct.Struct("<d")
 
 
@@ -94,12 +95,12 @@ def damaged_sample(place: str, zone: str, time: int, reason: object, reset: str 
 
 def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
     """The columns of `row` with zone and checksum."""
-    return (zone, *row, history_checksum(zone, row))
+    return (zone, *values(row), history_checksum(zone, row))
 
 
 def history_checksum(zone: str, row: HistoryRow) -> int:
     """The CRC-32 of a history row as SQLite gives it back: it keeps neither the sign of zero nor the kind of NaN."""
-    numbers = [math.nan if value != value else value + 0.0 for value in row]
+    numbers = [math.nan if value != value else value + 0.0 for value in values(row)]
     checksum = zlib.crc32(_NUMBERS.pack(*numbers[:_FIRST]), zlib.crc32(zone.encode()))
     more = numbers[_FIRST:]
     return checksum if all(map(math.isnan, more)) else zlib.crc32(_MORE.pack(*more), checksum)
@@ -109,8 +110,8 @@ def to_history(row: tuple[float | None, ...]) -> HistoryRow:
     """The history row of its columns; ValueError or TypeError if it is none."""
     if not isinstance(row[0], int):
         raise ValueError("its time is no whole number")
-    values = {name: math.nan if value is None else value for name, value in zip(HistoryRow._fields, row, strict=True)}
-    return HistoryRow(**(values | {"resampled": bool(values["resampled"])}))
+    found = {name: math.nan if value is None else value for name, value in zip(HISTORY_COLUMNS, row, strict=True)}
+    return HistoryRow(**(found | {"resampled": bool(found["resampled"])}))
 
 
 def reading_row(zone: str, reading: Reading) -> ReadingRow:
@@ -139,7 +140,7 @@ def sound_rows(
 
     Rows up to `unchecked_until` may be without a checksum.
     """
-    width = len(HistoryRow._fields)
+    width = len(HISTORY_COLUMNS)
     table, sound = np.full((len(rows), width), np.nan), np.zeros(len(rows), dtype=np.bool_)
     if not rows:
         return table, sound

@@ -1,21 +1,40 @@
 """What the journal keeps: `keep_history` of every zone, within `max_journal` in all.
 
 Nothing is deleted that a start may need: the samples of a zone after its oldest checkpoint stay in any case.
-Age counts from a zone's newest sample, so that a recording of another year is not old by itself.
+Age counts from a zone's newest sample, so that a recording of another year is not old by itself. After a leap in
+time, which is an outage or a clock that was set wrong, nothing counts as old until a day of samples has followed; and
+what goes at once is a week at most, which the log tells.
 """
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
+from service.fields.times import written_time
 from service.store.journal import Journal
+
+HOUR, DAY = 3600, 86_400
+LEAP = 2 * DAY
+"""Two samples of a zone further apart than this, in s, are a leap."""
+
+STEADY_HOURS = 24
+"""After a leap, samples of so many hours make the time of the newest one count again."""
+
+MOST_AT_ONCE = 7 * DAY
+"""How much of a zone's time is deleted for its age between two looks, in s."""
 
 _ROWS_AT_ONCE = 500
 _PAGES_AT_ONCE = 128
 _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
+
+_TOLD = 5
+
+_log = logging.getLogger(__name__)
 
 Oldest = Callable[[str], int | None]
 
@@ -32,13 +51,20 @@ def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterat
 
     `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
     """
+    told: list[str] = []
     for zone in _zones(journal):
         newest = journal.last_sample_time(zone)
         if newest is not None and not _is_aside(zone):
             before = math.ceil(newest - limits.keep_history)
-            while _delete(journal, zone, min(before, _needed(zone, newest, oldest_checkpoint)), before):
-                yield
+            firsts = [_first(journal, table, zone) for table in ("samples", "history")]
+            if before > min(firsts) and _is_steady(newest, partial(journal.sample_time_until, zone)):
+                samples, history = (min(before, first + MOST_AT_ONCE) for first in firsts)
+                while _delete(journal, zone, min(samples, _needed(zone, newest, oldest_checkpoint)), history):
+                    yield
+                if history - firsts[1] > DAY:
+                    told.append(f"'{zone}' from {written_time(firsts[1])} to {written_time(history)}")
         yield
+    _tell_deleted(told)
     while journal.size() > _BEGIN * limits.max_journal:
         victim = _oldest_zone(journal, oldest_checkpoint)
         if victim is None or not _delete(journal, *victim):
@@ -49,6 +75,30 @@ def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterat
         yield
     # Only with this does the file end where its pages do.
     journal.read("PRAGMA wal_checkpoint(PASSIVE)")
+
+
+def _is_steady(newest: int, sample_until: Callable[[int], int | None]) -> bool:
+    """Whether the samples before the one at `newest` (s) lead up to it without a leap, as far as STEADY_HOURS of them.
+
+    `sample_until` gives the time of the newest sample up to a time, None if there is none.
+    """
+    time = newest
+    for _ in range(STEADY_HOURS):
+        earlier = sample_until(time - HOUR)
+        if earlier is None:
+            return True
+        if time - earlier > LEAP:
+            return False
+        time = earlier
+    return True
+
+
+def _tell_deleted(stretches: Sequence[str]) -> None:
+    """Log which zones have lost more history than a day brings, because it was too old."""
+    if stretches:
+        more = f", and of {len(stretches) - _TOLD} more zones" if len(stretches) > _TOLD else ""
+        named = ", ".join(stretches[:_TOLD])
+        _log.warning("history older than keep_history is deleted: of zone %s%s", named, more)
 
 
 _ALWAYS = 2**62
@@ -71,6 +121,12 @@ def _zones(journal: Journal) -> list[str]:
     return sorted(found)
 
 
+def _first(journal: Journal, table: str, zone: str) -> int:
+    """The time of the oldest row of `zone` in a table; later than every sample if there is none."""
+    first: int | None = journal.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+    return _ALWAYS if first is None else first
+
+
 def _needed(zone: str, newest: int, oldest_checkpoint: Oldest) -> int:
     """The time from which on the samples of `zone` stay: what follows its oldest checkpoint, and its newest one."""
     oldest = oldest_checkpoint(zone)
@@ -91,8 +147,8 @@ def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int,
             if table == "readings" and not aside:
                 # Those of a zone that is at work go with its samples.
                 continue
-            first = journal.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
-            if first is not None and first < before:
+            first = _first(journal, table, zone)
+            if first < before:
                 found.append((not aside, first, zone, before))
     if not found:
         return None

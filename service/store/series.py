@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS
 from service.records.series import COLUMNS, Array, Series, Stretch
 from service.store.interface import SampleJournal
 
-_INDEX = {name: index for index, name in enumerate(HistoryRow._fields)}
+_INDEX = {name: index for index, name in enumerate(HISTORY_COLUMNS)}
 _LOWER, _UPPER, _Y = _INDEX["lower"], _INDEX["upper"], _INDEX["y"]
 _MEANS = [_INDEX[name] for name in COLUMNS]
 

@@ -19,6 +19,7 @@ from service.store.checkpoint import CheckpointStore
 from service.store.durable_files import SPACE, make_folder
 from service.store.journal import Journal
 from service.store.journalling import JournalStore
+from service.store.ownership import as_owner_of, open_plain
 from service.store.retention import Limits, prune
 
 PRUNE_SECONDS = 60.0
@@ -190,10 +191,11 @@ def lock(state_dir: Path) -> int:
     """An exclusive lock on `state_dir`, held until its descriptor is closed or the process ends."""
     try:
         make_folder(state_dir)
-        descriptor = os.open(state_dir / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        with suppress(PermissionError):
-            # Whoever can open it can hold the lock.
-            os.fchmod(descriptor, 0o600)
+        with as_owner_of(state_dir) as folder:
+            descriptor = open_plain(folder / "lock", os.O_RDWR | os.O_CREAT)
+            with suppress(PermissionError):
+                # Whoever can open it can hold the lock.
+                os.fchmod(descriptor, 0o600)
     except OSError as error:
         remedy = SPACE if error.errno == errno.ENOSPC else "choose another"
         raise ServiceError(f"site.state_dir {state_dir} cannot be written ({error.strerror}); {remedy}") from error

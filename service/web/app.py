@@ -20,7 +20,8 @@ from service.web import problems as api_problems
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
 from service.web.control.routes import control_routes
 from service.web.guard import Guard
-from service.web.limits import StreamLimits
+from service.web.heating import heating_routes
+from service.web.limits import LargeAnswers, StreamLimits
 from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.page.outlook import Outlooks
@@ -82,8 +83,10 @@ def create_app(
     app.add_middleware(RequireKey, keys=keys or NoKeys())
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
-    app.include_router(zone_routes(site, zones))
-    app.include_router(control_routes(site, zones))
+    large = LargeAnswers()
+    app.include_router(zone_routes(site, zones, large))
+    app.include_router(control_routes(site, zones, large))
+    app.include_router(heating_routes(site, time_zone, zones))
     app.state.malformed_posts = Counter()
     app.include_router(reading_routes(site, zones, take, http.limits.body, app.state.malformed_posts))
     app.include_router(stream_routes(site, zones, streams or Streams()))
@@ -97,14 +100,16 @@ def create_app(
     return app
 
 
-def create_questions(site: str, zones: Mapping[str, ZoneView]) -> FastAPI:
+def create_questions(site: str, zones: Mapping[str, ZoneView], time_zone: str | None = None) -> FastAPI:
     """The routes that read zones, without what guards them: for questions that come another way."""
     app = FastAPI(
         docs_url=None, redoc_url=None, openapi_url=None, dependencies=[Depends(api_problems.known_parameters)]
     )
     api_problems.install(app)
-    app.include_router(zone_routes(site, zones))
-    app.include_router(control_routes(site, zones))
+    large = LargeAnswers()
+    app.include_router(zone_routes(site, zones, large))
+    app.include_router(control_routes(site, zones, large))
+    app.include_router(heating_routes(site, time_zone, zones))
     return app
 
 

@@ -6,6 +6,7 @@ import ipaddress
 from collections import Counter
 from collections.abc import Iterable
 from http import HTTPStatus
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -83,6 +84,26 @@ class Guard:
         if not all(_is_meant(host, self._hosts) for host in asked):
             sentence = "this name is not one of the daemon's; add it to http.allowed_hosts, or ask for the address"
             return RequestRefused(HTTPStatus.MISDIRECTED_REQUEST, [sentence])
+        if _is_of_another_site(Headers(scope=scope), asked):
+            sentence = "a page of another site has sent this; open the address yourself, or ask without a browser"
+            return RequestRefused(HTTPStatus.FORBIDDEN, [sentence], headers=_CLOSE)
+        return None
+
+
+def _is_of_another_site(headers: Headers, hosts: Iterable[str]) -> bool:
+    """Whether a browser sends this for a page of another site, which could not read the answer, but would take streams
+    and time of whoever looks at it. To follow a link from there is the person's own wish."""
+    if headers.get("sec-fetch-site") == "cross-site":
+        return (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest")) != ("navigate", "document")
+    origin = headers.get("origin")
+    return origin is not None and _name_in(origin.partition("://")[2]) not in {_name_in(host) for host in hosts}
+
+
+def _name_in(host: str) -> str | None:
+    """The name or address in a host with or without a port; None if it is none."""
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
         return None
 
 

@@ -8,13 +8,11 @@ from collections.abc import Sequence
 from fastapi.concurrency import run_in_threadpool
 
 from service.errors import ServiceError
-from service.fields.times import utc
-from service.publish.payloads import to_json, to_json_with
 from service.records.asker import Asker, current_asker
-from service.records.history import HistoryRow
+from service.records.history import History, HistoryRow
+from service.records.record import document, to_json, with_items
 from service.records.view import ZoneView
 from service.web.limits import LargeAnswers
-from service.web.models import HistoryPayload, HistoryRowPayload
 
 PAGE = 1000
 """Rows that are read and written at a time. A history of no more waits for no other one."""
@@ -23,12 +21,12 @@ PAGE = 1000
 class Histories:
     """Writes the histories of the zones of `site`, long ones in turn."""
 
-    def __init__(self, site: str) -> None:
+    def __init__(self, site: str, large: LargeAnswers) -> None:
         self._site = site
-        self._large = LargeAnswers()
+        self._large = large
 
     async def answer(self, zone: ZoneView, start: int | None, end: int | None, limit: int) -> bytes:
-        """HistoryPayload as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open). Raises
+        """A History as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open). Raises
         ServiceError where the journal fails, or the client has gone meanwhile."""
         asker = current_asker() or Asker()
         if limit <= PAGE:
@@ -47,25 +45,16 @@ class Histories:
             pages.append(await run_in_threadpool(_listed, rows))
             # A damaged row is left out, and counts all the same.
             limit, end = limit - PAGE, rows[0].time
-        return to_json_with(history_payload(self._site, zone, ()), reversed(pages))
+        about = document(history_of(zone, ()), self._site, zone.id)
+        return with_items(about, reversed(pages))
 
 
-def history_payload(site: str, zone: ZoneView, rows: Sequence[HistoryRow]) -> HistoryPayload:
+def history_of(zone: ZoneView, rows: Sequence[HistoryRow]) -> History:
     """`rows` of the history of `zone`."""
-    return HistoryPayload(
-        site=site,
-        zone=zone.id,
-        output=zone.network.measured[0],
-        period_s=zone.period,
-        rows=[_payload(row) for row in rows],
-    )
+    return History(zone.network.measured[0], zone.period, tuple(rows))
 
 
 def _listed(rows: Sequence[HistoryRow]) -> bytes:
-    """`rows` as they stand in the list of a HistoryPayload; one by one, for what takes long in one piece holds the
+    """`rows` as they stand in the list of a History; one by one, for what takes long in one piece holds the
     interpreter."""
-    return b",".join(to_json(_payload(row)) for row in rows)
-
-
-def _payload(row: HistoryRow) -> HistoryRowPayload:
-    return HistoryRowPayload(**row._asdict() | {"time": utc(row.time)})
+    return b",".join(map(to_json, rows))

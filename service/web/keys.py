@@ -24,12 +24,16 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 from service.errors import KeyFileError
 from service.fields.values import Identifier
 from service.store.durable_files import make_folder
+from service.store.ownership import as_owner_of, others_can_change
 from service.web.server.followed import FollowedFiles
 
 PREFIX = "tg_"
 """How every key begins, so that people and secret scanners know one when they see it."""
 
 SECRET_BYTES = 32
+
+LONGEST = 2**22
+"""Bytes of a file of keys, of which each takes about 250."""
 
 Scope = Literal["read", "write", "admin"]
 
@@ -65,16 +69,19 @@ class _Content(BaseModel):
     keys: tuple[Key, ...] = ()
 
 
-def read_keys(path: Path) -> tuple[Key, ...]:
-    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted."""
+def read_keys(path: Path, at: Path | None = None) -> tuple[Key, ...]:
+    """Every key in the file, revoked ones too; none if there is no file. KeyFileError if it cannot be trusted.
+
+    `at` is how to reach it where that is not by `path`.
+    """
     try:
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-                raise KeyFileError(
-                    f"the keys in {path} can be changed by other accounts of this machine; look whether every key is "
-                    f"yours, then say: chmod 600 {path}"
-                )
-            return _Content.model_validate_json(file.read()).keys
+        descriptor = os.open(at or path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            _check_trust(at or path, os.fstat(descriptor))
+            with open(descriptor, "rb", closefd=False) as file:
+                return _Content.model_validate_json(file.read()).keys
+        finally:
+            os.close(descriptor)
     except FileNotFoundError:
         return ()
     except OSError as error:
@@ -86,6 +93,27 @@ def read_keys(path: Path) -> tuple[Key, ...]:
         raise KeyFileError(
             f"{path} is not a file of keys, or is damaged; restore it, or move it away and create the keys anew"
         ) from None
+
+
+def _check_trust(path: Path, status: os.stat_result) -> None:
+    """KeyFileError unless only the daemon's account and root can change the file at `path`, or put another one in its
+    place, and it is one that can be read at once."""
+    if not stat.S_ISREG(status.st_mode) or status.st_size > LONGEST:
+        raise KeyFileError(f"{path} is not a file of keys; move it away and create the keys anew")
+    folders = {folder: folder.stat() for folder in (path.parent, path.resolve().parent)}
+    # Root works for the account whose folder it is.
+    trusted = {0, os.geteuid() or folders[path.parent].st_uid}
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH) or status.st_uid not in trusted:
+        raise KeyFileError(
+            f"the keys in {path} can be changed by other accounts of this machine; look whether every key is "
+            f"yours, then give it to the daemon's account, and say: chmod 600 {path}"
+        )
+    for folder, found in folders.items():
+        if others_can_change(found, trusted):
+            raise KeyFileError(
+                f"the keys in {path} can be replaced by other accounts of this machine; look whether every key is "
+                f"yours, then give the folder to the daemon's account, and say: chmod go-w {folder}"
+            )
 
 
 def create_key(
@@ -203,15 +231,18 @@ def _changing(path: Path) -> Iterator[list[Key]]:
     """The keys of the file, to be changed; written on leaving, one writer at a time."""
     try:
         make_folder(path.parent)
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX)
-            keys = list(read_keys(path))
-            yield keys
-            _replace(path, _Content(schema=1, keys=tuple(keys)).model_dump_json(by_alias=True, indent=2).encode())
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        # The administrator makes a key; the daemon's account, whose folder it is, has to read it.
+        with as_owner_of(path.parent) as parent:
+            folder = os.open(parent, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                fcntl.flock(folder, fcntl.LOCK_EX)
+                keys = list(read_keys(path, parent / path.name))
+                yield keys
+                content = _Content(schema=1, keys=tuple(keys)).model_dump_json(by_alias=True, indent=2).encode()
+                _replace(parent / path.name, content)
+                os.fsync(folder)
+            finally:
+                os.close(folder)
     except OSError as error:
         raise KeyFileError(
             f"the keys in {path} cannot be written ({error.strerror}); make its folder writable and free space on its "
@@ -225,10 +256,6 @@ def _replace(path: Path, content: bytes) -> None:
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with os.fdopen(descriptor, "wb") as file:
-            if os.geteuid() == 0:
-                # The administrator makes a key; the daemon's account, whose folder it is, has to read it.
-                owner = path.parent.stat()
-                os.fchown(file.fileno(), owner.st_uid, owner.st_gid)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

@@ -24,7 +24,18 @@ FAILURES = 10
 FAILURE_SECONDS = 60.0
 
 LARGE_AT_ONCE = 2
-"""Large answers of a kind that are made at a time, of one client one."""
+"""Large answers that are made at a time, of one client one."""
+
+LARGE_WAITING = 8
+"""Of one client, with the one that is being made."""
+
+TURN_RETRY_SECONDS = 1
+
+LONG_WAIT_SECONDS = 5.0
+"""A client that waits longer for its turn is told of in the log."""
+
+REPEAT = 600.0
+"""Who gets no turn is said again after this time at the earliest, in s."""
 
 _PEERS = 1024
 _log = logging.getLogger(__name__)
@@ -78,27 +89,57 @@ async def stream_slot(request: Request) -> AsyncIterator[None]:
         yield
 
 
-class LargeAnswers:
-    """Few answers that take much memory are made at a time; the clients take turns."""
+class Turns:
+    """Work of which little is done at a time. Clients take turns, and one of which too much waits is refused, so that
+    nobody waits for more than what is under way and one turn of each other client."""
 
-    def __init__(self) -> None:
-        self._room = asyncio.Semaphore(LARGE_AT_ONCE)
+    def __init__(self, work: str, at_once: int, of_one: int, waiting: int) -> None:
+        """`work`: what it is, in the plural. `at_once` is done at a time, `of_one` client so much, of which `waiting`
+        is under way or waits at most."""
+        self._work, self._of_one, self._waiting = work, of_one, waiting
+        self._room = asyncio.Semaphore(at_once)
         self._turns: dict[str, asyncio.Semaphore] = {}
         self._open: Counter[str] = Counter()
+        self._say_at: dict[str, float] = {}
 
     @asynccontextmanager
     async def turn(self) -> AsyncIterator[None]:
-        """The time in which an answer for the client of this task is made."""
+        """The time in which work for the client of this task is done. RequestRefused (429) if too much of it waits."""
         client = (current_asker() or Asker()).name
-        turn = self._turns.setdefault(client, asyncio.Semaphore(1))
+        if self._open[client] >= self._waiting:
+            self._complain(
+                "too many", f"{client} has {self._waiting} {self._work} waiting, and further ones are refused"
+            )
+            sentence = f"{self._waiting} of your {self._work} are waiting already; ask again when they are answered"
+            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], retry_after=TURN_RETRY_SECONDS)
+        turn = self._turns.setdefault(client, asyncio.Semaphore(self._of_one))
         self._open[client] += 1
+        asked = time.monotonic()
         try:
             async with turn, self._room:
+                waited = time.monotonic() - asked
+                if waited > LONG_WAIT_SECONDS:
+                    told = ", ".join(f"{name} {count}" for name, count in self._open.most_common(3))
+                    self._complain("late", f"{client} has waited {waited:.0f} s for its turn; {self._work}: {told}")
                 yield
         finally:
             self._open[client] -= 1
             if not self._open[client]:
                 del self._open[client], self._turns[client]
+
+    def _complain(self, kind: str, sentence: str) -> None:
+        """Log who gets no turn, now and then."""
+        now = time.monotonic()
+        if now >= self._say_at.get(kind, -math.inf):
+            self._say_at[kind] = now + REPEAT
+            _log.warning("%s", sentence)
+
+
+class LargeAnswers(Turns):
+    """Answers that take much memory."""
+
+    def __init__(self) -> None:
+        super().__init__("large answers", LARGE_AT_ONCE, 1, LARGE_WAITING)
 
 
 class FailedAttempts:

@@ -12,22 +12,16 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationError,
     WithJsonSchema,
-    WrapValidator,
 )
-from pydantic_core.core_schema import ValidatorFunctionWrapHandler
 
+from estimator.diagnosis.finding import Finding, VariantWeight
 from service.fields.durations import parse_duration
 from service.fields.numbers import is_level
 from service.fields.times import ZoneMissing, parse_time
-from service.publish.payloads import Envelope, FindingPayload, Number, Payload, StatusPayload
+from service.publish.payloads import Envelope, Number, Payload, StatusPayload
 
 MAX_LEVELS = 32
-MAX_INPUTS = 64
-MAX_STEPS = 2016
-"""A week of 5 min steps."""
-
 MAX_ROWS = 20_000
 PARAMETER_LEVELS = (0.025, 0.5, 0.975)
 
@@ -56,16 +50,6 @@ def _instant(value: object) -> datetime:
         raise ValueError(f"'{text}' is not an RFC 3339 time such as 2025-05-03T12:00:00Z{hint}") from None
 
 
-def _values(value: object, read: ValidatorFunctionWrapHandler) -> object:
-    # Both arms of the union would complain; one sentence per mistake is enough.
-    if isinstance(value, list) and len(value) > MAX_STEPS:
-        raise ValueError(f"give at most {MAX_STEPS} numbers, not {len(value)}")
-    try:
-        return read(value)
-    except ValidationError:
-        raise ValueError("give a finite number, or a list of finite numbers, in the network's unit") from None
-
-
 Level = Annotated[
     float,
     AfterValidator(_level),
@@ -81,7 +65,6 @@ Horizon = Annotated[
 ]
 Instant = Annotated[datetime, BeforeValidator(_instant), WithJsonSchema({"type": "string", "format": "date-time"})]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Planned = Annotated[Finite | Annotated[list[Finite], Field(max_length=MAX_STEPS)], WrapValidator(_values)]
 
 
 class Query(BaseModel):
@@ -175,29 +158,6 @@ class ReadingsPayload(Payload):
     unknown_names: list[str] = Field(description="what some of these are called")
 
 
-class ForecastRequest(BaseModel):
-    """Body of POST /zones/{zone}/forecast: a forecast under planned inputs."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        strict=True,
-        json_schema_extra={
-            "examples": [{"horizon": "1h", "levels": [0.5, 0.95], "inputs": {"u_heat": 2000.0, "T_out": 5.5}}]
-        },
-    )
-
-    horizon: Horizon = Field(description="how far beyond valid_time to forecast; a whole number of periods")
-    levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")
-    inputs: dict[str, Planned] = Field(
-        default_factory=dict,
-        max_length=MAX_INPUTS,
-        description=(
-            "planned values per input channel, in the network's unit: one number for the whole horizon or one per "
-            "step, of which the first holds from valid_time to valid_time + period_s; channels not named are foreseen"
-        ),
-    )
-
-
 class ChannelPayload(Payload):
     """A channel that the zone's network needs."""
 
@@ -261,11 +221,13 @@ class QuantilesPayload(Payload):
     quantiles: list[Number]
 
 
-class VariantPayload(Payload):
-    """A variant of the zone's network among the members of a bank."""
+class TermPayload(Payload):
+    """Posterior quantiles of the coefficient of one term of known heat, at the levels of the document."""
 
-    variant: str = Field(description="own: the zone's network as it is")
-    weight: float = Field(description="share of the forecast 6 h ahead that its members carry, 0 to 1")
+    name: str = Field(description="such as sun_south, sun_12, habit_06 or habit_weekend_06")
+    node: str = Field(description="the node that it heats")
+    unit: str = Field(description="m2 for an aperture, W for a habit")
+    quantiles: list[Number]
 
 
 class ParametersPayload(Envelope):
@@ -278,44 +240,14 @@ class ParametersPayload(Envelope):
     heat_loss: QuantilesPayload = Field(
         description="heat-loss coefficient in W/K from the first measured node to all boundaries, steady state"
     )
-    variants: list[VariantPayload] = Field(
+    known_heat: list[TermPayload] = Field(
+        description="sun and habits: apertures by facade or hour, the daily profile in W and what days off differ by; "
+        "empty where the zone knows none"
+    )
+    variants: tuple[VariantWeight, ...] = Field(
         description="variants of the network in a bank, largest weight first; empty where all members have the same one"
     )
-    findings: list[FindingPayload] = Field(description="what the zone's model does not know")
-
-
-class HistoryRowPayload(Payload):
-    """One sample against the forecast that stood before it was seen."""
-
-    time: AwareDatetime
-    y: Number = Field(description="measured, degC")
-    mean: Number = Field(description="degC")
-    lower: Number = Field(description="degC, at the first published level")
-    upper: Number = Field(description="degC, at the first published level")
-    sd: Number = Field(description="K")
-    residual: Number = Field(description="y - mean, K")
-    alpha_lower: Number = Field(description=".025 quantile")
-    alpha_median: Number
-    alpha_upper: Number = Field(description=".975 quantile")
-    cdf: Number
-    gate: Number
-    n_eff: Number
-    resampled: bool
-    log_likelihood: Number
-    segment: int
-    gain_lower: Number = Field(description="unmeasured heat, .025 quantile, W; null where the estimator knows of none")
-    gain_median: Number = Field(description="W")
-    gain_upper: Number = Field(description=".975 quantile, W")
-    setpoint: Number = Field(description="set-point, degC; null where none was told")
-
-
-class HistoryPayload(Envelope):
-    """Samples in time order, for the first output."""
-
-    output: str
-    unit: Literal["degC"] = "degC"
-    period_s: float
-    rows: list[HistoryRowPayload]
+    findings: tuple[Finding, ...] = Field(description="what the zone's model does not know")
 
 
 class HealthPayload(Payload):

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
-from service.errors import ServiceError, TooManyQuestions
+from service.errors import RequestError, ServiceError, TooManyQuestions
 from service.fields.problems import extended, own_sentence
 from service.web.server.refusal import MEDIA_TYPE, RequestRefused, failure_answer, few, problem_answer, refusal
 
@@ -84,6 +84,7 @@ async def known_parameters(request: Request) -> None:
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with a problem document."""
     app.add_exception_handler(RequestRefused, _refused)
+    app.add_exception_handler(RequestError, _unanswerable)
     app.add_exception_handler(TooManyQuestions, _too_many)
     app.add_exception_handler(ServiceError, _unavailable)
     app.add_exception_handler(RequestValidationError, _misread)
@@ -94,6 +95,11 @@ def install(app: FastAPI) -> None:
 async def _refused(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestRefused)
     return refusal(error)
+
+
+async def _unanswerable(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestError)
+    return refusal(invalid(error.problems))
 
 
 async def _too_many(request: Request, error: Exception) -> Response:

@@ -9,7 +9,6 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from http import HTTPStatus
 from itertools import islice
 from typing import Annotated, Any, NamedTuple
@@ -24,15 +23,18 @@ from service.publish.payloads import to_json
 from service.records.receipt import Receipt
 from service.records.view import ZoneView
 from service.web.access import Caller, Writer, find_zone
+from service.web.limits import Turns
 from service.web.models import PostedReading, PostedReadings, ReadingsPayload, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
+from service.web.server.bodies import unread_json
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 
 MAX_VALUES = 20_000
 """Values in one request."""
 
-AT_ONCE = 8
-"""Requests that are taken at the same time; the journal writes one after the other."""
+AT_ONCE, OF_ONE, WAITING = 4, 2, 8
+"""Requests that are taken at the same time, since the journal writes one after the other; those of one key; and those
+of one key with what waits."""
 
 RETRY_SECONDS = 1
 
@@ -74,7 +76,7 @@ def reading_routes(
     router = APIRouter(tags=["readings"])
     responses = documented(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
     body = {"requestBody": _documented_body()}
-    slots, complaints = _Slots(), _Complaints(malformed)
+    turns, complaints = Turns("posts of readings", AT_ONCE, OF_ONE, WAITING), _Complaints(malformed)
 
     @router.post(
         "/readings",
@@ -101,12 +103,13 @@ def reading_routes(
     async def answered(request: Request, query: ReadingsQuery, caller: Caller, zone: str | None) -> Response:
         if take is None:
             raise RequestRefused(HTTPStatus.CONFLICT, ["nobody takes readings here"])
-        with slots.one():
-            try:
-                body = await request.body()
-            except ClientDisconnect:
-                # Nobody is there to hear an answer, or a refusal has been sent already.
-                return Response()
+        try:
+            body = await request.body()
+        except ClientDisconnect:
+            # Nobody is there to hear an answer, or a refusal has been sent already.
+            return Response()
+        # Who sends slowly keeps nobody waiting: the turn begins with the whole body.
+        async with turns.turn():
             # A large body takes its time, for which the event loop must not wait.
             try:
                 posted = await asyncio.to_thread(read, body, request.headers, query.precision, limit)
@@ -127,25 +130,6 @@ def reading_routes(
         return Response(to_json(payload), media_type="application/json")
 
     return router
-
-
-class _Slots:
-    """How many requests are being taken."""
-
-    def __init__(self) -> None:
-        self._taken = 0
-
-    @contextmanager
-    def one(self) -> Iterator[None]:
-        """A place while it lasts; RequestRefused (429) if there is none."""
-        if self._taken >= AT_ONCE:
-            sentence = f"{AT_ONCE} requests with readings are waiting for the journal; post again a little later"
-            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], retry_after=RETRY_SECONDS)
-        self._taken += 1
-        try:
-            yield
-        finally:
-            self._taken -= 1
 
 
 class _Complaints:
@@ -185,7 +169,11 @@ def read(body: bytes, headers: Mapping[str, str], precision: str, limit: int) ->
         given = f"not {media_type!r}" if media_type else "and this request has none"
         sentence = f"Content-Type must be {_JSON}, {_SENML}, or {_LINES} for InfluxDB line protocol, {given}"
         raise RequestRefused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, [sentence])
-    text = _text(_unpacked(body, headers.get("content-encoding", "identity").strip().lower(), limit))
+    if "content-encoding" in headers:
+        body = _unpacked(body, headers["content-encoding"].strip().lower(), limit)
+        if media_type != _LINES and (refused := unread_json(body)) is not None:
+            raise refused
+    text = _text(body)
     try:
         values = list(islice(readers[media_type](text), MAX_VALUES + 1))
     except ValueError as error:

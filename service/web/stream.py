@@ -12,11 +12,11 @@ from fastapi.responses import Response, StreamingResponse
 
 from service.fields.times import parse_time
 from service.publish.events import Event, Streams, event, events_of
-from service.publish.payloads import to_json
 from service.publish.sinks import TOPICS, Announcement
+from service.records.record import document
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
-from service.web.history import history_payload
+from service.web.history import history_of
 from service.web.limits import stream_slot
 from service.web.problems import documented
 from service.web.zones import epoch
@@ -61,7 +61,9 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
         rows = [] if since is None else await view.history(since + 1, None, MISSED_ROWS)
         if not rows:
             return []
-        return [await run_in_threadpool(lambda: event("history", to_json(history_payload(site, view, rows)), None))]
+        return [
+            await run_in_threadpool(lambda: event("history", document(history_of(view, rows), site, view.id), None))
+        ]
 
     async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
         with streams.opened(view.id) as opened:

@@ -11,50 +11,56 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from estimator.types import ParameterSummary
+from service.errors import NoLaw, ServiceError
 from service.fields.times import utc
-from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, Payload, SkillPayload, to_json
+from service.forecast.learned import ParametersQuestion, SkillQuestion
+from service.forecast.plan import Plan
+from service.forecast.request import ForecastRequest, bound, mistakes, published_levels
+from service.forecast.site import forecasts
+from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, Payload, to_json
 from service.publish.rendering import (
     fan_payload,
-    finding_payloads,
     forecast_payload,
     gain_payload,
     refined_payload,
-    skill_payload,
     status_payload,
     vouched,
 )
 from service.records.fan import Fan
+from service.records.history import History
+from service.records.outlook import SET_POINTS
+from service.records.record import document, document_of
+from service.records.skill import Skill
 from service.records.update import Update
 from service.records.view import ZoneView
+from service.web import planned
 from service.web.access import Asking, find_zone
 from service.web.history import Histories
+from service.web.limits import LargeAnswers
 from service.web.models import (
     ChannelPayload,
     ForecastQuery,
-    ForecastRequest,
-    HistoryPayload,
     HistoryQuery,
     ParametersPayload,
     ParametersQuery,
     PriorPayload,
     QuantilesPayload,
-    VariantPayload,
+    TermPayload,
     ZonePayload,
     ZonesPayload,
     ZonesQuery,
     ZoneSummary,
 )
-from service.web.plan import full_plan, steps_in
-from service.web.problems import RETRY_SECONDS, documented
+from service.web.problems import RETRY_SECONDS, documented, invalid
 from service.web.server.refusal import RequestRefused
 
 _HOUR = 3600.0
 
 
-def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
+def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
-    histories = Histories(site)
+    histories = Histories(site, large)
 
     @router.get(
         "", response_model=ZonesPayload, responses=documented(422, 500), summary="Every zone and how it is doing"
@@ -86,12 +92,13 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         update = _latest(view)
         published = published_levels(update)
         levels = query.level or published
-        if query.horizon is not None:
-            fan = await _fan(view, steps_in(query.horizon, view.period, len(levels)), levels, None)
-            return _json(_current(view, fan_payload(site, zone, fan)))
-        if set(levels) <= set(published):
+        if query.horizon is None and set(levels) <= set(published):
             return _json(_current(view, forecast_payload(site, zone, update, levels)))
-        return _json(_current(view, refined_payload(site, zone, await _fan(view, 0, levels, None))))
+        request = ForecastRequest([view], query.horizon or 0.0, levels)
+        if query.horizon is None:
+            return _json(_current(view, refined_payload(site, zone, await _fan(view, request))))
+        bound(request)
+        return _json(_current(view, fan_payload(site, zone, await _fan(view, request))))
 
     @router.post(
         "/{zone}/forecast",
@@ -99,12 +106,16 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         responses=documented(400, 404, 422, 500, 503),
         summary="The forecast under planned inputs: what a controller asks",
     )
-    async def forecast_under_plan(zone: str, caller: Asking, body: ForecastRequest) -> Response:
+    async def forecast_under_plan(zone: str, caller: Asking, body: planned.ForecastRequest) -> Response:
         view = find_zone(zones, zone, caller)
-        levels = body.levels or published_levels(_latest(view))
-        steps = steps_in(body.horizon, view.period, len(levels))
-        plan = full_plan(body.inputs, view.network, steps, view.period, view.surroundings.limits)
-        return _json(_current(view, fan_payload(site, zone, await _fan(view, steps, levels, plan), plan)))
+        _latest(view)
+        request = ForecastRequest(
+            [view], body.horizon, body.levels, [Plan(inputs={zone: planned.inputs_of(body.inputs)})]
+        )
+        bound(request)
+        if found := mistakes(request):
+            raise invalid([f"field 'inputs.{one.channel}' {one.sentence}" for one in found])
+        return _json(_current(view, fan_payload(site, zone, await _fan(view, request), body.inputs)))
 
     @router.get(
         "/{zone}/parameters",
@@ -114,23 +125,23 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
     )
     async def parameters(zone: str, caller: Asking, query: Annotated[ParametersQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        summary = await view.parameters(query.level)
+        summary = await view.ask(ParametersQuestion(tuple(query.level)))
         if summary is None:
             raise no_forecast(view)
         return _json(_parameters(site, view, query.level, summary))
 
     @router.get(
         "/{zone}/skill",
-        response_model=SkillPayload,
+        response_model=document_of(Skill),
         responses=documented(404, 422, 500, 503),
         summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
     )
     async def skill(zone: str, caller: Asking) -> Response:
         view = find_zone(zones, zone, caller)
-        found = await view.skill()
+        found = await view.ask(SkillQuestion())
         if found is None:
             raise no_forecast(view)
-        return _json(skill_payload(site, zone, found))
+        return _document(found, site, zone)
 
     @router.get(
         "/{zone}/gain",
@@ -150,7 +161,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
 
     @router.get(
         "/{zone}/history",
-        response_model=HistoryPayload,
+        response_model=document_of(History),
         responses=documented(404, 422, 500, 503),
         summary="Past samples against the forecasts that stood before them",
     )
@@ -177,6 +188,10 @@ def _json(payload: Payload) -> Response:
     return Response(to_json(payload), media_type="application/json")
 
 
+def _document(one: object, site: str, zone: str) -> Response:
+    return Response(document(one, site, zone), media_type="application/json")
+
+
 def epoch(when: datetime | None) -> int | None:
     """The first whole UTC second not before `when`."""
     return None if when is None else math.ceil(when.timestamp())
@@ -196,15 +211,16 @@ def _latest(zone: ZoneView) -> Update:
     return update
 
 
-async def _fan(zone: ZoneView, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan:
-    fan = await zone.fan(steps, levels, plan)
+async def _fan(view: ZoneView, request: ForecastRequest) -> Fan:
+    """The forecast of the one zone of `request` under its one plan."""
+    (fan,) = await forecasts(request, request.plans[0])
     if fan is None:
-        raise no_forecast(zone)
+        raise no_forecast(view)
+    if isinstance(fan, NoLaw):
+        raise invalid([f"field 'inputs.{SET_POINTS}': {fan}"])
+    if isinstance(fan, ServiceError):
+        raise fan
     return fan
-
-
-def published_levels(update: Update) -> list[float]:
-    return [interval.level for interval in update.forecast.outputs[0].intervals]
 
 
 def _current(zone: ZoneView, payload: ForecastPayload) -> ForecastPayload:
@@ -254,7 +270,7 @@ def _description(site: str, zone: ZoneView) -> ZonePayload:
 
 def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
     status = zone.status()
-    variants = sorted(status.diagnosis.variants, key=lambda each: -each.weight)
+    variants = tuple(sorted(status.diagnosis.variants, key=lambda each: -each.weight))
     return ParametersPayload(
         site=site,
         zone=zone.id,
@@ -269,6 +285,10 @@ def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: Par
             for rank, row in enumerate(summary.time_constants, start=1)
         ],
         heat_loss=QuantilesPayload(name="heat_loss", unit="W/K", free=True, quantiles=summary.heat_loss.tolist()),
-        variants=[VariantPayload(**variant._asdict()) for variant in variants],
-        findings=finding_payloads(status),
+        known_heat=[
+            TermPayload(name=term.name, node=term.node, unit=term.unit, quantiles=row.tolist())
+            for term, row in zip(zone.network.terms, summary.coefficients, strict=False)
+        ],
+        variants=variants,
+        findings=status.diagnosis.findings,
     )

@@ -11,29 +11,37 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import partial
 from importlib.metadata import version
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter
+from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record
+from estimator.foresight import Day
+from estimator.loop import Held
+from estimator.loop import Standing as LoopStanding
 from estimator.network.network import Network
+from estimator.thermostat import thermostat as thermostats
+from service.records.stored import named, stored
 from service.records.trust import Trust
 from service.records.update import CONSTANT, Update
 from service.store.checkpoint import Checkpoint
-from service.zone.foresight.yesterday import Day, no_day
-from service.zone.worker import Held, Known, Progress, Standing, ZoneWorker
+from service.zone.worker import Progress, Standing, ZoneWorker, stated
 
 _HELD_VALUES = "held_values"
 _HELD_TIMES = "held_times"
 _ESTIMATOR = "estimator."
 _VERIFIED = "verified."
+_ISSUED = "issued."
 _RECORD = "record."
 _DAY = "day."
+_THERMOSTAT = "thermostat."
+_LIVE = "live."
 
 _VERSION = version("thermogate")
 
@@ -44,9 +52,9 @@ class _Meta:
 
     held_qualities: tuple[Quality, ...]
     progress: Progress
-    latest: Update
-    diagnosis: Diagnosis = Diagnosis()
-    trust: Trust = Trust()
+    latest: Annotated[Update, BeforeValidator(partial(named, Update)), PlainSerializer(stored)]
+    diagnosis: Annotated[Diagnosis, BeforeValidator(partial(named, Diagnosis)), PlainSerializer(stored)] = Diagnosis()
+    trust: Annotated[Trust, BeforeValidator(partial(named, Trust)), PlainSerializer(stored)] = Trust()
 
 
 _META = TypeAdapter(_Meta)
@@ -64,6 +72,7 @@ def fingerprint(network: Network, period: float, estimator: str, structure: Mapp
         "heat_inputs": [asdict(heat) for heat in network.heat_inputs],
         "measured": list(network.measured),
         "parameters": [(p.name, p.lower, p.upper) if p.free else (p.name, p.nominal) for p in network.parameters],
+        **({"terms": [(term.name, term.node, term.series) for term in network.terms]} if network.terms else {}),
         "period": float(period),
         "estimator": estimator,
         "options": dict(structure),
@@ -76,18 +85,23 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
 
     `estimator` is its name in the registry.
     """
-    held, progress, standing = worker.held, worker.progress, worker.standing
-    if standing is None:
+    # The inputs that are held go on while the zone stalls, and nothing else does.
+    carried, standing = worker.carried, worker.standing
+    if standing is None or carried.standing is None or carried.standing.verified is None:
         return None
-    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in worker.estimator.pack(standing.state).items()}
-    arrays |= {_VERIFIED + name: value for name, value in worker.verification.pack(standing.verified).items()}
-    arrays |= {_HELD_VALUES: held.values, _HELD_TIMES: held.times}
-    update = standing.update
-    stated = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
-    known = worker.known
-    meta = _META.dump_python(_Meta(held.qualities, progress, stated, known.diagnosis, known.trust), mode="json")
-    arrays |= {_DAY + name: value for name, value in standing.day._asdict().items()}
-    arrays |= {_RECORD + name: value for name, value in known.record._asdict().items()}
+    loop = worker.loop
+    arrays = {_ESTIMATOR + name: np.asarray(value) for name, value in loop.estimator.pack(standing.state).items()}
+    arrays |= {_VERIFIED + name: value for name, value in loop.verification.pack(carried.standing.verified).items()}
+    arrays |= {_ISSUED + name: value for name, value in loop.as_issued.pack(carried.standing.issued).items()}
+    arrays |= {_HELD_VALUES: carried.held.values, _HELD_TIMES: carried.held.times}
+    update, progress = standing.update, worker.progress
+    shown = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
+    meta = _META.dump_python(_Meta(worker.input_quality, progress, shown, carried.diagnosis, worker.trust), mode="json")
+    arrays |= {_DAY + name: value for name, value in carried.day._asdict().items()}
+    arrays |= {_RECORD + name: value for name, value in carried.record._asdict().items()}
+    if carried.thermostat is not None and carried.live is not None:
+        arrays |= {_THERMOSTAT + name: value for name, value in thermostats.pack(carried.thermostat).items()}
+        arrays |= {_LIVE + name: value for name, value in loop.live.pack(carried.live).items()}
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -111,35 +125,35 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         update = update._replace(gate=None)
     if update.effective_sample_size is not None and math.isnan(update.effective_sample_size):
         update = update._replace(effective_sample_size=None)
-    held = Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES], meta.held_qualities)
-    state = worker.estimator.unpack(_under(_ESTIMATOR, checkpoint))
-    stored = _under(_VERIFIED, checkpoint)
+    loop, fresh = worker.loop, worker.carried
+    held = Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES])
+    state, stored = loop.estimator.unpack(_under(_ESTIMATOR, checkpoint)), _under(_VERIFIED, checkpoint)
     # Before version 0.2 no forecast was verified: what is pending then begins with this start.
-    outputs = np.array(update.y)
     verified = (
-        worker.verification.unpack(stored)
+        loop.verification.unpack(stored)
         if stored
-        else worker.verification.start(worker.settings.seed, outputs, held.values)
+        else loop.verification.start(worker.settings.seed, np.array(update.y), held.values)
     )
-    standing = Standing(state, update, verified, _day(worker, checkpoint))
-    worker.resume(standing, held, meta.progress, _known(worker, checkpoint, meta))
+    issued = loop.as_issued.unpack(_under(_ISSUED, checkpoint))
+    standing = LoopStanding(state, stated(update.forecast), verified, issued)
+    # The last day and the record are missing in checkpoints of earlier versions.
+    day = _alike(fresh.day._asdict(), _DAY, checkpoint)
+    record = _alike(fresh.record._asdict(), _RECORD, checkpoint)
+    carried = fresh._replace(held=held, vanished=meta.progress.vanished, standing=standing)
+    if day is not None:
+        carried = carried._replace(day=Day(**day))
+    if record is not None:
+        carried = carried._replace(record=Record(**record), diagnosis=meta.diagnosis)
+    # Neither is there before the zone was told a set-point.
+    if known := _under(_THERMOSTAT, checkpoint):
+        thermostat = thermostats.unpack(known, len(worker.network.inputs))
+        carried = carried._replace(thermostat=thermostat, live=loop.live.unpack(_under(_LIVE, checkpoint)))
+    trust = worker.trust if record is None else meta.trust
+    worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, trust)
 
 
 def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}
-
-
-def _known(worker: ZoneWorker, checkpoint: Checkpoint, meta: _Meta) -> Known | None:
-    """What was known; None in a checkpoint from before there was a record, or with a record of another length."""
-    stored = _alike(worker.known.record._asdict(), _RECORD, checkpoint)
-    return None if stored is None else Known(Record(**stored), meta.diagnosis, meta.trust)
-
-
-def _day(worker: ZoneWorker, checkpoint: Checkpoint) -> Day:
-    """The last day; an empty one in a checkpoint from before it was kept."""
-    fresh = no_day(len(worker.network.inputs), worker.period)
-    stored = _alike(fresh._asdict(), _DAY, checkpoint)
-    return fresh if stored is None else Day(**stored)
 
 
 def _alike(fresh: Mapping[str, Any], prefix: str, checkpoint: Checkpoint) -> dict[str, Any] | None:

@@ -2,16 +2,22 @@
 
 Trust falls as soon as a threshold is crossed. It rises only after RISES judgements in a row, an hour apart, that clear
 the threshold by a margin, so that a controller does not switch to and fro.
+
+Two questions are judged. A controller that plans the heating asks what the model is worth once the heating is known:
+that is the hindsight of the skill. Whoever reads the published forecast, when nobody knows the heating to come, asks
+what it was worth as it was issued. Intervals that held too little then make it doubtful at most, whatever the model is
+worth, and not untrusted: that the heating was not foreseen is no fault that a plan does not mend.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, Diagnosis
 from estimator.types import Outcome
 from service.fields.durations import format_duration
-from service.records.skill import HorizonSkill, Skill
+from service.records.skill import HorizonSkill, IssuedSkill, Skill
 from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
 from service.records.update import Update
 
@@ -70,14 +76,16 @@ def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagno
     horizons = before.horizons
     if skill is not None:
         old = {one.lead: one for one in horizons}
+        both = zip(skill.issued_over(7), skill.issued_over(1), strict=True)
+        issued = {week.lead: (week, day) for week, day in both}
         horizons = tuple(
-            _verified(old.get(week.lead), week, day, diagnosis, update.time)
-            for week, day in zip(skill.windows[7], skill.windows[1], strict=True)
+            _issued(_verified(old.get(week.lead), week, day, diagnosis, update.time), *issued.get(week.lead, ()))
+            for week, day in zip(skill.over(7), skill.over(1), strict=True)
         )
-    usual = before.usual if skill is None else skill.windows[7][0].width
+    usual = before.usual if skill is None else skill.over(7)[0].width
     disturbed = _disturbed(before.disturbed, update, usual)
     told = tuple(_told(one, update, disturbed) for one in horizons)
-    return Trust(update.time, told, disturbed, usual if usual > 0.0 else 0.0)
+    return Trust(update.time, told, disturbed=disturbed, usual=usual if usual > 0.0 else 0.0)
 
 
 def _verified(
@@ -88,13 +96,47 @@ def _verified(
         old = HorizonTrust(week.lead, LEARNING, "", now)
     found, strict = _verdict(week, day, diagnosis, BELOW), _verdict(week, day, diagnosis, BACK)
     if LEARNING in (found.level, old.verified) or _RANK[found.level] >= _RANK[old.verified]:
-        return old._replace(verified=found.level, why=found.reason, rising=0)
+        return replace(old, verified=found.level, why=found.reason, rising=0)
     # The evidence would do for more trust. It has to do so by a margin, and for some hours.
     rising = old.rising + 1 if _RANK[strict.level] < _RANK[old.verified] else 0
     if rising >= RISES:
-        return old._replace(verified=strict.level, why=strict.reason, rising=0)
+        return replace(old, verified=strict.level, why=strict.reason, rising=0)
     why = old.why if strict.level == old.verified else f"the last {rising} of {RISES} hours that it takes were better"
-    return old._replace(why=why or strict.reason, rising=rising)
+    return replace(old, why=why or strict.reason, rising=rising)
+
+
+def _issued(one: HorizonTrust, week: IssuedSkill | None = None, day: IssuedSkill | None = None) -> HorizonTrust:
+    """The horizon with what its forecasts were worth as they were issued; nothing of that is known one step ahead,
+    where no input has to be foreseen.
+
+    A good last day makes up for nothing here: how well the heating was foreseen depends on what day it was.
+    """
+    if week is None or day is None:
+        return one
+    if (reason := _held_too_little(week, day, BELOW[DOUBTFUL])) is not None:
+        return replace(one, issued=DOUBTFUL, issued_why=reason, issued_rising=0)
+    if one.issued == TRUSTED:
+        return one
+    rising = one.issued_rising + 1 if _held_too_little(week, day, BACK[DOUBTFUL]) is None else 0
+    if rising >= RISES:
+        return replace(one, issued=TRUSTED, issued_why="", issued_rising=0)
+    return replace(one, issued_rising=rising)
+
+
+def _held_too_little(week: IssuedSkill, day: IssuedSkill, threshold: Threshold) -> str | None:
+    """Which part of `threshold` the coverage as issued fails, as a sentence."""
+    judged_by = (
+        (day, NEEDED_OF_DAY, threshold.day_coverage, "the last day"),
+        (week, NEEDED, threshold.coverage, "7 days"),
+    )
+    for window, needed, least, days in judged_by:
+        if window.forecasts >= needed and window.coverage < least:
+            return (
+                "as published, when nobody knew the heating and the weather to come, the 95 % intervals "
+                f"{format_duration(window.lead)} ahead held {window.coverage:.0%} of what came in {days}; under a "
+                "plan of the heating they may hold"
+            )
+    return None
 
 
 def _verdict(week: HorizonSkill, day: HorizonSkill, diagnosis: Diagnosis, thresholds: dict[str, Threshold]) -> Verdict:
@@ -138,7 +180,7 @@ def _below(week: HorizonSkill, day: HorizonSkill, threshold: Threshold) -> str |
 
 def _skilful(window: HorizonSkill, threshold: Threshold) -> bool:
     # What is not a number is no evidence against the forecasts.
-    return not (window.rmse > NOTABLE and window.against_persistence < threshold.skill)
+    return not (window.rmse > NOTABLE and window.skill_against_persistence < threshold.skill)
 
 
 def _disturbed(before: bool, update: Update, usual: float) -> bool:
@@ -156,5 +198,8 @@ def _told(one: HorizonTrust, update: Update, disturbed: bool) -> HorizonTrust:
         level, reason = UNTRUSTED, "the model cannot explain the last measurement"
     elif disturbed and level == TRUSTED and one.lead <= DISTURBED_UP_TO:
         level, reason = DOUBTFUL, "something acts on the zone that the model does not know, such as people or a window"
+    planned = level
+    if level == TRUSTED and one.issued == DOUBTFUL:
+        level, reason = DOUBTFUL, one.issued_why
     since = one.since if level == one.level else update.time
-    return one._replace(level=level, reason=reason, since=since)
+    return replace(one, level=level, planned=planned, reason=reason, since=since)

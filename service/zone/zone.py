@@ -10,29 +10,25 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from math import inf
 from typing import TypeVar
 
 from adapters.reading import Reading
-from estimator.arrays import Array
-from estimator.statespace.simulate import Simulation
-from estimator.types import ALPHA_LEVELS, ParameterSummary
+from estimator.types import ALPHA_LEVELS
 from service.errors import ServiceError, StateMismatch
 from service.pauses import GrowingPause
 from service.publish.sinks import Announcement, Occasion
-from service.records.fan import Fan
 from service.records.history import HistoryRow
-from service.records.model import CompactFan, ZoneModel
-from service.records.outlook import NO_SURROUNDINGS, Outlook, Surroundings, Weather
+from service.records.outlook import NO_SURROUNDINGS, Surroundings, Weather
 from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.records.series import Series, Stretch
-from service.records.skill import Skill
 from service.records.status import Busy, ZoneStatus
 from service.records.trust import Trust, untrusted
 from service.records.update import Update
+from service.records.view import Question
 from service.store.series import bucket_of
 from service.zone.alignment import Alignment
 from service.zone.health import state_and_reason
@@ -123,7 +119,7 @@ class Zone:
             now=min(clocks, default=None),
             overruns=self._timeliness.overruns,
             delay=self._timeliness.delay,
-            diagnosis=self._worker.known.diagnosis,
+            diagnosis=self._worker.carried.diagnosis,
         )
 
     @property
@@ -158,36 +154,9 @@ class Zone:
         """The newest update."""
         return self._worker.latest
 
-    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
-        """The standing forecast and `steps` beyond it, under `plan`."""
-        rows = [{channel: values[step] for channel, values in (plan or {}).items()} for step in range(steps)]
-        return await self._plumbing.asking.ask(partial(self._worker.fan, levels, rows, weather=self._weather))
-
-    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
-        """The newest update, and the inputs of the next `steps` steps as far as they are foreseen."""
-        return self._worker.outlook(steps, self._weather)
-
-    async def compact_fan(
-        self, update: Update, levels: Sequence[float], rows: Array, scenarios: int
-    ) -> CompactFan | None:
-        """The forecast from `update` on under the inputs `rows`."""
-        return await self._plumbing.asking.ask(partial(self._worker.compact_fan, update, levels, rows, scenarios))
-
-    async def room(self, update: Update) -> Simulation | None:
-        """The zone's physics, to be simulated with its neighbours."""
-        return await self._asked(partial(self._worker.room, update))
-
-    async def model(self, periods: int, count: int) -> ZoneModel | None:
-        """State-space matrices at a step of several `periods`."""
-        return await self._asked(partial(self._worker.model, periods, count))
-
-    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
-        """Posterior quantiles of the parameters."""
-        return await self._asked(partial(self._worker.parameters, levels))
-
-    async def skill(self) -> Skill | None:
-        """What the zone's forecasts have been worth."""
-        return await self._asked(self._worker.skill)
+    async def ask(self, question: Question[Answer]) -> Answer:
+        """The answer to a question, found on a thread for questions so that no zone waits for it."""
+        return await self._plumbing.asking.ask(partial(question, self._worker, self._weather))
 
     def trust(self) -> Trust:
         """How far the zone's forecasts can be relied on now."""
@@ -195,7 +164,7 @@ class Zone:
 
     def _trust_in(self, status: ZoneStatus) -> Trust:
         """The trust of the zone that is in `status`."""
-        known = self._worker.known.trust
+        known = self._worker.trust
         if status.state in ("stalled", "failed"):
             return untrusted(known, f"the zone is {status.state}: {status.reason}")
         return known
@@ -203,10 +172,6 @@ class Zone:
     @property
     def _weather(self) -> Weather:
         return Weather(self.surroundings.weather, self._plumbing.weather)
-
-    async def _asked(self, question: Callable[[], Answer]) -> Answer:
-        """The answer to a question, found on a thread for questions so that no zone waits for it."""
-        return await self._plumbing.asking.ask(lambda given_up: question())
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""

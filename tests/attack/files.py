@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import os
 import shutil
 import signal
 import socketserver
+import sqlite3
 import struct
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from pymodbus.constants import ExcCodes
+from support.fake_zones import make_sample, make_update
 from support.harness import EXAMPLES, THERMOGATE, Daemon, overrides, thermogate
 from support.live_modbus import WORDS, configuration, running
 from support.modbus_plant import plant
 from support.waiting import PATIENCE
+
+from service.store.checkpoint import Checkpoint
+from service.store.store import Store
 
 RECORDED = EXAMPLES / "building-67.toml"
 ZONE = "building-67"
@@ -246,6 +252,90 @@ def open_folders(folder: Path) -> str:
     return "the folder is warned of; lock and backup are the owner's alone"
 
 
+def leaping_clock(folder: Path) -> str:
+    """Samples of a minute in which the clock was 500 days ahead, after some years; and a zone whose clock was right."""
+    day = 86_400
+
+    async def fill() -> None:
+        store = Store(folder / "state")
+        for zone, last in (("a-leap", 500), ("b-right", 0)):
+            times = [hour * 3600 for hour in range(24 * 800)] + [(800 + last) * day + k for k in range(60)]
+            for first in range(0, len(times), 1000):
+                chunk = [make_sample(0)._replace(time=time) for time in times[first : first + 1000]]
+                await asyncio.gather(*(store.append(zone, one) for one in chunk))
+                for one in chunk:
+                    store.record(zone, make_update(0)._replace(time=one.time))
+            store.checkpoints.save(zone, Checkpoint("f", times[-1], {}, {}))
+        store.close()
+
+    asyncio.run(fill())
+    with Daemon(RECORDED, folder / "log", _settings(folder, 60)) as daemon:
+        _until(lambda: "history older than keep_history is deleted" in daemon.log(), "nothing is deleted at all")
+        said = daemon.log()
+        daemon.terminate()
+    with closing(sqlite3.connect(folder / "state" / "journal.sqlite3")) as journal:
+        counts = dict(journal.execute("SELECT zone, count(*) FROM samples GROUP BY zone"))
+    assert counts["a-leap"] == 24 * 800 + 60, counts
+    assert "a-leap" not in said, said
+    return f"all {counts['a-leap']} samples are there; of the other zone {24 * 800 + 60 - counts['b-right']} went"
+
+
+def links_for_root(folder: Path) -> str:
+    """Links in the state folder of an account, laid to what only root may read, before root restores and backs up."""
+    if os.geteuid() != 0:
+        raise PermissionError("only root can be led there")
+    secret, state, backup = folder / "secret", folder / "state", folder / "backup.tar"
+    secret.write_bytes(b"root's alone")
+    secret.chmod(0o600)
+    before = secret.stat()
+    options = overrides({"site.state_dir": str(state)})
+    with Daemon(RECORDED, folder / "log", _settings(folder)) as daemon:
+        daemon.wait(lambda zones: zones[ZONE]["samples"] >= 5)
+        daemon.terminate()
+    assert thermogate("backup", RECORDED, backup, *options).returncode == 0
+    tried = 0
+    for name in ("lock", "configuration.toml", "journal.sqlite3", "restoring.tmp", "keys.json"):
+        if (state / name).is_file():
+            (state / name).unlink()
+        (state / name).symlink_to(secret)
+        for path in (state, *state.rglob("*")):
+            os.chown(path, 65534, 65534, follow_symlinks=False)
+        copy = folder / f"{name}.tar"
+        for command in (
+            ("restore", RECORDED, backup, "--replace"),
+            ("backup", RECORDED, copy),
+            ("keys", "create", RECORDED, "one", "--scope", "read"),
+        ):
+            done = thermogate(*command, *options)
+            assert "Traceback" not in done.stderr, done.stderr
+            tried += 1
+        assert not copy.exists() or b"root's alone" not in copy.read_bytes(), name
+        after = secret.stat()
+        assert (after.st_uid, after.st_mode, after.st_mtime_ns) == (0, before.st_mode, before.st_mtime_ns), name
+        assert secret.read_bytes() == b"root's alone", name
+        (state / name).unlink(missing_ok=True)
+    return f"{tried} commands of root, and the file is as it was"
+
+
+def journal_with_a_trigger(folder: Path) -> str:
+    """A backup whose journal drops every sample while it acknowledges it."""
+    state, backup = folder / "state", folder / "backup.tar"
+    options = overrides({"site.state_dir": str(state)})
+    with Daemon(RECORDED, folder / "log", _settings(folder)) as daemon:
+        daemon.wait(lambda zones: zones[ZONE]["samples"] >= 5)
+        daemon.terminate()
+    with closing(sqlite3.connect(state / "journal.sqlite3")) as journal:
+        journal.execute("CREATE TRIGGER silent BEFORE INSERT ON samples BEGIN SELECT RAISE(IGNORE); END")
+    assert thermogate("backup", RECORDED, backup, *options).returncode == 0
+    restored = thermogate("restore", RECORDED, backup, "--replace", *options)
+    assert restored.returncode == 1, restored
+    assert "the trigger 'silent'" in restored.stderr, restored.stderr
+    with Daemon(RECORDED, folder / "second.log", _settings(folder)) as daemon:
+        assert daemon.process.wait(PATIENCE) == 1, daemon.log()
+        assert "the trigger 'silent'" in daemon.log(), daemon.log()
+    return "neither restored nor opened"
+
+
 def secrets_in_mistakes(folder: Path) -> str:
     """A private key, and a password, where a path or an address belongs."""
     secret = "THERMOGATE-SECRET"
@@ -342,6 +432,9 @@ ATTACKS = {
     "9 another function code": another_function_code,
     "10 checkpoint of another zone": swapped_checkpoints,
     "11 folders open to everybody": open_folders,
+    "31.3 links for root": links_for_root,
+    "31.9 journal with a trigger": journal_with_a_trigger,
+    "31.5 clock that leaps ahead": leaping_clock,
     "12 secrets in mistakes": secrets_in_mistakes,
     "14 backup that would fill the disk": made_up_archive,
     "15 a quote that is not closed": stray_quote,

@@ -17,13 +17,14 @@ import shutil
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from attack import files, web
-from attack.victim import HOLD_SECONDS, MEMORY_MB, Victim
+from attack import files, telemetry, web
+from attack.victim import HOLD_SECONDS, MEMORY_MB, Target, Victim
 from support.certificates import make_pair
 from support.harness import Daemon
 from support.live_modbus import WORDS, configuration, running
@@ -41,7 +42,8 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="thermogate-attack-"))
     try:
         print(f"processors {os.cpu_count()}, load {os.getloadavg()[0]:.1f}")
-        failed = over_http(folder, arguments.only, arguments.tls) + on_files(folder, arguments.only)
+        failed = over_http(folder, arguments.only, arguments.tls)
+        failed += by_publishers(folder, arguments.only) + on_files(folder, arguments.only)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     print(f"{failed} gave way")
@@ -66,32 +68,46 @@ def over_http(folder: Path, only: list[str], encrypted: bool) -> int:
             Daemon(configuration(place, {"one": site.port}), place / "log", settings) as daemon,
         ):
             wait_for_samples(daemon, encrypted)
-            victim = Victim(daemon, None if encrypted else "zone-one")
-            try:
-                note, cost = victim.under(attack)
-                bad = [
-                    what
-                    for what, is_bad in (
-                        ("health", "sixty" in name and cost.p99 > HEALTH_SECONDS),
-                        (f"loop held > {HOLD_SECONDS} s", cost.holds > 0),
-                        ("memory", cost.memory > MEMORY_MB),
-                        ("intervals", cost.lost > 0),
-                        ("traceback", "Traceback" in daemon.log()),
-                    )
-                    if is_bad
-                ]
-                figures = f"{cost.seconds:5.1f} {cost.waited:6.1f} {1000 * cost.p99:7.0f} {1000 * cost.longest:7.0f} "
-                figures += f"{cost.refused:3} {cost.holds:5} "
-                figures += f"{cost.memory:6.0f} {cost.lost:4}"
-                verdict = f"GAVE WAY: {', '.join(bad)}; " if bad else ""
-                if "traceback" in bad:
-                    note += daemon.log().partition("Traceback")[2]
-                print(f"{name:40} {figures}  {verdict}{note}", flush=True)
-                failed += bool(bad)
-            except (AssertionError, OSError) as error:
-                print(f"{name:40} GAVE WAY: {error!r}", flush=True)
-                failed += 1
+            failed += gave_way(name, Victim(daemon, None if encrypted else "zone-one"), attack)
     return failed
+
+
+def by_publishers(folder: Path, only: list[str]) -> int:
+    """The attacks of `telemetry`, each on a daemon of its own; how many succeeded."""
+    failed = 0
+    for index, (name, prepared) in enumerate(_chosen(telemetry.ATTACKS, only)):
+        place = folder / f"telemetry-{index}"
+        place.mkdir()
+        with prepared(place) as (daemon, attack):
+            failed += gave_way(name, Victim(daemon, "honest"), attack)
+    return failed
+
+
+def gave_way(name: str, victim: Victim, attack: Callable[[Target], str]) -> bool:
+    """Print what `attack` cost `victim`; whether that was too much."""
+    try:
+        note, cost = victim.under(attack)
+    except (AssertionError, OSError) as error:
+        print(f"{name:40} GAVE WAY: {error!r}", flush=True)
+        return True
+    log = victim.daemon.log()
+    bad = [
+        what
+        for what, is_bad in (
+            ("health", "sixty" in name and cost.p99 > HEALTH_SECONDS),
+            (f"loop held > {HOLD_SECONDS} s", cost.holds > 0),
+            ("memory", cost.memory > MEMORY_MB),
+            ("intervals", cost.lost > 0),
+            ("traceback", "Traceback" in log),
+        )
+        if is_bad
+    ]
+    figures = f"{cost.seconds:5.1f} {cost.waited:6.1f} {1000 * cost.p99:7.0f} {1000 * cost.longest:7.0f} "
+    figures += f"{cost.refused:3} {cost.holds:5} {cost.memory:6.0f} {cost.lost:4}"
+    if "traceback" in bad:
+        note += log.partition("Traceback")[2]
+    print(f"{name:40} {figures}  {f'GAVE WAY: {chr(44).join(bad)}; ' if bad else ''}{note}", flush=True)
+    return bool(bad)
 
 
 def on_files(folder: Path, only: list[str]) -> int:

@@ -8,7 +8,7 @@ import re
 import socket
 import ssl
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -37,6 +37,8 @@ class Target:
 
     port: int
     encrypted: bool = False
+    key: str | None = None
+    """An API key to read with."""
 
     def connect(self, timeout: float = 30.0) -> socket.socket:
         """A connection, encrypted if the daemon is."""
@@ -64,16 +66,22 @@ class Target:
     def get(self, path: str, **headers: str) -> Answer:
         """The answer to a GET."""
         lines = [f"GET {path} HTTP/1.1", "Host: localhost", "Connection: close"]
-        lines += [f"{name.replace('_', '-')}: {value}" for name, value in headers.items()]
-        return self.ask("".join(f"{line}\r\n" for line in [*lines, ""]).encode())
+        return self.ask(_head(lines, headers, self.key))
 
-    def post(self, path: str, body: bytes) -> Answer:
-        """The answer to a POST of JSON."""
-        head = (
-            f"POST {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Type: application/json\r\n"
-            f"Content-Length: {len(body)}\r\n\r\n"
-        )
-        return self.ask(head.encode() + body)
+    def post(
+        self, path: str, body: bytes, key: str | None = None, kind: str = "application/json", **headers: str
+    ) -> Answer:
+        """The answer to a POST of JSON, or of what else `kind` names, with an API key if one is given."""
+        lines = [f"POST {path} HTTP/1.1", "Host: localhost", "Connection: close", f"Content-Type: {kind}"]
+        return self.ask(_head([*lines, f"Content-Length: {len(body)}"], headers, key) + body)
+
+
+def _head(lines: list[str], headers: Mapping[str, str], key: str | None) -> bytes:
+    """The head of a request with `lines`, further headers (_ for -) and a key."""
+    lines = [*lines, *(f"{name.replace('_', '-')}: {value}" for name, value in headers.items())]
+    if key is not None:
+        lines.append(f"Authorization: Bearer {key}")
+    return "".join(f"{line}\r\n" for line in [*lines, ""]).encode()
 
 
 @dataclass
@@ -128,7 +136,7 @@ class Victim:
     def __init__(self, daemon: Daemon, zone: str | None = None) -> None:
         self.daemon, self._zone = daemon, zone
         url = daemon.url()
-        self.target = Target(int(url.rpartition(":")[2]), url.startswith("https"))
+        self.target = Target(int(url.rpartition(":")[2]), url.startswith("https"), daemon.key)
         self.rest = self._memory("VmRSS")
 
     def under(self, attack: Callable[[Target], str]) -> tuple[str, Cost]:

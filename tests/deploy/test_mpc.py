@@ -47,7 +47,9 @@ def asking(app: FastAPI, trusts: dict[int, str] | None = None, disturbed: bool =
 
     def ask(method: str, path: str, body: Any = None) -> Any:
         if trusts is not None and path.endswith("/trust"):
-            horizons = [{"lead_s": lead, "trust": word, "reason": "so"} for lead, word in trusts.items()]
+            horizons = [
+                {"lead_s": lead, "trust": "doubtful", "planned": word, "reason": "so"} for lead, word in trusts.items()
+            ]
             return {"disturbed": disturbed, "horizons": horizons}
         answer = request(app, method, path, **({} if body is None else {"json": body}))
         if answer.status_code >= 400:

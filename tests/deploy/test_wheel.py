@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,7 +19,7 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")
-LEFT_OUT = "replay/measuring/"
+LEFT_OUT = "replay/lab/"
 
 
 def builder() -> str | None:
@@ -57,7 +59,7 @@ def metadata(wheel: ZipFile, file: str) -> str:
     return wheel.read(name).decode()
 
 
-def test_it_carries_every_module_but_those_that_measure(wheel: ZipFile) -> None:
+def test_it_carries_every_module_but_the_laboratory(wheel: ZipFile) -> None:
     modules = {path.relative_to(ROOT).as_posix() for name in PACKAGES for path in (ROOT / name).rglob("*.py")}
     assert any(name.startswith(LEFT_OUT) for name in modules)
     carried = {name for name in wheel.namelist() if ".dist-info/" not in name}
@@ -70,7 +72,26 @@ def test_it_carries_every_module_but_those_that_measure(wheel: ZipFile) -> None:
 def test_nothing_in_it_imports_what_it_leaves_out(wheel: ZipFile) -> None:
     for name in wheel.namelist():
         if name.endswith(".py"):
-            assert "replay.measuring" not in wheel.read(name).decode(), name
+            assert not re.search(r"^\s*(from|import) replay\.lab", wheel.read(name).decode(), re.MULTILINE), name
+
+
+def test_an_experiment_that_only_a_checkout_has_is_refused_in_one_sentence(wheel: ZipFile, tmp_path: Path) -> None:
+    wheel.extractall(tmp_path / "installed")
+    program = "import sys; from service.cli.main import main; sys.exit(main())"
+    for asked in (["cost"], ["hours-ahead"], ["topology"]):
+        done = subprocess.run(
+            [sys.executable, "-c", program, "experiment", *asked, "--out", str(tmp_path / "out")],
+            env=os.environ | {"PYTHONPATH": str(tmp_path / "installed")},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert done.returncode == 1, done.stderr
+        assert done.stderr.startswith(f"thermogate: experiment {asked[0]}")
+        assert "needs a checkout of Thermogate's source; the installed package does not carry it" in done.stderr
+        assert done.stderr.count("\n") == 1
 
 
 def test_it_carries_the_pages(wheel: ZipFile) -> None:

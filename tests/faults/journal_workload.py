@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def in_bytes(item: Sample) -> bytes:
 
 def history_row(k: int) -> HistoryRow:
     """History row k."""
-    return HistoryRow.of(make_update(k))._replace(time=300 * k)
+    return replace(HistoryRow.of(make_update(k)), time=300 * k)
 
 
 def reading(zone: str, k: int) -> Reading:

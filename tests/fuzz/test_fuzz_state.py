@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from adapters.reading import Quality
 from service.errors import JournalError, ServiceError
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS
 from service.records.sample import Sample
 from service.store.checkpoint import Checkpoint, CheckpointStore
 from service.store.journal import Journal
@@ -78,7 +78,7 @@ def test_journal_rows(outputs: bytes, inputs: bytes, quality: str, history: list
         other.execute("PRAGMA synchronous = OFF")
         rows = {
             "samples": {"outputs": outputs, "inputs": inputs, "output_quality": quality, "input_quality": quality},
-            "history": dict(zip(HistoryRow._fields[1:], history, strict=True)),
+            "history": dict(zip(HISTORY_COLUMNS[1:], history, strict=True)),
         }
         for table, row in rows.items():
             values = {"zone": "z", "time": 600} | row

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 from support.broker import Party, broker
-from support.fake_zones import doubted, make_update, running
+from support.fake_zones import doubted, make_update, running, skill_over
 from support.harness import EXAMPLES, ROOT, Daemon
 from support.home_assistant import HomeAssistant, home_assistant
 
 from adapters.mqtt.broker import Broker
+from replay.recorded.learning import learn, survey
+from service.config.load import load_history
+from service.errors import ConfigError
 from service.publish.mqtt import Publisher
 from service.publish.sinks import Announcement, Occasion
-from service.records.skill import HorizonSkill, Skill
+from service.records.skill import HorizonSkill
 
 PAGE = (ROOT / "docs" / "home-assistant.md").read_text(encoding="utf-8")
 FORECAST = "sensor.thermogate_living_forecast"
@@ -138,10 +142,10 @@ def test_every_value_is_as_published(tmp_path: Path) -> None:
         publisher.add("living")
         zone, update = doubted("living"), make_update(3)
         horizons = {
-            lead: HorizonSkill(lead, 12, 0.95, 0.03, 0.05 * lead / 300, 0.2, lead / 1000, 0.06)
+            lead: HorizonSkill.of(lead, 12, 0.95, 0.03, 0.05 * lead / 300, 0.2, lead / 1000, 0.06)
             for lead in (300, 3600, 21600, 86400)
         }
-        skill = Skill(update.time, 0.95, dict.fromkeys((1, 7, 30), tuple(horizons.values())), {})
+        skill = skill_over(update.time, dict.fromkeys((1, 7, 30), tuple(horizons.values())))
         announcement = Announcement("home", "living", zone.status(), update, Occasion.UPDATE, skill)
         publisher.publish(announcement)
         house.until(lambda: float(house.state(FORECAST)))
@@ -156,7 +160,7 @@ def test_every_value_is_as_published(tmp_path: Path) -> None:
             f"{FORECAST}_upper_95": output.intervals[0].upper,
             "sensor.thermogate_living_volatility": update.volatility.median[0],
             "sensor.thermogate_living_learning_gate": update.gate.value,
-            "sensor.thermogate_living_skill_1h_ahead": horizons[3600].against_persistence,
+            "sensor.thermogate_living_skill_1h_ahead": horizons[3600].skill_against_persistence,
             "sensor.thermogate_living_error_1h_ahead": horizons[3600].rmse,
         }
         assert {name: float(shown[name]) for name in numbers} == pytest.approx(numbers, abs=1e-12)
@@ -183,3 +187,56 @@ def test_every_value_is_as_published(tmp_path: Path) -> None:
         # Home Assistant says here what it does not like about an entity.
         ours = [line for line in house.log().splitlines() if "mqtt" in line.lower() and "ERROR" in line]
         assert ours == []
+
+
+def test_a_zone_learns_from_what_the_recorder_has_kept(tmp_path: Path) -> None:
+    """Home Assistant writes the database, and `thermogate learn` takes it into the state of a live zone."""
+    folder = tmp_path / "house"
+    with home_assistant(folder, "recorder:\n  commit_interval: 1\n") as house:
+        house.own()
+        for step in range(12):
+            degrees = {"unit_of_measurement": "°C", "device_class": "temperature"}
+            told = {"sensor.outdoor": ("4.0", degrees), "sensor.room": (f"{20 + 0.1 * step:.1f}", degrees)}
+            told["climate.room"] = ("heat", {"hvac_action": "heating" if step % 2 else "idle"})
+            for entity, (state, attributes) in told.items():
+                house.ask(f"/api/states/{entity}", {"state": state, "attributes": attributes})
+            time.sleep(1.0)
+    plant = """
+        [site]
+        id = "home"
+        [sources.home]
+        kind = "mqtt"
+        host = "127.0.0.1"
+        [[zones]]
+        id = "room"
+        period = "2s"
+        network = "titeth"
+        estimator = "ekf"
+        [zones.channels]
+        T_i = { source = "home", topic = "t", unit = "degC" }
+        T_out = { source = "home", topic = "o", unit = "degC" }
+        u_heat = { source = "home", topic = "h", unit = "W" }
+    """
+    history = """
+        [sources.past]
+        kind = "home-assistant"
+        file = "house/home-assistant_v2.db"
+        [[zones]]
+        id = "room"
+        [zones.channels]
+        T_i = { source = "past", entity = "sensor.room", unit = "degC" }
+        T_out = { source = "past", entity = "sensor.outdoor", unit = "degC" }
+        u_heat = { source = "past", entity = "climate.room", attribute = "hvac_action", unit = "W", scale = 1500.0 }
+    """
+    (tmp_path / "plant.toml").write_text(plant)
+    (tmp_path / "history.toml").write_text(history)
+    config = load_history(tmp_path / "plant.toml", tmp_path / "history.toml")
+    (trace,) = learn(config, survey(config, None, None), None, None, jobs=1).traces
+    measured = [row.y for row in trace.rows if row.y == row.y]
+    assert len(measured) >= 4
+    assert measured == sorted(measured)
+    assert 20.0 <= measured[0] < measured[-1] <= 21.1
+    wrong = history.replace('entity = "sensor.room", unit = "degC"', 'entity = "sensor.room", unit = "degF"')
+    (tmp_path / "history.toml").write_text(wrong)
+    with pytest.raises(ConfigError, match=r"'sensor\.room' is in °C"):
+        load_history(tmp_path / "plant.toml", tmp_path / "history.toml")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -13,17 +14,19 @@ from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis, Finding, VariantWeight
 from estimator.network import presets
 from estimator.network.network import Network
-from estimator.statespace.simulate import Simulation
 from estimator.types import ParameterSummary
 from service.errors import NoModel, ServiceError
+from service.forecast.engine import FanQuestion
+from service.forecast.learned import ModelQuestion, ParametersQuestion, SkillQuestion
+from service.forecast.plan import Grid, column
 from service.publish.sinks import Announcement, Occasion
-from service.records.fan import Fan, FanStep
+from service.records.fan import Fan, FanColumns
 from service.records.history import HistoryRow
-from service.records.model import CompactFan, CompactOutput, ZoneModel
-from service.records.outlook import InputOrigin, Outlook, Surroundings
+from service.records.model import ZoneModel
+from service.records.outlook import InputOrigin, Surroundings
 from service.records.sample import Sample
 from service.records.series import COLUMNS, Series
-from service.records.skill import HorizonSkill, Skill
+from service.records.skill import HorizonSkill, IssuedSkill, Skill, SkillWindow
 from service.records.status import ZoneStatus
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
@@ -38,6 +41,16 @@ def output(name: str, mean: float, sd: float, levels: Sequence[float]) -> Output
     spread = NormalDist(mean, sd)
     intervals = tuple(Interval(p, spread.inv_cdf(0.5 - p / 2), spread.inv_cdf(0.5 + p / 2)) for p in levels)
     return OutputForecast(name, mean, mean, sd, intervals)
+
+
+def columns(steps: Sequence[OutputForecast]) -> FanColumns:
+    """The forecast of one output as columns."""
+    mean, median, sd = (np.array([getattr(one, name) for one in steps]) for name in ("mean", "median", "sd"))
+    lower, upper = (
+        np.array([[getattr(interval, side) for interval in one.intervals] for one in steps]).T
+        for side in ("lower", "upper")
+    )
+    return FanColumns(steps[0].output, mean, median, sd, lower, upper)
 
 
 def make_update(step: int, network: Network | None = None, levels: Sequence[float] = (0.95,)) -> Update:
@@ -79,6 +92,16 @@ def make_update(step: int, network: Network | None = None, levels: Sequence[floa
     )
 
 
+def skill_over(
+    time: int,
+    windows: Mapping[int, tuple[HorizonSkill, ...]],
+    issued: Mapping[int, tuple[IssuedSkill, ...]] | None = None,
+) -> Skill:
+    """The skill of no bank, by the days that the windows look back; `issued` is that of forecasts as issued."""
+    found = issued or {}
+    return Skill(time, 0.95, tuple(SkillWindow(days, one, found.get(days, ())) for days, one in windows.items()), ())
+
+
 @dataclass
 class FakeZone:
     """A zone that stands still; `asked` notes what was asked of it."""
@@ -105,39 +128,43 @@ class FakeZone:
             START, (HorizonTrust(PERIOD, "trusted", "", START), HorizonTrust(86400, "learning", "wait", START))
         )
 
-    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
+    async def ask(self, question: Any) -> Any:
+        """The answer to a question, as if a worker had computed it."""
+        if isinstance(question, ModelQuestion):
+            return self._model(question)
+        if isinstance(question, ParametersQuestion):
+            return self._parameters(question.levels)
+        if isinstance(question, SkillQuestion):
+            return self.skill()
+        assert isinstance(question, FanQuestion)
+        return self._fan(question)
+
+    def _fan(self, question: FanQuestion) -> Fan | None:
+        """A mean that rises by 0.01 K a step."""
+        grid = Grid(0, self.period, question.steps)
+        plan = {channel: column(values, grid).tolist() for channel, values in question.planned.items()}
+        self.asked.append(("fan", question.steps, question.levels, plan))
         update = self.latest()
         if update is None or self.state == "stalled":
             return None
-        values = [used.value for used in update.forecast.inputs]
-        origins = tuple(
-            InputOrigin(used.channel, "held", "", used.age, used.quality) for used in update.forecast.inputs
-        )
-        return update, Outlook(np.tile(values, (steps, 1)), origins)
-
-    async def compact_fan(
-        self, update: Update, levels: Sequence[float], rows: np.ndarray, scenarios: int
-    ) -> CompactFan | None:
-        self.asked.append(("compact_fan", rows.tolist(), tuple(levels), scenarios))
-        steps = np.arange(len(rows) + 1)
-        outputs = tuple(
-            CompactOutput(
-                o.output,
-                o.mean + 0.01 * steps,
-                o.mean + 0.01 * steps,
-                o.sd + 0.0 * steps,
-                np.array([o.mean - o.sd + 0.01 * steps for _ in levels]),
-                np.array([o.mean + o.sd + 0.01 * steps for _ in levels]),
+        ahead, origins = np.arange(question.steps + 1), self.origins
+        if not origins:
+            origins = tuple(
+                InputOrigin(used.channel, "held", "", used.age, used.quality) for used in update.forecast.inputs
             )
+        origins = tuple(
+            InputOrigin(one.channel, "plan", "", math.nan, Quality.GOOD) if one.channel in plan else one
+            for one in origins
+        )
+        outputs = tuple(
+            columns([output(o.output, o.mean + 0.01 * k, o.sd * (1 + k) ** 0.5, question.levels) for k in ahead])
             for o in update.forecast.outputs
         )
-        return CompactFan(update, outputs, np.full((scenarios, len(steps), len(outputs)), 20.0))
+        paths = np.full((question.scenarios, len(ahead), len(outputs)), 20.0)
+        return Fan(update, question.levels, outputs, paths, origins)
 
-    async def room(self, update: Update) -> Simulation | None:
-        return None
-
-    async def model(self, periods: int, count: int) -> ZoneModel | None:
-        self.asked.append(("model", periods, count))
+    def _model(self, question: ModelQuestion) -> ZoneModel | None:
+        self.asked.append(("model", *question))
         if self.estimator == "arx":
             raise NoModel("it knows no physics")
         return None
@@ -162,29 +189,7 @@ class FakeZone:
     def latest(self) -> Update | None:
         return self.updates[-1] if self.updates else None
 
-    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
-        self.asked.append(("fan", steps, tuple(levels), plan))
-        update = self.latest()
-        if update is None or self.state == "stalled":
-            return None
-        standing = update.forecast
-        fan = tuple(
-            FanStep(
-                standing.valid_time + ahead * PERIOD,
-                tuple(
-                    output(o.output, o.mean + 0.01 * ahead, o.sd * (1 + ahead) ** 0.5, levels) for o in standing.outputs
-                ),
-            )
-            for ahead in range(steps + 1)
-        )
-        planned = plan or {}
-        origins = tuple(
-            InputOrigin(one.channel, "plan", "", math.nan, Quality.GOOD) if one.channel in planned else one
-            for one in self.origins
-        )
-        return Fan(update.time, standing.issue_time, fan, standing.inputs, update, origins)
-
-    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
+    def _parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
         if not self.updates:
             return None
         scale = 1.0 + 0.1 * (np.array(levels) - 0.5)
@@ -192,15 +197,17 @@ class FakeZone:
         constants = np.array([95.0, 864.0, 9612.0, 716400.0])
         return ParameterSummary(np.array(levels), nominal[:, None] * scale, constants[:, None] * scale, 105.0 * scale)
 
-    async def skill(self) -> Skill | None:
+    def skill(self) -> Skill | None:
         self.asked.append(("skill",))
         if self.failure is not None:
             raise self.failure
         if not self.updates:
             return None
-        one = HorizonSkill(300, 12, 0.95, 0.03, 0.05, 0.2, 0.1, 0.06)
-        none = HorizonSkill(86400, 0, *[math.nan] * 6)
-        return Skill(self.updates[-1].time, 0.95, dict.fromkeys((1, 7, 30), (one, none)), {})
+        one = HorizonSkill.of(300, 12, 0.95, 0.03, 0.05, 0.2, 0.1, 0.06)
+        none = HorizonSkill.of(86400, 0, *[math.nan] * 6)
+        issued = (IssuedSkill(86400, 12, 0.9, 0.3, 0.5, 1.2, 1.0, 0.8, 0.7, 0.6),)
+        days = (1, 7, 30)
+        return skill_over(self.updates[-1].time, dict.fromkeys(days, (one, none)), dict.fromkeys(days, issued))
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         self.asked.append(("history", start, end, limit))

@@ -44,6 +44,8 @@ class Daemon:
     def __init__(self, config: Path, log: Path, settings: dict[str, object] | None = None, *options: str) -> None:
         chosen = {"http.port": 0, "zenoh.enabled": False} | (settings or {})
         self._log = log
+        self.key: str | None = None
+        """An API key for `get`."""
         command = [str(THERMOGATE), "run", str(config), *overrides(chosen), *options]
         with log.open("w") as stream:
             self.process = subprocess.Popen(
@@ -74,8 +76,10 @@ class Daemon:
 
     def get(self, path: str) -> tuple[int, dict]:
         """Status and JSON body of a GET."""
+        headers = {} if self.key is None else {"Authorization": f"Bearer {self.key}"}
         try:
-            with urllib.request.urlopen(self.url() + path, timeout=180) as answer:
+            request = urllib.request.Request(self.url() + path, headers=headers)
+            with urllib.request.urlopen(request, timeout=180) as answer:
                 return answer.status, json.load(answer)
         except urllib.error.HTTPError as error:
             with error:

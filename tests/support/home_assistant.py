@@ -86,13 +86,17 @@ class HomeAssistant:
             with error:
                 raise OSError(f"{path}: {error.code} {error.read()!r}; {self.log()}") from error
 
-    def set_up(self, broker_port: int) -> None:
-        """Become its owner, and add the broker as a person does under Settings, Devices & services."""
+    def own(self) -> None:
+        """Become its owner."""
         self.until(lambda: self.ask("/api/onboarding"))
         owner = {"client_id": _CLIENT, "name": "T", "username": "t", "password": "test-only", "language": "en"}
         code = self.ask("/api/onboarding/users", owner)["auth_code"]
         grant = {"grant_type": "authorization_code", "code": code, "client_id": _CLIENT}
         self._token = self.ask("/auth/token", grant, form=True)["access_token"]
+
+    def set_up(self, broker_port: int) -> None:
+        """Become its owner, and add the broker as a person does under Settings, Devices & services."""
+        self.own()
         flow = self.ask("/api/config/config_entries/flow", {"handler": "mqtt"})
         done = self.ask(
             f"/api/config/config_entries/flow/{flow['flow_id']}", {"broker": "127.0.0.1", "port": broker_port}

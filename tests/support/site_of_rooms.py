@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from fastapi import FastAPI
+from support.thermostat_house import recorded
 
 from estimator import registry
 from estimator.network.presets import network
@@ -36,6 +37,8 @@ class Room(NamedTuple):
     samples: int = 40
     surroundings: Surroundings = Surroundings()
     temperature: float = 20.0
+    told: bool = False
+    """Whether it is a house with a thermostat that is told set-points."""
     heated: bool = False
     """Whether its temperature is that of a simulated room, in winter and with a thermostat at `temperature`."""
 
@@ -71,6 +74,12 @@ def worker_of(room: Room) -> ZoneWorker:
     if room.heated:
         for one in winter(room.samples, room.temperature):
             worker.step(one)
+        return worker
+    if room.told:
+        for k, (outputs, inputs, setpoint) in enumerate(
+            zip(*recorded(room.samples * PERIOD // 86400, PERIOD), strict=True)
+        ):
+            worker.step(Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint))
         return worker
     boundaries = [5.0, room.temperature][: len(net.boundaries)]
     for k in range(room.samples):

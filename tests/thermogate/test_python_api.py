@@ -303,6 +303,31 @@ def test_a_saved_model_goes_on_with_the_same_bits(estimator: str, options: dict[
     assert [file.name for file in tmp_path.iterdir()] == ["room.model"]
 
 
+def test_sun_and_habits_are_learned_told_and_saved(tmp_path: Path) -> None:
+    table = room(samples=50)
+    table["I_sol"] = 300.0
+    options: dict[str, Any] = {"estimator": "mkf", "estimator_options": {"preset": "habits"}}
+    model = tg.fit(table, "auto", latitude=47.67, longitude=9.17, country="DE", floor_area=30, **options)
+    known = model.known_heat([0.5])
+    assert known.loc["sun_south", "unit"] == "m2"
+    assert known.loc["habit_06", "node"] == "T_i"
+    assert known.loc["sun_envelope", "node"] == "T_e"
+    assert len(known) == 21
+    model.save(tmp_path / "m.npz")
+    loaded = tg.load(tmp_path / "m.npz")
+    plan = {"u_heat": 500.0}
+    assert bits(loaded.forecast(plan, "1h")) == bits(model.forecast(plan, "1h"))
+    assert loaded.known_heat().equals(model.known_heat())
+    # Saved before there was such heat, a model of the network that follows from the columns goes on without.
+    without = tg.fit(table, "auto", habits=False, sun=False, **options)
+    assert without.known_heat().empty
+    without.save(tmp_path / "without.npz")
+    now = decode((tmp_path / "without.npz").read_bytes(), tmp_path)
+    settings = {key: value for key, value in now.meta["settings"].items() if key not in ("habits", "sun")}
+    (tmp_path / "then.npz").write_bytes(encode(now._replace(meta={**now.meta, "settings": settings})))
+    assert tg.load(tmp_path / "then.npz").network.terms == ()
+
+
 def test_a_model_saved_before_the_default_changed_goes_on_as_what_it_was(tmp_path: Path) -> None:
     model = tg.fit(room(samples=10), "tite", estimator="rbpf")
     model.save(tmp_path / "now.npz")
@@ -467,6 +492,10 @@ def test_skill_has_one_row_for_every_horizon(model: tg.Model) -> None:
     assert found.loc["24h", "forecasts"] == 0
     assert {"coverage", "skill_persistence", "skill_arx"} <= set(found.columns)
     hourly = tg.fit(room(period="1h"), "tite", **FEW)
+    issued = model.skill(as_issued=True)
+    assert list(issued.index) == ["1h", "6h", "24h"]
+    assert issued.loc["6h", "crps"] > 0.0
+    assert {"coverage", "width", "persistence_crps", "yesterday_crps"} <= set(issued.columns)
     assert list(hourly.skill(days=1).index) == ["1 step", "6h", "24h"]
     with pytest.raises(tg.DataError, match="days must be one of 1, 7, 30, not 2"):
         model.skill(2)
@@ -637,7 +666,7 @@ def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: 
         (None, "soon", 'horizon: "soon" is not a duration'),
         ({"u_het": 1.0}, "1h", 'the plan has "u_het", which is no input .* are T_out .degC., u_heat .W.; did you mean'),
         ({"T_i": 20.0}, "1h", 'the plan has "T_i", which is no input of the model'),
-        ({"u_heat": [1.0, 2.0]}, "1h", '2 values of "u_heat", but the horizon has 6 steps .* or horizon="20min"'),
+        ({"u_heat": [1.0, 2.0]}, "1h", '"u_heat" has 2 values, but the horizon has 6 steps of 10min; give 6 values'),
         ({"u_heat": np.array("on")}, "1h", 'the plan\'s "u_heat" must be a number or one number for every step'),
         ({"u_heat": np.timedelta64(5, "s")}, "1h", 'the plan\'s "u_heat" must be a number'),
         ({"u_heat": np.complex128(5j)}, "1h", 'the plan\'s "u_heat" must be a number'),
@@ -646,7 +675,7 @@ def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: 
         (
             {"T_out": 300.0},
             "1h",
-            'the plan\'s "T_out" has 300, which is 300 degC; T_out is believed from -60 to 80 degC',
+            'the plan\'s "T_out" plans 300 degC; -60 to 80 degC can be planned, by valid',
         ),
         (7, "1h", "the plan must be a DataFrame or a dict"),
         (room(samples=6)[["u_heat"]], "1h", 'the plan\'s "u_heat" has no value between 2025-01-10 10:00:00'),
@@ -658,13 +687,14 @@ def test_a_mistake_in_a_plan_is_one_sentence(plan: Any, horizon: Any, sentence: 
 
 
 def test_what_an_estimator_does_not_have_is_said(model: tg.Model) -> None:
-    with pytest.raises(tg.DataError, match='the estimator ekf samples no futures; fit with estimator="mkf"'):
-        model.scenarios()
+    assert model.scenarios(count=3).shape == (145, 3)
     with pytest.raises(tg.DataError, match="levels must be a list of numbers between 0 and 1"):
         model.forecast(levels=[95])
     black_box = tg.fit(room(), "tite", estimator="arx")
     with pytest.raises(tg.DataError, match="the estimator arx has no parameters of a building"):
         black_box.parameters()
+    with pytest.raises(tg.DataError, match="the estimator arx knows no physics and samples no futures"):
+        black_box.scenarios()
     assert black_box.volatility.shape == (60, 0)
 
 

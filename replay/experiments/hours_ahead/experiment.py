@@ -1,62 +1,393 @@
-"""`hours-ahead`: every estimator on every recording, from the next step to the next day."""
+"""`hours-ahead`: every contender on every recording, from the next step to the next day."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
 
-from replay.experiments.hours_ahead.horizons import WINDOWS, leads_of, scored_from
-from replay.experiments.hours_ahead.outcome import Planned, outcome
+import numpy as np
+
+from replay.errors import ReplayError
+from replay.experiments.hours_ahead import figures
+from replay.experiments.hours_ahead.contenders import (
+    BANK,
+    DRAWS_NOTHING,
+    NAIVE,
+    REGRESSIONS,
+    Contender,
+    contenders,
+    jobs_of,
+)
+from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key, weight
+from replay.experiments.hours_ahead.forecasts import PERSISTENCE
+from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, SHARE, WINDOWS, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, recordings
-from replay.experiments.hours_ahead.report import report
-from replay.experiments.hours_ahead.rivals import LEAST_SQUARES, rivals
-from replay.experiments.hours_ahead.runs import HoursRun, hours_job
-from replay.experiments.jobs import Arrays, Job
-from replay.experiments.report import Report
+from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
-from replay.experiments.series.filtering import FilterRun
+from replay.experiments.study import Results, Run, Study
+from replay.localtime import DAY, HOUR
+from replay.reports.kit.report import Report, Section
+from replay.reports.kit.table import Cell, Table
+from replay.reports.kit.verdict import Verdict, at_most, between, verdict_table
 
 SEEDS = 5
 """Of the estimators; the recordings stay the same."""
 
+OVER_BEST = 1.02
+ON_AVERAGE = 0.85
+COVERED = (0.93, 0.97)
+FIRST = {"6 h": 0.8, "24 h": 0.95}
+"""CRPS of the bank over that of persistence in the first three days."""
+FARTHEST = 4.0
+"""K from its mean to what came 6 h later, at most, in the first three days."""
+HEAT_LOSS_OFF, GAIN_OFF = 0.2, 0.7
+"""Shares by which what was learned of a building of EnergyPlus may be off."""
+_AHEAD_BY_FAR = 0.9
+"""A regression whose CRPS is below this share of that of every physical model knows something that they miss."""
 
-class HoursAhead:
-    """The experiment, made ready: its recordings are read."""
-
-    def __init__(self, request: Request) -> None:
-        request.accept("data", "seeds", "days", "particles", "config", "zone", "overrides")
-        self._request = request
-        self._seeds = request.seeds_or(SEEDS)
-        self._recordings = recordings(request)
-        self._rivals = rivals(request)
-
-    def jobs(self) -> list[Job]:
-        """Recording by recording: least squares for each window, then every online estimator."""
-        return [planned.job for recording in self._recordings for planned in self._planned(recording)]
-
-    def report(self, results: Sequence[Arrays]) -> Report:
-        """Scores, verdicts, figures."""
-        rest, outcomes = iter(results), []
-        for recording in self._recordings:
-            planned = list(self._planned(recording))
-            outcomes.append(outcome(recording, planned, list(islice(rest, len(planned)))))
-        return report(outcomes, self._request, self._seeds)
-
-    def _planned(self, recording: Recording) -> Iterator[Planned]:
-        leads = tuple(leads_of(recording.period).values())
-        for window, begin in scored_from(recording.series).items():
-            fitted = HoursRun(_filter(recording, "ekf", {}, self._seeds[0]), leads, begin)
-            yield Planned(LEAST_SQUARES, (window,), hours_job(f"{recording.name} {LEAST_SQUARES} {window}", fitted))
-        for rival in self._rivals:
-            for seed in self._seeds if rival.seeded else self._seeds[:1]:
-                run = HoursRun(_filter(recording, rival.estimator, rival.options, seed), leads)
-                yield Planned(rival.label, WINDOWS, hours_job(f"{recording.name} {rival.label}", run))
+Standing = tuple[str, float, float, str]
+"""A contender, the geometric mean and the largest of a ratio, and where it is largest."""
 
 
-def _filter(recording: Recording, estimator: str, options: Mapping[str, object], seed: int) -> FilterRun:
-    return FilterRun(estimator, options, recording.network, recording.period, recording.series, seed)
+def prepare(request: Request) -> Study:
+    """The experiment for `request`; ReplayError, ServiceError, ConfigError or OptionsError where it cannot be made."""
+    request.accept("data", "seeds", "days", "particles", "config", "zone", "overrides", "contender", "recording")
+    if request.config is not None and (request.data or request.recording):
+        option = "--data is a folder of recordings" if request.data else "--recording chooses one of the laboratory"
+        raise ReplayError(f"{option}, and --config has its own; give one of the two")
+    seeds, entered = request.seeds_or(SEEDS), contenders(request)
+    found = {recording.name: recording for recording in recordings(request)}
+    runs = tuple(
+        Run(recording.name, contender.label, job)
+        for recording in found.values()
+        for contender in entered
+        for job in jobs_of(contender, recording, seeds)
+    )
+    return Study(
+        runs,
+        lambda run, arrays: figures.figures(found[run.recording], arrays),
+        lambda results: _report(results, found, entered, request, seeds),
+    )
 
 
-def prepare(request: Request) -> HoursAhead:
-    """The experiment for `request`; ReplayError, ServiceError or ConfigError where it cannot be made."""
-    return HoursAhead(request)
+def _report(
+    results: Results,
+    known: Mapping[str, Recording],
+    entered: Sequence[Contender],
+    request: Request,
+    seeds: Sequence[int],
+) -> Report:
+    compared = ranked(results, known, LATER)
+    sections = [
+        _done(results, known, request, seeds),
+        _targets(results, known),
+        Section(
+            "Which forecast is best?",
+            (
+                "No single setting serves all horizons: what follows every sample closely drifts over a day. Compare "
+                "the columns row by row, and then how far a column is behind the best of its row at worst.",
+            ),
+            (_ranking(compared, LATER), *_by_recording(results, known, LATER)),
+        ),
+        _first_days(results, known),
+        Section(
+            "After 30 % of the record",
+            ("The same forecasts, counted from another time on.",),
+            _by_recording(results, known, SHARE),
+        ),
+        *_learned(results, known),
+        *_members(results, known),
+        _settings(results, known, entered, compared),
+    ]
+    lead = tuple(
+        f"{label}: over all recordings and horizons its CRPS is {mean:.2f} times that of the best forecast, chosen "
+        f"afterwards; at worst {worst:.2f} times ({where})."
+        for label, mean, worst, where in compared[:3]
+    )
+    return Report("Forecasts of the hours ahead", lead, tuple(sections), {"scores.csv": _in_full(results, known).csv()})
+
+
+def _done(results: Results, known: Mapping[str, Recording], request: Request, seeds: Sequence[int]) -> Section:
+    listed = "; ".join(
+        f"{one.name}: {one.what} ({len(one.series.times):,} samples every {one.period // 60} min, "
+        f"{float(one.series.times[-1] - one.series.times[0]) / DAY:.0f} days)"
+        for one in known.values()
+    )
+    each = [(recording, contender) for recording in known for contender in results.contenders]
+    minutes = sum(sum(results.values(*pair, "seconds")) for pair in each) / 60
+    particles = "" if request.particles is None else f" RBPF with {request.particles:,} particles."
+    return Section(
+        "What was done",
+        (
+            f"Recordings: {listed}.",
+            "Every contender learned each building online from the recording and made forecasts on the way: of the "
+            f"next sample at every step, and of the hours ahead every {EVERY // HOUR} hours, under the inputs that "
+            "really followed. So a model is judged by what it makes of the weather and of the heating, not by how well "
+            "anybody foresaw them.",
+            f"Seeds: {', '.join(map(str, seeds))}, of the estimators; the recordings are the same for all. Figures are "
+            f"means over seeds ± standard deviation. What draws nothing ran once.{particles} One after the other, the "
+            f"runs of estimators took {minutes:.0f} minutes.",
+            "persistence: nothing changes. yesterday: as at the same time the day before. ridge: for each horizon a "
+            "regression of the change until then, fitted anew every day; ridge-blind is not told the inputs to come; "
+            "boosting has the regressors of ridge in trees. least-squares: the network fitted in open loop to the "
+            "first days, then simulated from the state of an EKF. The others are Thermogate's estimators.",
+            f"Hours ahead, the particles of an RBPF are thinned to {SAMPLES} (`Estimator.issue`), and an MKF draws as "
+            "many scenarios as it does by default. The others make the fans that they publish.",
+            "The first three days are a table of their own; where that leaves less than a quarter of the record, they "
+            "are its first half. CRPS is in K and scores the whole distribution; for a point forecast it is the mean "
+            "absolute error. `scores.csv` has every score.",
+        ),
+    )
+
+
+def _targets(results: Results, known: Mapping[str, Recording]) -> Section:
+    found = verdicts(results, known)
+    met, missed = (sum(verdict.met is state for verdict in found) for state in (True, False))
+    if not found:
+        return Section("Targets", ("The targets are those of the bank, which was not among the contenders.",))
+    return Section(
+        "Targets",
+        (
+            f"{met} are met, {missed} missed, {len(found) - met - missed} open. They are meant for whole recordings, "
+            "default particles, five seeds and all contenders.",
+            "Coverage takes many forecasts: an honest 95 % interval misses one in twenty, and forecasts that overlap "
+            "miss together.",
+        ),
+        (verdict_table(found),),
+    )
+
+
+def verdicts(results: Results, known: Mapping[str, Recording]) -> list[Verdict]:
+    """Every target of the bank; none where it did not run."""
+    if BANK not in results.contenders:
+        return []
+    found: list[Verdict] = []
+    ratios: dict[str, list[float]] = {}
+    for name, recording in known.items():
+        for horizon in leads_of(recording.period):
+            own = results.values(name, BANK, key(CRPS, horizon))
+            best, crps = _best(results, name, horizon)
+            if own and np.isfinite(crps):
+                ratios.setdefault(horizon, []).append(float(np.mean(own)) / crps)
+                text = f"{name}, {horizon}: CRPS of the bank over that of the best other forecast, {best}"
+                found.append(at_most(text, [value / crps for value in own], OVER_BEST))
+                coverage = results.values(name, BANK, key(COVERAGE, horizon))
+                found.append(between(f"{name}, {horizon}: coverage of the bank", coverage, *COVERED))
+    for horizon in ("6 h", "24 h"):
+        text = f"{horizon}: CRPS of the bank over that of the best other forecast, geometric mean over recordings"
+        found.append(at_most(text, _geometric(ratios.get(horizon, [])), ON_AVERAGE))
+    for horizon, limit in FIRST.items():
+        text = f"first three days, {horizon}: CRPS of the bank over that of persistence, geometric mean over recordings"
+        early = [_ratio(results, name, key(CRPS, horizon, FIRST_DAYS), PERSISTENCE) for name in known]
+        found.append(at_most(text, _geometric([value for value in early if np.isfinite(value)]), limit))
+    for name in known:
+        largest = results.values(name, BANK, key(LARGEST, "6 h", FIRST_DAYS))
+        if largest:
+            found.append(at_most(f"{name}, first three days: largest error 6 h ahead, K", largest, FARTHEST))
+        if results.values(name, BANK, LOSS):
+            loss = results.values(name, BANK, LOSS)
+            text = f"{name}: heat loss of the bank after three weeks, over the true one"
+            found.append(between(text, loss, 1.0 - HEAT_LOSS_OFF, 1.0 + HEAT_LOSS_OFF))
+        if results.values(name, BANK, GAIN):
+            text = f"{name}: rms error of the gain of the bank after three weeks, over its rms"
+            found.append(at_most(text, results.values(name, BANK, GAIN), GAIN_OFF))
+    return found
+
+
+def _best(results: Results, recording: str, horizon: str) -> tuple[str, float]:
+    """Who but the bank has the smallest CRPS [K], mean over seeds, and how small; NaN where nobody was scored."""
+    found = {name: results.mean(recording, name, key(CRPS, horizon)) for name in results.contenders if name != BANK}
+    known = {name: crps for name, crps in found.items() if np.isfinite(crps)}
+    return min(known.items(), key=lambda item: item[1]) if known else ("nobody", float("nan"))
+
+
+def _ratio(results: Results, recording: str, figure: str, other: str) -> float:
+    return results.mean(recording, BANK, figure) / results.mean(recording, other, figure)
+
+
+def _geometric(ratios: Sequence[float]) -> list[float]:
+    """Their geometric mean, or nothing where there are none."""
+    return [float(np.exp(np.mean(np.log(ratios))))] if ratios else []
+
+
+def ranked(results: Results, known: Mapping[str, Recording], window: str, over: str | None = None) -> list[Standing]:
+    """CRPS over the smallest of all, or over that of `over`, across recordings and horizons; the best first."""
+    found: dict[str, dict[str, float]] = {label: {} for label in results.contenders}
+    for name, recording in known.items():
+        for horizon in leads_of(recording.period):
+            crps = {label: results.mean(name, label, key(CRPS, horizon, window)) for label in results.contenders}
+            values = [value for value in crps.values() if np.isfinite(value)]
+            base = crps.get(over, np.nan) if over else min(values, default=np.nan)
+            if base > 0.0:
+                for label, value in crps.items():
+                    if np.isfinite(value):
+                        found[label][f"{name}, {horizon}"] = value / base
+    return sorted(
+        (
+            (label, _geometric(list(cells.values()))[0], max(cells.values()), max(cells, key=cells.__getitem__))
+            for label, cells in found.items()
+            if cells
+        ),
+        key=lambda standing: standing[1],
+    )
+
+
+def _ranking(standings: Sequence[Standing], window: str) -> Table:
+    return Table(
+        "ranking",
+        f"CRPS over that of the best forecast of all, {window}",
+        ("forecast", "geometric mean", "worst", "where it is worst"),
+        tuple(standings),
+        "1 would be the best everywhere. The best is chosen afterwards for every recording and horizon.",
+    )
+
+
+def _by_recording(results: Results, known: Mapping[str, Recording], window: str) -> tuple[Table, ...]:
+    slug = window.replace(" ", "-").replace("%", "percent")
+    return tuple(
+        results.across(f"{name}-{slug}", f"{title}, {window}", _horizons(known, score, window), "ahead")
+        for name, title, score in (
+            ("crps", "CRPS, K", CRPS),
+            ("coverage", "Coverage of the 95 % interval", COVERAGE),
+        )
+    )
+
+
+def _horizons(known: Mapping[str, Recording], score: str, window: str) -> dict[str, str]:
+    """The figure of every horizon that any recording has."""
+    names = dict.fromkeys(horizon for recording in known.values() for horizon in leads_of(recording.period))
+    return {horizon: key(score, horizon, window) for horizon in names}
+
+
+def _first_days(results: Results, known: Mapping[str, Recording]) -> Section:
+    standings = ranked(results, known, FIRST_DAYS, PERSISTENCE)
+    over = Table(
+        "first-three-days-over-persistence",
+        "CRPS over that of persistence, first three days",
+        ("forecast", "geometric mean", "worst", "where it is worst"),
+        tuple(standings),
+    )
+    largest = results.across(
+        "largest-error-first-three-days",
+        "Largest error of the mean, K, first three days",
+        _horizons(known, LARGEST, FIRST_DAYS),
+        "ahead",
+    )
+    return Section(
+        "The first three days",
+        (
+            "Forecasts that were made and came true in the first three days: what somebody sees who has just "
+            "switched it on. least-squares is fitted to these days and has no forecasts of them.",
+        ),
+        (*((over,) if standings else ()), *_by_recording(results, known, FIRST_DAYS), largest),
+    )
+
+
+def _learned(results: Results, known: Mapping[str, Recording]) -> tuple[Section, ...]:
+    """Nothing where no recording has a simulator that knows."""
+    if all(recording.known is None for recording in known.values()):
+        return ()
+    table = results.table(
+        "truth",
+        "What was learned after three weeks, against EnergyPlus",
+        {name: name for name in LEARNED},
+        note="Heat loss: the learned one over that of a co-heating test in EnergyPlus; 1 is right. Gain: unmeasured "
+        "heat in the week after; an error of 0 is right, and that of saying that there is none is 1. P(on): 0.5 is "
+        "chance.",
+    )
+    return (
+        Section(
+            "Is what was learned true?",
+            (
+                "EnergyPlus knows what its rooms lose, and what nobody measures there: heat of people, equipment and "
+                "lights, and what open windows take away.",
+            ),
+            (table,),
+        ),
+    )
+
+
+def _members(results: Results, known: Mapping[str, Recording]) -> tuple[Section, ...]:
+    """What the members of every bank weigh."""
+    rows: list[tuple[Cell, ...]] = []
+    horizons = list(_horizons(known, CRPS, LATER))
+    for recording in known:
+        for contender in results.contenders:
+            seen = dict.fromkeys(name for run in results.runs(recording, contender) for name in run)
+            members = dict.fromkeys(
+                name.removeprefix("weight of ").rpartition(", ")[0] for name in seen if name.startswith("weight of ")
+            )
+            for member in members:
+                shares = [results.spread(recording, contender, weight(member, horizon)) for horizon in horizons]
+                rows.append((recording, contender, member, *shares))
+    if not rows:
+        return ()
+    table = Table(
+        "weights",
+        "What the members of a bank weigh, mean after three days",
+        ("recording", "bank", "member", *horizons),
+        tuple(rows),
+    )
+    return (Section("Whom the bank trusts", (), (table,)),)
+
+
+def _settings(
+    results: Results, known: Mapping[str, Recording], entered: Sequence[Contender], compared: Sequence[Standing]
+) -> Section:
+    online = {one.label: one for one in entered if one.seeded or one.name in DRAWS_NOTHING}
+    standing = next((one for one in compared if one[0] in online), None)
+    if standing is None:
+        return Section("What to set", ("No estimator of Thermogate was scored.",))
+    label, mean, worst, where = standing
+    options = [f"{name} = {_toml(value)}" for name, value in online[label].options.items()]
+    table = ["[[zones]]", f'estimator = "{online[label].name}"']
+    paragraphs = [
+        f"On these recordings the estimator to plan with is {label}: its CRPS is {mean:.2f} times that of the best "
+        f"forecast over all horizons, at worst {worst:.2f} times ({where}).",
+        "\n".join(["```", *table, *(["", "[zones.estimator_options]", *options] if options else []), "```"]),
+    ]
+    narrow = [
+        f"{name}, {horizon} ({100 * share:.0f} %)"
+        for name, recording in known.items()
+        for horizon in leads_of(recording.period)
+        if (share := results.mean(name, label, key(COVERAGE, horizon))) < 0.9
+    ]
+    if narrow:
+        paragraphs.append(f"Keep a margin where its 95 % interval covered less than 90 %: {', '.join(narrow)}.")
+    beaten = [name for name in known if _a_regression_is_ahead(results, name, entered)]
+    if beaten:
+        paragraphs.append(
+            f"On {', '.join(beaten)} a regression without physics is ahead of every single model of the building by "
+            "more than a tenth, six hours ahead or a day ahead. The network misses something there: run `thermogate "
+            "experiment topology`."
+        )
+    return Section("What to set", tuple(paragraphs))
+
+
+def _a_regression_is_ahead(results: Results, recording: str, entered: Sequence[Contender]) -> bool:
+    regressions = [one.label for one in entered if one.name in REGRESSIONS]
+    physical = [one.label for one in entered if one.name not in (*REGRESSIONS, *NAIVE, BANK)]
+    for horizon in ("6 h", "24 h"):
+        ahead, behind = (
+            min((results.mean(recording, label, key(CRPS, horizon)) for label in labels), default=np.nan)
+            for labels in (regressions, physical)
+        )
+        if ahead < _AHEAD_BY_FAR * behind:
+            return True
+    return False
+
+
+def _in_full(results: Results, known: Mapping[str, Recording]) -> Table:
+    """Every score."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, recording in known.items():
+        for window in WINDOWS:
+            for horizon in leads_of(recording.period):
+                for label in results.contenders:
+                    cells = [results.spread(name, label, key(score, horizon, window)) for score in SCORES]
+                    if any(cell is not None for cell in cells):
+                        rows.append((name, window, horizon, label, *cells))
+    return Table("scores", "All scores", ("recording", "window", "ahead", "forecast", *SCORES), tuple(rows))
+
+
+def _toml(value: object) -> str:
+    return f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else str(value)

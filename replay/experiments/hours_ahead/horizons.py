@@ -1,4 +1,4 @@
-"""How far ahead forecasts go, when they are made, and from when on they are scored."""
+"""How far ahead forecasts go, when they are made, and which of them are scored together."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from estimator.arrays import Indices
 from replay.experiments.series.filtering import Series
 from replay.localtime import DAY, HOUR
+from replay.scores.windows import Window
 
 ONE_STEP = "1 step"
 AHEAD = {"1 h": HOUR, "6 h": 6 * HOUR, "24 h": DAY}
@@ -16,9 +17,9 @@ AHEAD = {"1 h": HOUR, "6 h": 6 * HOUR, "24 h": DAY}
 EVERY = 2 * HOUR
 """Time from one forecast of the hours ahead to the next [s]; one step ahead is forecast at every step."""
 
-THREE_DAYS, SHARE = "after three days", "after 30 %"
-WINDOWS = (THREE_DAYS, SHARE)
-"""From when on forecasts count. The targets are set for the first."""
+FIRST_DAYS, LATER, SHARE = "first three days", "after three days", "after 30 %"
+WINDOWS = (FIRST_DAYS, LATER, SHARE)
+"""Which forecasts are scored together: those made and come true in the first three days, and those made later."""
 
 
 def leads_of(period: float) -> dict[str, int]:
@@ -37,11 +38,9 @@ def issued(series: Series, period: float, lead: int) -> Indices:
     return np.asarray(rows[segment[rows] == segment[rows + lead]], dtype=np.int64)
 
 
-def scored_from(series: Series) -> Mapping[str, int]:
-    """The first row by window. Half of a record counts if three days leave less than a quarter of it."""
+def windows_of(series: Series) -> Mapping[str, Window]:
+    """The rows of each window. The first days end at half of a record of which three days leave less than a quarter."""
     count = len(series.times)
-    after_three_days = int(np.searchsorted(series.times, series.times[0] + 3 * DAY))
-    return {
-        THREE_DAYS: after_three_days if after_three_days <= 0.75 * count else count // 2,
-        SHARE: int(0.3 * count),
-    }
+    third = int(np.searchsorted(series.times, series.times[0] + 3 * DAY))
+    first = third if third <= 0.75 * count else count // 2
+    return {FIRST_DAYS: Window(0, first), LATER: Window(first, count), SHARE: Window(int(0.3 * count), count)}

@@ -1,59 +1,21 @@
-"""The recordings that forecasts are made for, each with a network that a user would take.
-
-A new one is a function from the folder of --data to a `Recording`, and one line in `RECORDINGS`.
-"""
+"""The recordings that forecasts are made for: that of the user's own zone, or what the laboratory has at hand."""
 
 from __future__ import annotations
 
-import logging
-import tempfile
-from collections.abc import Callable, Mapping
-from datetime import date
-from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from estimator.arrays import Array
-from estimator.network import presets
 from estimator.network.network import Network
-from replay.energyplus.buildings import building_named
-from replay.energyplus.heat_loss import heat_loss
-from replay.energyplus.library import EnergyPlusMissing
-from replay.energyplus.plant import STEP
-from replay.energyplus.recording import record
 from replay.errors import ReplayError
-from replay.experiments.ecolar.experiment import configuration
-from replay.experiments.peers.data import read_columns, unbroken_series
-from replay.experiments.progress import steps
+from replay.experiments.checkout import laboratory
 from replay.experiments.request import Request
-from replay.experiments.semi_synthetic.case import simulated_case
 from replay.experiments.series.filtering import Series
 from replay.experiments.series.networks import zone_of
 from replay.experiments.series.recorded_zone import bridged, read_zone
-from replay.localtime import DAY, HOUR
+from replay.localtime import DAY
 from replay.scores.intervals import Mask
-from replay.simulated import ecolar
-from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
 from service.config.load import load
 from service.config.site import Config, ZoneConfig
-
-_DATA_SEED = 1
-"""Of simulated recordings: the seeds of a run are the estimators' own."""
-_BRIDGED, _HELD = 12, 900.0
-"""`max_gap` and `hold_inputs` of a zone that does not set them."""
-
-FLEXHOUSE = "flexhouse_prbs1/inputPRBS1.csv"
-DARKGREYBOX = "darkgreybox_demo/demo_data.csv"
-ARMADILLO = "armadillo/armadillo_data_H2.csv"
-WEATHER = "semi_synthetic/weather_lyngby_2016_10min.csv"
-
-
-_FIRST_DAY, _DAYS = date(2025, 1, 6), 28
-"""Of the recordings of EnergyPlus: three weeks to learn in, and one more."""
-
-_log = logging.getLogger(__name__)
 
 
 class Known(NamedTuple):
@@ -85,124 +47,17 @@ class Recording(NamedTuple):
         return self._replace(series=self.series.rows(first), known=known)
 
 
-Reader = Callable[[Path | None], Recording | None]
-"""A recording from the folder of --data (None: none was given); None where what it needs is not there, and
-EnergyPlusMissing where that is EnergyPlus."""
-
-
 def recordings(request: Request) -> list[Recording]:
-    """The zone of --config, or every recording of `RECORDINGS` that is at hand; ReplayError if there is none."""
+    """The zone of --config, or what the laboratory has at hand, or --recording of it; ReplayError if there is none."""
     if request.config is not None:
-        if request.data:
-            raise ReplayError("--data is a folder of recordings, and --config has its own; give one of the two")
-        found = [_of_zone(load(request.config, request.overrides), zone_of(request))]
+        found = [of_zone(load(request.config, request.overrides), zone_of(request))]
     else:
-        folder = request.file
-        if folder is not None and not any((folder / path).exists() for path in FILES):
-            raise ReplayError(f"--data {folder}: it holds none of {', '.join(FILES)}")
-        found = _at_hand(folder)
+        benchmark = laboratory("experiments.recordings", "experiment hours-ahead without --config")
+        found = benchmark.at_hand(request.file, request.recording)
     return found if request.days is None else [recording.first_days(request.days) for recording in found]
 
 
-def _at_hand(folder: Path | None) -> list[Recording]:
-    """Every recording of RECORDINGS whose data are there; one sentence in the log says what EnergyPlus would add."""
-    found, missing = [], None
-    for reader in steps(RECORDINGS.values(), "reading", len(RECORDINGS)):
-        try:
-            recording = reader(folder)
-        except EnergyPlusMissing as error:
-            missing = error
-            continue
-        if recording is not None:
-            found.append(recording)
-    if missing is not None:
-        _log.warning("the buildings of EnergyPlus are left out: %s", missing)
-    return found
-
-
-def _with_sun(network: Network) -> Network:
-    return network.with_solar("T_i", presets.SOLAR_APERTURE).validate()
-
-
-def _of_columns(name: str, what: str, network: Network, period: int, columns: Mapping[str, Array]) -> Recording:
-    """A recording of a real room from its channels (K,) by name, without gaps."""
-    inputs = [columns[channel] for channel in network.inputs]
-    return Recording(name, what, True, network, period, unbroken_series(columns["T_i"], inputs, period))
-
-
-def _flexhouse(folder: Path | None) -> Recording | None:
-    path = folder and folder / FLEXHOUSE
-    if path is None or not path.exists():
-        return None
-    outdoor, sun, heat, indoor = read_columns(path, "Ta", "Ps", "Ph", "yTi")
-    columns = {"T_i": indoor, "T_out": outdoor, "u_heat": 1000.0 * heat, "I_sol": 1000.0 * sun}
-    what = "a light-weight office at Risø heated by a binary sequence; TiTeThRia with a free solar aperture"
-    return _of_columns("FlexHouse", what, _with_sun(presets.titethria()), 300, columns)
-
-
-def _darkgreybox(folder: Path | None) -> Recording | None:
-    path = folder and folder / DARKGREYBOX
-    if path is None or not path.exists():
-        return None
-    heat, indoor, outdoor = read_columns(path, "Ph", "Ti", "Ta")
-    columns = {"T_i": indoor, "T_out": outdoor, "u_heat": 1000.0 * heat}
-    what = "a large building without a measurement of the sun; TiTeThRia with the bounds of the preset"
-    return _of_columns("darkgreybox demo", what, presets.titethria().validate(), HOUR, columns)
-
-
-def _armadillo(folder: Path | None) -> Recording | None:
-    path = folder and folder / ARMADILLO
-    if path is None or not path.exists():
-        return None
-    # The last row is dropped, as in what its authors published.
-    read = (values[:-1] for values in read_columns(path, "T_ext", "P_hea", "I_sol", "T_int"))
-    outdoor, heat, sun, indoor = read
-    columns = {"T_i": indoor, "T_out": outdoor, "u_heat": heat, "I_sol": sun}
-    what = "a small test house; TiTeThRia with a free solar aperture"
-    return _of_columns("armadillo", what, _with_sun(presets.titethria()), 1800, columns)
-
-
-def _building_67(folder: Path | None) -> Recording:
-    path = folder and folder / WEATHER
-    measured = path is not None and path.exists()
-    request = Request(data=(path,) if path is not None and measured else ())
-    network = presets.building_67().validate()
-    series = simulated_case(network, request, _DATA_SEED).series
-    weather = "weather measured in Lyngby" if measured else "generated weather"
-    what = f"the paper's building over {weather}, simulated, with an unmeasured heat gain; its own network, all free"
-    return Recording("building 67", what, False, network, WEATHER_PERIOD, series)
-
-
-def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
-    with tempfile.TemporaryDirectory(prefix="thermogate-hours-ahead-") as directory:
-        log = ecolar.write_standin(Path(directory) / f"ecolar-{period}-SYNTHETIC.csv", period)
-        config = configuration(log, Path(directory))
-        zone = config.zones[0].model_copy(update={"max_gap": _BRIDGED, "hold_inputs": _HELD})
-        recording = _of_zone(config, zone)
-    what = "the stand-in for the lived-in Ecolar zone, simulated, with sun that no sensor sees; the paper's network"
-    return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
-
-
-def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None) -> Recording:
-    """Room `room` of a building of EnergyPlus, with the network that a zone with its channels gets by default."""
-    building = building_named(name)
-    index = [known.name for known in building.rooms].index(room)
-    life = record(building, weather, begin=_FIRST_DAY, days=_DAYS, heating=heating, seed=_DATA_SEED)
-    columns = {"T_out": life.outdoor, "u_heat": life.heating[:, index], "I_sol": life.irradiance}
-    beside = building.neighbours(index)
-    columns |= {f"T_adj_{building.rooms[other].name}": life.air[:, other] for other in beside}
-    network = presets.automatic(columns).validate()
-    series = unbroken_series(life.air[:, index], [columns[channel] for channel in network.inputs], round(STEP))
-    loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
-    ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
-    where = f"its room '{room}', heating {heating}, weather {weather}"
-    what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
-    dark = np.concatenate([[False], life.irradiance[:-1] == 0.0])
-    known = Known(ended, dark, float(loss.outdoors[index]))
-    return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known)
-
-
-def _of_zone(config: Config, zone: ZoneConfig) -> Recording:
+def of_zone(config: Config, zone: ZoneConfig) -> Recording:
     """The recording of a zone, bridged as the daemon would bridge it."""
     record = read_zone(config, zone)
     series = bridged(record, zone.network, zone.max_gap)
@@ -210,19 +65,3 @@ def _of_zone(config: Config, zone: ZoneConfig) -> Recording:
         raise ReplayError(f"zone '{zone.id}': the recording has no two usable samples in a row; check its channels")
     what = f"the recording of the zone '{zone.id}' with its own network"
     return Recording(zone.id, what, True, zone.network, int(zone.period), series)
-
-
-RECORDINGS: Mapping[str, Reader] = {
-    "FlexHouse": _flexhouse,
-    "darkgreybox demo": _darkgreybox,
-    "armadillo": _armadillo,
-    "building 67": _building_67,
-    "Ecolar spring": partial(_ecolar, "spring"),
-    "Ecolar autumn": partial(_ecolar, "autumn"),
-    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago"),
-    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver"),
-    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago"),
-}
-
-FILES = (FLEXHOUSE, DARKGREYBOX, ARMADILLO, WEATHER)
-"""What is looked for in the folder of --data."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,12 @@ from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture
 from estimator.verification.scores import crps
-from replay.experiments.hours_ahead.forecasts import no_forecasts
+from replay.experiments.hours_ahead.forecasts import Forecasts, no_forecasts
 from replay.experiments.hours_ahead.horizons import issued
-from replay.experiments.jobs import Arrays, Job, Tick
-from replay.experiments.series.filtering import FilterRun, Series, Step, probability_below, steps
+from replay.experiments.jobs import Arrays, Tick
+from replay.experiments.series.filtering import FilterRun, Series, Step, steps
 from replay.experiments.series.following import frozen
-from replay.experiments.series.least_squares import STEPS_A_START, LeastSquaresRun, fit, segments_of
+from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
 from replay.localtime import DAY
 from replay.scores import LEVEL
 
@@ -36,7 +36,8 @@ _LEVELS = np.array([0.025, 0.5, 0.975])
 class HoursRun(NamedTuple):
     """A filter over a series, and the steps ahead at which its forecasts are kept.
 
-    `fitted` rows at the beginning are for a least-squares fit, whose parameters the filter then keeps; 0: no fit.
+    `fitted` rows at the beginning are for a least-squares fit, whose parameters the filter then keeps; the forecasts of
+    these rows are not kept. 0: no fit.
     """
 
     filter: FilterRun
@@ -44,18 +45,12 @@ class HoursRun(NamedTuple):
     fitted: int = 0
 
 
-def hours_job(label: str, run: HoursRun) -> Job:
-    """The job of `run`. Its arrays are those of `Forecasts` (K, H); of what is learned the .025, .5 and .975 quantiles:
-    `parameters` (n_theta, 3) at the end and `gain` (K, 3) [W], with `on` (K,), the probability that there is one;
-    `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at `heat_loss_rows` (D,);
-    `seconds` (); of a bank also `members` (E,), and `weights` (n, E, H) at `weight_rows` (n,) and `weight_leads` (H,).
-    """
-    fitting = STARTS * STEPS_A_START if run.fitted else 0
-    return Job(label, run.filter.seed, run_hours, run, fitting + len(run.filter.series.times))
-
-
 def run_hours(run: HoursRun, tick: Tick) -> Arrays:
-    """The arrays of `hours_job`."""
+    """The arrays of `Forecasts` (K, H), and of what is learned the .025, .5 and .975 quantiles `gain` (K, 3) [W], with
+    `on` (K,), the probability that there is one; `heat_loss` (D,) of the median parameters to the first boundary
+    [W/K], once a day at `heat_loss_rows` (D,); `seconds` (); of a bank also `members` (E,), and `weights`
+    (n, E, L) at `weight_rows` (n,) and `weight_leads` (L,).
+    """
     began = time.perf_counter()
     name, options, network, period, series, seed = run.filter
     if run.fitted:
@@ -63,12 +58,14 @@ def run_hours(run: HoursRun, tick: Tick) -> Arrays:
         network = frozen(network, fit(LeastSquaresRun(network, period, first_part, STARTS, seed), tick)["theta"])
     estimator = registry.build(name, network, period, options)
     keeper = _Keeper(estimator, series, run.leads)
-    for step in steps(estimator, series, seed, keeper.verify):
+    for step in steps(estimator, series, seed):
         keeper.take(step)
         keeper.learn(step)
         tick(1)
-    parameters = estimator.parameters(step.state, _LEVELS).parameters
-    return keeper.arrays() | {"parameters": parameters, "seconds": np.array(time.perf_counter() - began)}
+    arrays = keeper.arrays() | {"seconds": np.array(time.perf_counter() - began)}
+    for name in Forecasts._fields:
+        arrays[name][: run.fitted] = np.nan
+    return arrays
 
 
 def _to_first_boundary(network: Network, theta: Array) -> float:
@@ -86,18 +83,10 @@ class _Keeper:
         self._estimator, self._series, self._leads = estimator, series, tuple(leads)
         self._kept = no_forecasts(len(series.times), len(leads))
         self._issued = {lead: set(issued(series, estimator.period, lead).tolist()) for lead in leads if lead > 1}
-        self._due: dict[int, list[tuple[int, Array]]] = {}
-        """By row: steps ahead and means (n_y,) of what was forecast for it."""
         self._weights: dict[int, Array] = {}
         self._a_day = max(1, round(DAY / estimator.period))
         self._gain, self._on = np.full((len(series.times), 3), np.nan), np.full(len(series.times), np.nan)
         self._heat_loss: dict[int, float] = {}
-
-    def verify(self, row: int, state: Any) -> Any:
-        """`state` after the forecasts for `row` have come true."""
-        for lead, mean in self._due.pop(row, ()):
-            state = self._estimator.verified(state, lead, self._series.outputs[row] - mean)
-        return state
 
     def take(self, step: Step) -> None:
         """Keep what stood before the sample of `step`, and what is forecast after it."""
@@ -111,9 +100,7 @@ class _Keeper:
         fan = self._estimator.unfold(self._estimator.issue(step.state, SAMPLES), plan)
         for lead, mixture in enumerate(fan.each(), start=1):
             if lead in places:
-                target = step.row + lead
-                self._keep(target, places[lead], mixture)
-                self._due.setdefault(target, []).append((lead, mixture.mean()))
+                self._keep(step.row + lead, places[lead], mixture)
         if isinstance(self._estimator, Bank):
             self._weights[step.row] = np.array(list(self._estimator.member_weights(step.state).values()))
 
@@ -133,9 +120,8 @@ class _Keeper:
         arrays["heat_loss"] = np.array([*self._heat_loss.values()], dtype=np.float64)
         arrays["heat_loss_rows"] = np.array([*self._heat_loss], dtype=np.int64)
         if isinstance(self._estimator, Bank):
-            shape = (0, len(self._estimator.names), len(self._estimator.leads))
             arrays["members"] = np.array(self._estimator.names, dtype=np.str_)
-            arrays["weights"] = np.array(list(self._weights.values())) if self._weights else np.zeros(shape)
+            arrays["weights"] = np.array([self._weights[row] for row in self._weights])
             arrays["weight_rows"] = np.array(list(self._weights), dtype=np.int64)
             arrays["weight_leads"] = np.array(self._estimator.leads, dtype=np.int64)
         return arrays
@@ -146,4 +132,3 @@ class _Keeper:
         kept.lower[row, place], kept.upper[row, place] = self._estimator.quantiles(mixture, _TAILS, 0)
         if np.isfinite(y):
             kept.crps[row, place] = crps(mixture, 0, y)
-            kept.pit[row, place] = probability_below(mixture, y)

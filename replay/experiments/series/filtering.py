@@ -1,24 +1,23 @@
-"""One estimator over one series: the loop of every experiment, and the trace it leaves."""
+"""One estimator over one series: the zone's loop as every experiment runs it, and the trace it leaves."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
 
 from estimator import registry
 from estimator.arrays import Array
 from estimator.gaussian.floor import floor
+from estimator.loop import Carried, Loop
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Posterior
 from replay.experiments.jobs import Arrays, Job, Tick
 from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
-from service.zone.worker import VANISHED_LIMIT, lost
 
 REGIMES = ("low", "transitional", "high")
 """Volatility regimes; the trace holds their places in this tuple, -1 where an estimator has none."""
@@ -60,15 +59,13 @@ class FilterRun(NamedTuple):
 class Trace(NamedTuple):
     """What an estimator said of its first output along K samples, degC and K; NaN where it said nothing.
 
-    `mean`, `lower`, `upper` and `pit` are `one_step`: formed before y_k was seen. The `filtered_...` ones are of the
+    `mean`, `lower` and `upper` are `one_step`: formed before y_k was seen. The `filtered_...` ones are of the
     measured state after y_k, without measurement noise; see `trace`.
     """
 
     mean: Array
     lower: Array
     upper: Array
-    pit: Array
-    """F_k(y_k), the probability integral transform."""
     filtered_mean: Array
     filtered_lower: Array
     filtered_upper: Array
@@ -77,8 +74,6 @@ class Trace(NamedTuple):
     gate: Array
     regime: npt.NDArray[np.int8]
     """Place in REGIMES after y_k."""
-    effective_sample_size: Array
-    log_likelihood: Array
     theta: Array
     """(K, n_theta): point estimates after y_k."""
     seconds: Array
@@ -99,12 +94,14 @@ class Step(NamedTuple):
     posterior: Posterior
     assimilated: bool
     """Whether y_k was given to the filter; otherwise its states began anew at y_k."""
-    state: Any
-    """Predicted to the next sample."""
+    carried: Carried
+    """To the next sample."""
 
-
-Verify = Callable[[int, Any], Any]
-"""The state after y_k from its row and the state, for an estimator that learns from verified forecasts."""
+    @property
+    def state(self) -> Any:
+        """The estimator's, predicted to the next sample."""
+        assert self.carried.standing is not None
+        return self.carried.standing.state
 
 
 def run_filter(run: FilterRun, tick: Tick) -> Arrays:
@@ -119,25 +116,15 @@ def run_filter(run: FilterRun, tick: Tick) -> Arrays:
     return trace(estimator, run.series, run.seed, options.get("measurement_sd"), tick)._asdict()
 
 
-def steps(estimator: Estimator, series: Series, seed: int, verify: Verify = lambda row, state: state) -> Iterator[Step]:
-    """Predict, score, assimilate: every sample of `series` as the zone worker takes it.
-
-    The first sample of a segment starts the states at y and is not assimilated.
-    """
-    unmeasured = np.full(series.outputs.shape[1], np.nan)
-    state, vanished = None, 0
-    for k, (y, inputs) in enumerate(zip(series.outputs, series.inputs, strict=True)):
-        standing, assimilated = None, False
-        if state is not None and not series.starts[k]:
-            standing = estimator.predictive(state)
-            posterior = estimator.update(state, y)
-            vanished = vanished + 1 if lost(posterior.outcome, standing.sd()) else 0
-            assimilated = vanished < VANISHED_LIMIT
-        if not assimilated:
-            state = estimator.start(seed, y, inputs) if state is None else estimator.restart(state, y, inputs)
-            posterior, vanished = estimator.update(state, unmeasured), 0
-        state = estimator.predict(verify(k, posterior.state), inputs)
-        yield Step(k, standing, posterior, assimilated, state)
+def steps(estimator: Estimator, series: Series, seed: int, *, single: bool = False) -> Iterator[Step]:
+    """Every sample of `series` through the loop of the zone worker, which looks no farther than a `single` step where
+    nothing else is asked."""
+    loop = Loop(estimator, seed, (LEVEL,), single_steps=single)
+    carried, ahead = loop.begin(), None
+    for row, (when, outputs, inputs) in enumerate(zip(series.times, series.outputs, series.inputs, strict=True)):
+        step = loop.step(carried, int(when), outputs, inputs, continues=not series.starts[row])
+        yield Step(row, ahead if step.scored is not None else None, step.posterior, not step.started, step.carried)
+        carried, ahead = step.carried, step.ahead
 
 
 def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: object, tick: Tick) -> Trace:
@@ -149,12 +136,11 @@ def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: objec
     tails = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
     kept = _blank(len(series.times), len(estimator.network.parameters))
     began = time.perf_counter()
-    for step in steps(estimator, series, seed):
+    for step in steps(estimator, series, seed, single=True):
         k, standing = step.row, step.standing
         if standing is not None:
             kept.mean[k] = standing.mean()[0]
             kept.lower[k], kept.upper[k] = estimator.quantiles(standing, tails, 0)
-            kept.pit[k] = probability_below(standing, series.outputs[k, 0])
         noise = _left_out(measurement_sd, step.posterior)
         if step.assimilated and np.isfinite(noise):
             after = _without_noise(estimator.predictive(step.posterior.state), noise)
@@ -165,11 +151,6 @@ def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: objec
         kept.seconds[k], began = ended - began, ended
         tick(1)
     return kept
-
-
-def probability_below(mixture: Mixture, value: float) -> float:
-    """F(value) of the first output."""
-    return float(mixture.weights @ ndtr((value - mixture.means[0]) / mixture.sds[0]))
 
 
 def _left_out(measurement_sd: object, posterior: Posterior) -> float:
@@ -195,9 +176,6 @@ def _keep(kept: Trace, k: int, posterior: Posterior) -> None:
         kept.regime[k] = REGIMES.index(posterior.regime)
     if posterior.gate is not None:
         kept.gate[k] = posterior.gate
-    if posterior.effective_sample_size is not None:
-        kept.effective_sample_size[k] = posterior.effective_sample_size
-    kept.log_likelihood[k] = posterior.log_likelihood
     kept.theta[k] = posterior.parameters
 
 

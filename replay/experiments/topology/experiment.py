@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
-from replay.experiments.report import Report
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import pieces
 from replay.experiments.topology.data import Recording, recordings
@@ -14,6 +13,7 @@ from replay.experiments.topology.fit import SHORTEST, TopologyRun, fit_job, scor
 from replay.experiments.topology.ranking import Fitted, rank
 from replay.experiments.topology.report import Outcome, report
 from replay.localtime import HOUR
+from replay.reports.kit.report import Report
 from replay.scores.windows import Window
 
 STARTS = 6

@@ -9,10 +9,10 @@ import numpy.typing as npt
 import plotly.graph_objects as go
 
 from estimator.arrays import Array
-from replay.experiments.report import Plot
 from replay.experiments.series.recorded_zone import ZoneRecord
 from replay.experiments.topology.fit import LAG_HORIZON, on_grid
 from replay.localtime import DAY, HOUR, wall_clock
+from replay.reports.kit.report import Plot
 
 COLOURS = ("#0b5c8a", "#c2571a", "#3d8b4f", "#8a3b8f", "#a8841a", "#4a5a6a", "#b3324b", "#1f9aa0", "#767676")
 _DRAWN = 2500

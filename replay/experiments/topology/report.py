@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from replay.experiments.jobs import Arrays
-from replay.experiments.report import Report, Section
 from replay.experiments.topology import plots, tables
 from replay.experiments.topology.candidates import OWN
 from replay.experiments.topology.data import Recording
@@ -17,6 +16,7 @@ from replay.experiments.topology.published import SELECTED
 from replay.experiments.topology.ranking import COMPARABLE, Fitted
 from replay.experiments.topology.toml import AROUND, network_toml, proposal
 from replay.localtime import HOUR
+from replay.reports.kit.report import Report, Section
 from replay.scores.windows import Window
 
 

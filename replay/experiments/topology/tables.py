@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.recorded_zone import ZoneRecord
-from replay.experiments.table import Cell, Table
 from replay.experiments.topology.published import J_XCORR, TABLE_3
 from replay.experiments.topology.ranking import Fitted
+from replay.reports.kit.table import Cell, Table
 
 
 def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -16,7 +17,12 @@ from service.web.server.refusal import RequestRefused
 REPEAT = 600.0
 """That nobody asks for what is posted is said again after this time at the earliest, in s."""
 
+TOGETHER = 1000
+"""Values that are handed to the zones in one turn of the event loop: some ms of it."""
+
 _SHOWN = 5
+_LOOKED_AT = 1000
+"""Values that nobody asks for among which names to show are looked for."""
 
 _log = logging.getLogger(__name__)
 
@@ -40,8 +46,8 @@ class Ingest:
             sentence = 'no zone has a source that is posted to; add one with kind = "http", and channels that name it'
             raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
         receipt, used = await hand(feeds, posted, zone)
-        unknown = [one.shown for place, one in enumerate(posted) if place not in used]
-        names = tuple(dict.fromkeys(unknown))[:_SHOWN]
+        unknown = [one for place, one in enumerate(posted) if place not in used]
+        names = tuple(dict.fromkeys(one.shown for one in unknown[:_LOOKED_AT]))[:_SHOWN]
         if unknown and time.monotonic() >= self._say_at:
             self._say_at = time.monotonic() + REPEAT
             _log.info("no channel asks for %d of %d posted values, such as %s", len(unknown), len(posted), names[0])
@@ -49,10 +55,20 @@ class Ingest:
 
 
 async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Handed:
-    """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError."""
-    receipt, used = NOTHING, frozenset[int]()
-    for feed in feeds:
-        if feed.is_posted_to:
-            handed = await feed.receive(posted, zone)
-            receipt, used = receipt.plus(handed.receipt), used | handed.used
-    return Handed(receipt, used)
+    """What became of `posted` at those of `feeds` that are posted to, all of them together. Raises ServiceError.
+
+    Values go in the order of their times, TOGETHER in a turn of the event loop. Where one turn fails, those before it
+    stay accepted: who posts again is told that they are known.
+    """
+    feeds = [feed for feed in feeds if feed.is_posted_to]
+    receipt, used, now = NOTHING, set[int](), time.time()
+    order = sorted(range(len(posted)), key=lambda place: now if (when := posted[place].time) is None else when)
+    for first in range(0, len(order), TOGETHER):
+        places = order[first : first + TOGETHER]
+        part = [posted[place] for place in places]
+        for feed in feeds:
+            handed = await feed.receive(part, zone)
+            receipt = receipt.plus(handed.receipt)
+            used |= {places[place] for place in handed.used}
+        await asyncio.sleep(0)
+    return Handed(receipt, frozenset(used))

@@ -5,13 +5,10 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar
 
-from estimator.arrays import Array
-from estimator.statespace.simulate import Simulation
-from estimator.types import ParameterSummary
 from service.config.fitting import measured_outputs, surroundings
 from service.config.site import Config, ZoneConfig
 from service.daemon.zone_table import Zones
@@ -19,15 +16,15 @@ from service.errors import ServiceError
 from service.fleet.messages import News, ZoneNews
 from service.fleet.peers import Peer
 from service.records.asker import Asker, current_asker
-from service.records.fan import Fan
 from service.records.history import HistoryRow
-from service.records.model import CompactFan, ZoneModel
-from service.records.outlook import Outlook, Surroundings
+from service.records.outlook import Surroundings
 from service.records.series import Series
-from service.records.skill import Skill
 from service.records.status import ZoneStatus
 from service.records.trust import Trust, untrusted
 from service.records.update import Update
+from service.records.view import Question
+
+Answer = TypeVar("Answer")
 
 ANSWER_SECONDS = 60.0
 """How long a question to a zone may take."""
@@ -101,42 +98,10 @@ class RemoteZone:
             return untrusted(known, f"the zone is {status.state}: {status.reason}")
         return known
 
-    async def fan(self, steps: int, levels: Sequence[float], plan: Mapping[str, Sequence[float]] | None) -> Fan | None:
-        """The standing forecast and `steps` beyond it."""
-        fan: Fan | None = await self._ask("fan", steps, tuple(levels), plan)
-        return fan
-
-    async def outlook(self, steps: int) -> tuple[Update, Outlook] | None:
-        """The newest update, and the inputs of the next `steps` steps."""
-        found: tuple[Update, Outlook] | None = await self._ask("outlook", steps)
-        return found
-
-    async def compact_fan(
-        self, update: Update, levels: Sequence[float], rows: Array, scenarios: int
-    ) -> CompactFan | None:
-        """The forecast from `update` on under the inputs `rows`."""
-        fan: CompactFan | None = await self._ask("compact_fan", update, tuple(levels), rows, scenarios)
-        return fan
-
-    async def room(self, update: Update) -> Simulation | None:
-        """The zone's physics."""
-        room: Simulation | None = await self._ask("room", update)
-        return room
-
-    async def model(self, periods: int, count: int) -> ZoneModel | None:
-        """State-space matrices."""
-        model: ZoneModel | None = await self._ask("model", periods, count)
-        return model
-
-    async def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
-        """Posterior quantiles of the parameters."""
-        summary: ParameterSummary | None = await self._ask("parameters", tuple(levels))
-        return summary
-
-    async def skill(self) -> Skill | None:
-        """What its forecasts have been worth."""
-        skill: Skill | None = await self._ask("skill")
-        return skill
+    async def ask(self, question: Question[Answer]) -> Answer:
+        """The answer to a question, computed by the shard."""
+        answer: Answer = await self._ask("ask", question)
+        return answer
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""

@@ -43,7 +43,6 @@ from service.publish.sinks import Sink
 from service.publish.zenoh import Publisher
 from service.records.asker import Asker, asked_by
 from service.records.outlook import WeatherBook
-from service.records.update import Update
 from service.store.retention import Limits
 from service.zone.plumbing import Plumbing
 from service.zone.questions import THREADS, Questions
@@ -158,12 +157,10 @@ class Shard:
         zones = self._working().zones
         if zone not in zones:
             raise Away(f"zone '{zone}' is being moved; ask again in a moment")
-        # An update that went through another process is the same where its time is.
-        own = [_own(zones[zone].latest(), each) if isinstance(each, Update) else each for each in arguments]
         self._askers[number] = client = Asker(asker)
         asked_by(client)
         try:
-            return await getattr(zones[zone], method)(*own)
+            return await getattr(zones[zone], method)(*arguments)
         finally:
             del self._askers[number]
 
@@ -359,12 +356,6 @@ def _have(zones: Collection[str], expected: Collection[str]) -> None:
     """Raises Away where one of the `expected` zones is not among `zones`."""
     if missing := [name for name in expected if name not in zones]:
         raise Away(f"zone '{missing[0]}' is being moved; post the readings again")
-
-
-def _own(latest: Update | None, asked: Update) -> Update:
-    """`latest` where it is the update that was asked about."""
-    same = latest is not None and (latest.time, latest.segment) == (asked.time, asked.segment)
-    return latest if same and latest is not None else asked
 
 
 def _broken(outcome: asyncio.Future[None]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from adapters.reading import Reading
 from service.errors import Fenced, JournalError
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
 from service.records.update import Update
 from service.store.interface import Columns
@@ -37,7 +37,7 @@ _PAGE = 500
 _PENDING_LIMIT = 1000
 _EARLIEST = -(2**63)
 
-_COLUMNS = ", ".join(HistoryRow._fields)
+_COLUMNS = ", ".join(HISTORY_COLUMNS)
 _SAMPLE = "%s::text, time, outputs, inputs, output_quality, input_quality, setpoint"
 _NUMBER = "zone = (SELECT number FROM zones WHERE zone = %s)"
 
@@ -52,11 +52,11 @@ _NUMBER_OR_NULL: _Column = ("float8", lambda value: None if value != value else 
 _OTHERS: dict[str, _Column] = {"time": ("bigint", int), "resampled": ("boolean", bool), "segment": ("integer", int)}
 _HISTORY: list[_Column] = [
     ("integer", int),
-    *(_OTHERS.get(name, _NUMBER_OR_NULL) for name in HistoryRow._fields),
+    *(_OTHERS.get(name, _NUMBER_OR_NULL) for name in HISTORY_COLUMNS),
     ("bigint", int),
 ]
 _ARRAYS = ", ".join(f"%b::{kind}[]" for kind, _ in _HISTORY)
-_REPLACED = ", ".join(f"{name} = excluded.{name}" for name in (*HistoryRow._fields[1:], "checksum"))
+_REPLACED = ", ".join(f"{name} = excluded.{name}" for name in (*HISTORY_COLUMNS[1:], "checksum"))
 _INSERT_HISTORY = f"""
 INSERT INTO history (zone, {_COLUMNS}, checksum) SELECT * FROM unnest({_ARRAYS})
 ON CONFLICT (zone, time) DO UPDATE SET {_REPLACED}

@@ -6,6 +6,7 @@ month goes as a whole once no zone has anything in it that stays: that gives the
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 
 from service.store.postgres import partitions
@@ -13,24 +14,34 @@ from service.store.postgres.database import Cursor
 from service.store.postgres.journal import PostgresJournal
 from service.store.postgres.partitions import Month
 from service.store.postgres.schema import lock_of
-from service.store.retention import Limits
+from service.store.retention import DAY, HOUR, LEAP, STEADY_HOURS, Limits
 
-DAY = 86_400
-"""A zone's rows wait until so many s of them may go: one statement for many rows."""
+_log = logging.getLogger(__name__)
 
 _ROWS_AT_ONCE = 5000
 _ALWAYS = -(2**62)
 """Earlier than every sample."""
 
 _BOUNDS = f"""
-SELECT zone, number, newest, ceil(newest - %(keep)s)::bigint AS before,
-    least(ceil(newest - %(keep)s)::bigint, coalesce(oldest + 1, {_ALWAYS}), newest) AS needed
+SELECT zone, number, newest, before, least(before, coalesce(oldest + 1, {_ALWAYS}), newest) AS needed
 FROM zones
 CROSS JOIN LATERAL (SELECT time AS newest FROM samples WHERE zone = number ORDER BY time DESC LIMIT 1) AS last
 CROSS JOIN LATERAL (SELECT min(step) AS oldest FROM checkpoints WHERE zone = number AND NOT damaged) AS first
+CROSS JOIN LATERAL (
+    WITH RECURSIVE hop(time, span, count) AS (
+        SELECT newest, 0::bigint, 0
+        UNION ALL
+        SELECT earlier.time, hop.time - earlier.time, count + 1 FROM hop CROSS JOIN LATERAL (
+            SELECT time FROM samples WHERE zone = number AND time <= hop.time - {HOUR} ORDER BY time DESC LIMIT 1
+        ) AS earlier WHERE count < {STEADY_HOURS}
+    )
+    SELECT CASE WHEN max(span) <= %(leap)s OR %(keep)s = 0 THEN ceil(newest - %(keep)s)::bigint ELSE {_ALWAYS} END
+        AS before FROM hop
+) AS age
 WHERE zones.zone NOT LIKE '%%@%%'
 """
-"""Of every zone with samples, up to when (UTC s) its history and its samples may go."""
+"""Of every zone with samples, up to when (UTC s) its history and its samples may go; nothing after a leap in time, as
+`service.store.retention` says. With `keep` 0 the clock does not matter."""
 
 _FIRST = {
     table: f"SELECT time FROM {table} WHERE zone = %(zone)s AND time < %(before)s ORDER BY time LIMIT 1"
@@ -53,7 +64,7 @@ def prune(journal: PostgresJournal, limits: Limits) -> Iterator[None]:
     lease = journal.fence.lease
     query = f"{_BOUNDS} AND lease = %(name)s AND epoch = %(epoch)s"
     for zone, _, _, before, needed in journal.database.read(
-        query, keep=float(limits.keep_history), name=lease.name, epoch=lease.epoch
+        query, keep=float(limits.keep_history), leap=LEAP, name=lease.name, epoch=lease.epoch
     ):
         while _delete(journal, zone, needed, before):
             yield
@@ -87,7 +98,8 @@ def _delete(journal: PostgresJournal, zone: str, samples_before: int, history_be
 
 
 def _delete_of(cursor: Cursor, table: str, number: int, before: int) -> int:
-    """Delete the oldest rows of a zone before that time, a slice of them; how many."""
+    """Delete the oldest rows of a zone before that time, a slice of them, once there is a day of them: one statement
+    for many rows. How many went."""
     values = {"zone": number, "before": before}
     first = cursor.execute(_FIRST[table], values).fetchone()
     if first is None or first[0] > before - DAY:
@@ -107,7 +119,7 @@ def _drop(journal: PostgresJournal, month: Month, keep: float) -> None:
         f"SELECT EXISTS (SELECT 1 FROM ({_BOUNDS}) AS bounds WHERE EXISTS "
         f"(SELECT 1 FROM {month.name} AS old WHERE old.zone = number AND old.time >= {until}))"
     )
-    values = {"keep": float(keep)}
+    values = {"keep": float(keep), "leap": LEAP}
     if journal.database.read(stays, **values)[0][0]:
         return
 
@@ -128,6 +140,9 @@ def _drop(journal: PostgresJournal, month: Month, keep: float) -> None:
                 "WHERE number = last.zone AND coalesce(pruned < last.time, true)"
             )
         cursor.execute(f"DROP TABLE {month.name}")
+        _log.info(
+            "the table %s is dropped: no zone has anything in it that keep_history and max_journal let stay", month.name
+        )
 
     journal.database.transaction(work)
     # Whoever writes into it again makes it anew.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,11 @@ from adapters.reading import Quality
 from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.statespace.matrices import StateSpace
+from service.errors import NoModel, ServiceError
 from service.fields.times import utc
-from service.publish.rendering import believable, origin_payload, quality, trust_payload
-from service.records.model import CompactFan, ZoneModel
-from service.records.trust import Trust
+from service.publish.rendering import believable, quality
+from service.records.fan import Fan
+from service.records.model import ZoneModel
 from service.records.view import ZoneView
 from service.web.control.models import (
     CompactOutputPayload,
@@ -27,7 +27,7 @@ from service.web.control.models import (
     QuantityPayload,
     ZoneForecastPayload,
 )
-from service.web.control.together import Part
+from service.web.zones import no_forecast
 
 GAIN = "gain"
 """The state that is the unmeasured gain."""
@@ -58,6 +58,7 @@ def model_payload(site: str, zone: ZoneView, model: ZoneModel) -> ModelPayload:
             weights=draws.weights.tolist(),
             **{name: value.tolist() for name, value in _letters(draws, slice(None)).items() if name != "C"},
         ),
+        known_heat=model.known_heat.tolist(),
         gain=GainForecastPayload(mean=model.gain[0].tolist(), sd=model.gain[1].tolist()) if model.gain.size else None,
     )
 
@@ -66,34 +67,37 @@ def model_npz(payload: ModelPayload, model: ZoneModel) -> bytes:
     """The same as an npz of arrays: the matrices at the posterior mean by their letters, those of the draws with
     `draws_` before them, and everything else of the payload as JSON in `about`."""
     arrays: dict[str, Any] = {**_letters(model.mean, 0), "covariance": model.covariance, "gain": model.gain}
+    arrays |= {"known_heat": model.known_heat}
     arrays |= {f"draws_{name}": value for name, value in _letters(model.draws, slice(None)).items() if name != "C"}
     arrays["draws_weights"] = model.draws.weights
-    about = payload.model_dump(mode="json", by_alias=True, exclude={"mean", "draws", "covariance", "gain"})
+    about = payload.model_dump(
+        mode="json", by_alias=True, exclude={"mean", "draws", "covariance", "known_heat", "gain"}
+    )
     file = io.BytesIO()
     np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
     return file.getvalue()
 
 
-def zone_payload(
-    part: Part, fan: CompactFan, levels: Sequence[float], limits: Mapping[str, tuple[float, float]], horizon: float
-) -> ZoneForecastPayload:
-    """The forecast of one zone under one plan."""
-    forecast, status = part.update.forecast, part.view.status()
-    found = quality(part.update, forecast.inputs)
+def zone_payload(zone: ZoneView, fan: Fan | ServiceError | None, horizon: float) -> ZoneForecastPayload:
+    """The forecast of one zone under one plan, or why there is none."""
+    if not isinstance(fan, Fan):
+        return _missing(zone, _reason(zone, fan), horizon)
+    forecast = fan.update.forecast
+    found = quality(fan.update, forecast.inputs)
     means = [(output.output, value) for output in fan.outputs for value in output.mean.tolist()]
-    if status.state in ("stalled", "failed") or not believable(means, limits):
+    if zone.status().state in ("stalled", "failed") or not believable(means, zone.surroundings.limits):
         found = Quality.BAD
     return ZoneForecastPayload(
-        zone=part.view.id,
+        zone=zone.id,
         problem=None,
-        sample_time=utc(part.update.time),
+        sample_time=utc(fan.update.time),
         issue_time=utc(forecast.issue_time),
         valid_time=utc(forecast.valid_time),
-        period_s=part.view.period,
+        period_s=zone.period,
         quality=found,
-        trust=_trust_at(part.view.trust(), part.view, horizon),
-        inputs=[origin_payload(origin) for origin in part.outlook.origins],
-        levels=list(levels),
+        trust=zone.trust().at(horizon + zone.period),
+        inputs=fan.origins,
+        levels=list(fan.levels),
         outputs=[
             CompactOutputPayload.model_construct(
                 output=output.output,
@@ -110,8 +114,13 @@ def zone_payload(
     )
 
 
-def missing_payload(zone: ZoneView, sentence: str, horizon: float) -> ZoneForecastPayload:
-    """A zone without a forecast, and why."""
+def _reason(zone: ZoneView, error: ServiceError | None) -> str:
+    if isinstance(error, NoModel):
+        return f"the estimator '{zone.estimator}' has no scenarios: {error}"
+    return str(no_forecast(zone) if error is None else error)
+
+
+def _missing(zone: ZoneView, sentence: str, horizon: float) -> ZoneForecastPayload:
     return ZoneForecastPayload(
         zone=zone.id,
         problem=sentence,
@@ -120,18 +129,11 @@ def missing_payload(zone: ZoneView, sentence: str, horizon: float) -> ZoneForeca
         valid_time=None,
         period_s=zone.period,
         quality=Quality.BAD,
-        trust=_trust_at(zone.trust(), zone, horizon),
-        inputs=[],
+        trust=zone.trust().at(horizon + zone.period),
+        inputs=(),
         levels=[],
         outputs=[],
     )
-
-
-def _trust_at(trust: Trust, zone: ZoneView, horizon: float) -> Any:
-    found = trust.at(horizon + zone.period)
-    if found is None:
-        return None
-    return trust_payload("", zone.id, trust._replace(horizons=(found,))).horizons[0]
 
 
 def _finite(values: Array) -> list[Any]:

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, WrapValidator
-from pydantic_core.core_schema import ValidatorFunctionWrapHandler
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from adapters.reading import Quality
-from service.publish.payloads import Envelope, HorizonTrustPayload, Number, OriginPayload, Payload
-from service.web.models import Finite, Horizon, Instant, Levels, Query
+from service.publish.payloads import Envelope, Number, Payload
+from service.records.outlook import InputOrigin
+from service.records.trust import HorizonTrust
+from service.web.models import Horizon, Levels, Query
+from service.web.planned import PlannedInput
 
 MAX_DRAWS = 1000
 MAX_PLANS = 64
 MAX_ZONES = 500
-MAX_VALUES = 2016
-"""Values of one input in one plan: a week of 5 min steps."""
-
-EVERY_ZONE = "*"
-"""Stands for every zone that has the input, in a plan."""
 
 
 class ModelQuery(Query):
@@ -26,49 +23,6 @@ class ModelQuery(Query):
 
     step: Horizon | None = Field(default=None, description="step of the matrices; default: the zone's period")
     draws: int = Field(default=100, ge=1, le=MAX_DRAWS, description="how many draws at most")
-
-
-class TimedValue(BaseModel):
-    """A value that holds from a time on."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    time: Instant = Field(description="RFC 3339 with zone")
-    value: Finite
-
-
-class SteppedValues(BaseModel):
-    """One value for each step of a coarser grid than the zone's."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    step: Horizon = Field(description="a whole number of the zone's periods, counted from valid_time")
-    values: Annotated[list[Finite], Field(min_length=1, max_length=MAX_VALUES)]
-
-
-def _one_sentence(value: object, read: ValidatorFunctionWrapHandler) -> object:
-    # Every arm of the union would complain.
-    if isinstance(value, list) and len(value) > MAX_VALUES:
-        raise ValueError(f"at most {MAX_VALUES} values of an input, not {len(value)}")
-    try:
-        return read(value)
-    except ValidationError as error:
-        # A mistake inside a value is worth more than that none of the forms fits.
-        told = next((one["msg"] for one in error.errors() if one["type"] == "value_error"), None)
-        forms = (
-            "give a finite number, one number per period, a list of {time, value}, or {step, values}, in the network's "
-            "unit"
-        )
-        raise ValueError(forms if told is None else f"{told.removeprefix('Value error, ')}; {forms}") from None
-
-
-PlannedInput = Annotated[
-    Finite
-    | Annotated[list[Finite], Field(min_length=1, max_length=MAX_VALUES)]
-    | Annotated[list[TimedValue], Field(min_length=1, max_length=MAX_VALUES)]
-    | SteppedValues,
-    WrapValidator(_one_sentence),
-]
 
 
 class SitePlan(BaseModel):
@@ -172,6 +126,10 @@ class ModelPayload(Envelope):
     mean: MatricesPayload = Field(description="at the posterior mean of the log parameters")
     covariance: list[list[Number]] = Field(description="of the state, K^2 and W^2")
     draws: DrawsPayload
+    known_heat: list[list[Number]] = Field(
+        description="what sun and habits add to each state over each step of a day, K, under inputs as foreseen "
+        "without a plan: x' = A x + B u + this; empty where the zone knows neither"
+    )
     gain: GainForecastPayload | None = Field(description="null for an estimator without a model of it")
 
 
@@ -198,8 +156,8 @@ class ZoneForecastPayload(Payload):
     valid_time: AwareDatetime | None = Field(description="of the first entry of every array")
     period_s: float = Field(description="from one entry to the next, s")
     quality: Quality
-    trust: HorizonTrustPayload | None = Field(description="at the horizon of the request; null before the first sample")
-    inputs: list[OriginPayload]
+    trust: HorizonTrust | None = Field(description="at the horizon of the request; null before the first sample")
+    inputs: tuple[InputOrigin, ...]
     levels: list[float] = Field(description="of lower and upper")
     outputs: list[CompactOutputPayload]
 

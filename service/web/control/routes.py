@@ -3,35 +3,49 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
-from service.errors import NoModel
+from service.errors import NoModel, ServiceError
 from service.fields.durations import DAY, format_duration
-from service.publish.payloads import Payload, TrustPayload, to_json, to_json_with
-from service.publish.rendering import trust_payload
+from service.forecast.learned import ModelQuestion
+from service.forecast.plan import Plan
+from service.forecast.request import ForecastRequest, Mistake, bound, mistakes
+from service.forecast.site import forecasts as under
+from service.forecast.site import neighbourhood
+from service.publish.payloads import Payload, to_json, to_json_with
+from service.records.fan import Fan
+from service.records.record import document, document_of
+from service.records.trust import Trust
 from service.records.view import ZoneView
-from service.web.access import Asking, Caller, find_zone
-from service.web.control.answers import model_npz, model_payload
-from service.web.control.checks import LARGE, bound, understood
-from service.web.control.models import ModelPayload, ModelQuery, SiteForecastPayload, SiteForecastRequest
-from service.web.control.site import neighbourhood, under
+from service.web.access import Asking, find_zone
+from service.web.control.answers import model_npz, model_payload, zone_payload
+from service.web.control.models import (
+    ModelPayload,
+    ModelQuery,
+    PlanForecastPayload,
+    SiteForecastPayload,
+    SiteForecastRequest,
+)
 from service.web.limits import LargeAnswers
+from service.web.planned import inputs_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 from service.web.zones import no_forecast
 
 NPZ = "application/x-npz"
 
+LARGE = 100_000
+"""From so many numbers on an answer is made in turn with others."""
 
-def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
+
+def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(tags=["control"])
-    large = LargeAnswers()
 
     @router.get(
         "/zones/{zone}/model",
@@ -48,7 +62,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         view = find_zone(zones, zone, caller)
         periods = _periods(query.step, view.period)
         try:
-            found = await view.model(periods, query.draws)
+            found = await view.ask(ModelQuestion(periods, query.draws))
         except NoModel as error:
             sentence = f"the estimator '{view.estimator}' of zone '{zone}' has no model: {error}"
             raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence]) from None
@@ -61,7 +75,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
 
     @router.get(
         "/zones/{zone}/trust",
-        response_model=TrustPayload,
+        response_model=document_of(Trust),
         responses=documented(404, 422, 500, 503),
         summary="How far a controller may rely on the zone's forecasts, horizon by horizon",
     )
@@ -70,7 +84,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         found = view.trust()
         if not found.horizons:
             raise no_forecast(view)
-        return await _json(trust_payload(site, zone, found))
+        return Response(document(found, site, zone), media_type="application/json")
 
     @router.post(
         "/forecasts",
@@ -79,15 +93,21 @@ def control_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         summary="Forecasts of several zones under several plans, neighbours simulated together",
     )
     async def forecasts(caller: Asking, body: SiteForecastRequest) -> Response:
-        asked = [find_zone(zones, zone, caller) for zone in _asked(body, zones, caller)]
-        around = neighbourhood(asked, zones, caller)
-        numbers = bound(body, asked, around)
-        await asyncio.to_thread(understood, body, [*asked, *around])
+        seen = {zone: view for zone, view in zones.items() if caller.sees(zone)}
+        asked = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
+        plans = [Plan(one.name, {zone: inputs_of(given) for zone, given in one.inputs.items()}) for one in body.plans]
+        around = neighbourhood(asked, seen)
+        request = ForecastRequest(asked, body.horizon, body.levels, plans, body.scenarios, around)
+        numbers = bound(request)
+        if found := await asyncio.to_thread(mistakes, request):
+            raise invalid([_told(one) for one in found])
         async with large.turn() if numbers > LARGE else nullcontext():
             # A plan that is written takes half as much memory as one that is not.
-            plans = [await asyncio.to_thread(to_json, await under(plan, body, asked, around)) for plan in body.plans]
+            written = [
+                await asyncio.to_thread(_written, request, plan, await under(request, plan)) for plan in request.plans
+            ]
             envelope = SiteForecastPayload(site=site, horizon_s=body.horizon, plans=[])
-            content = await asyncio.to_thread(to_json_with, envelope, plans)
+            content = await asyncio.to_thread(to_json_with, envelope, written)
         return Response(content, media_type="application/json")
 
     return router
@@ -116,5 +136,12 @@ def _periods(step: float | None, period: float) -> int:
     return periods
 
 
-def _asked(body: SiteForecastRequest, zones: Mapping[str, ZoneView], caller: Caller) -> list[str]:
-    return list(dict.fromkeys(body.zones)) or [zone for zone in zones if caller.sees(zone)]
+def _told(one: Mistake) -> str:
+    place = f"plans[{one.plan}].inputs.{one.zone}" + ("" if one.channel is None else f".{one.channel}")
+    return f"field '{place}' {one.sentence}"
+
+
+def _written(request: ForecastRequest, plan: Plan, found: Sequence[Fan | ServiceError | None]) -> bytes:
+    """All zones under `plan`, as JSON."""
+    zones = [zone_payload(view, fan, request.horizon) for view, fan in zip(request.zones, found, strict=True)]
+    return to_json(PlanForecastPayload(name=plan.name, zones=zones))

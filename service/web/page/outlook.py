@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from service.errors import ServiceError
+from service.forecast.request import ForecastRequest
+from service.forecast.site import forecasts
 from service.records.series import Series
 from service.records.view import ZoneView
 
@@ -132,15 +134,15 @@ class Outlooks:
             return False
         ahead = [round(scaled(lead, view.period) / view.period) for lead in LEADS]
         began = time.monotonic()
-        fan = await view.fan(ahead[-1], (LEVEL,), None)
+        request = ForecastRequest([view], ahead[-1] * view.period, (LEVEL,))
+        (fan,) = await forecasts(request, request.plans[0])
         await asyncio.sleep((time.monotonic() - began) * (1.0 / SHARE - 1.0))
+        if isinstance(fan, ServiceError):
+            raise fan
         if fan is None:
             return False
-        first = fan.steps[0].valid_time
-        expected = []
-        for step in (fan.steps[steps] for steps in ahead):
-            forecast = step.outputs[0]
-            interval = forecast.intervals[0]
-            expected.append(Expected(step.valid_time - first, forecast.mean, interval.lower, interval.upper))
-        self.outlooks[name] = Outlook(fan.sample_time, first, tuple(expected))
+        (output, *_), period = fan.outputs, view.period
+        columns = (output.mean, output.lower[0], output.upper[0])
+        expected = tuple(Expected(step * period, *(float(column[step]) for column in columns)) for step in ahead)
+        self.outlooks[name] = Outlook(fan.update.time, fan.update.forecast.valid_time, expected)
         return True

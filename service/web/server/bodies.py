@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.web.server.refusal import RequestRefused, refusal
 
 AT_ONCE = 16
-"""Bodies of the largest size that all clients together may have in memory."""
+"""Bodies of the largest size that all clients together may have in memory; each may have an equal share of it."""
 
 AT_ONCE_OF_ONE = 8
 """The same of one client."""
@@ -68,7 +68,7 @@ class GatherBody:
                 held += len(piece)
                 self._held[client] += len(piece)
                 more = message.get("more_body", False)
-                problem = self._problem(client, len(body)) or (None if more else _unreadable(headers, bytes(body)))
+                problem = self._problem(client, len(body)) or (None if more else _unread(headers, bytes(body)))
                 if problem is not None:
                     await refusal(problem)(scope, receive, send)
                     # Whatever the application makes of it, the answer has been given.
@@ -95,7 +95,9 @@ class GatherBody:
         if self._held[client] > AT_ONCE_OF_ONE * self._limit:
             sentence = "you are sending too much at once; wait for answers before you send more"
             return RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], RETRY_SECONDS, _CLOSE)
-        if self._held.total() > AT_ONCE * self._limit:
+        room = AT_ONCE * self._limit
+        # Where there is too much in all, only who holds more than their share of it has to wait.
+        if self._held.total() > room and self._held[client] * len(self._held) > room:
             sentence = "too much is being sent to the daemon at once; try again later"
             return RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], RETRY_SECONDS, _CLOSE)
         return None
@@ -105,10 +107,14 @@ class GatherBody:
         return RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence], headers=_CLOSE)
 
 
-def _unreadable(headers: Mapping[str, str], body: bytes) -> RequestRefused | None:
-    """Why a JSON body is not even validated; None if it is, and for a body that is no JSON."""
-    if "json" not in headers.get("content-type", ""):
-        return None
+def _unread(headers: Mapping[str, str], body: bytes) -> RequestRefused | None:
+    """As `unread_json`; None for a body that is no JSON, and for a packed one, which its route unpacks."""
+    plain = "json" in headers.get("content-type", "") and "content-encoding" not in headers
+    return unread_json(body) if plain else None
+
+
+def unread_json(body: bytes) -> RequestRefused | None:
+    """Why a JSON body is not even parsed; None if it is."""
     if sum(map(body.count, (b",", b"[", b"{"))) > MAX_ITEMS:
         sentence = f"the body has more than {MAX_ITEMS} values; send fewer at a time"
         return RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])

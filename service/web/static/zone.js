@@ -136,15 +136,25 @@ export function showZone(place, frame, id) {
 
   function showSkill() {
     const windows = known.skill?.windows ?? [];
-    const horizons = windows.find(({ days }) => days === 7)?.horizons.filter(({ forecasts }) => forecasts > 0) ?? [];
+    const week = windows.find(({ days }) => days === 7);
+    const [horizons, issued] = [week?.horizons, week?.as_issued].map((found) => found?.filter(({ forecasts }) => forecasts > 0) ?? []);
     const title = element("h2", { textContent: t("skill.title") });
     if (!horizons.length) {
       skill.replaceChildren(title, element("p", { className: "muted", textContent: t("skill.none") }));
       return;
     }
-    const heads = ["ahead", "error", "coverage", "persistence", "arx"].map((name) => t(`skill.${name}`));
-    const rows = horizons.map((one) => tableRow("td", [duration(one.lead_s), one.rmse === null ? "–" : `${number(one.rmse, 2)} K`, share(one.coverage), better(one.skill_against_persistence), better(one.skill_against_arx)]));
-    skill.replaceChildren(title, element("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": t("skill.title") }, element("table", {}, element("thead", {}, tableRow("th", heads)), element("tbody", {}, ...rows))), element("p", { className: "muted", textContent: t("skill.note") }));
+    const against = (one, reference) => better(one[reference] > 0 ? 1 - one.rmse / one[reference] : null);
+    const parts = skillTable("known", ["persistence", "arx"], horizons, (one) => [better(one.skill_against_persistence), better(one.skill_against_arx)]);
+    if (issued.length) parts.push(...skillTable("issued", ["persistence", "yesterday"], issued, (one) => [against(one, "persistence_rmse"), against(one, "yesterday_rmse")]));
+    skill.replaceChildren(title, ...parts, element("p", { className: "muted", textContent: t("skill.note") }));
+  }
+
+  // The scores that answer one question: the question as a sentence, and a row for each horizon.
+  function skillTable(question, references, horizons, compared) {
+    const heads = ["ahead", "error", "coverage", ...references].map((name) => t(`skill.${name}`));
+    const rows = horizons.map((one) => tableRow("td", [duration(one.lead_s), one.rmse === null ? "–" : `${number(one.rmse, 2)} K`, share(one.coverage), ...compared(one)]));
+    const table = element("table", {}, element("thead", {}, tableRow("th", heads)), element("tbody", {}, ...rows));
+    return [element("p", { textContent: t(`skill.${question}`) }), element("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": t(`skill.${question}`) }, table)];
   }
 
   function sampled() {

@@ -6,10 +6,10 @@ import numpy as np
 
 from adapters.reading import Quality
 from estimator.arrays import Array
+from estimator.foresight import Day, foreseen
 from estimator.network.network import Network
 from service.records.outlook import InputOrigin, Outlook, Weather, WeatherBook, WeatherLink
 from service.records.update import Forecast, InputUsed
-from service.zone.foresight.yesterday import Day, daily_inputs, foreseen
 
 NO_WEATHER = Weather()
 
@@ -20,22 +20,16 @@ class Foresight:
     def __init__(self, network: Network, period: int) -> None:
         self._network = network
         self._period = period
-        self._daily = daily_inputs(network)
 
     def outlook(self, forecast: Forecast, day: Day, steps: int, weather: Weather = NO_WEATHER) -> Outlook:
         """The inputs of the `steps` intervals from the valid time of the standing `forecast` on; `day` is the last
         day."""
         times = forecast.valid_time + self._period * np.arange(steps, dtype=np.float64)
         now = np.array([used.value for used in forecast.inputs])
-        rows = np.tile(now, (steps, 1))
+        rows, by_shape = foreseen(self._network, day, now, times)
         origins = []
         for column, used in enumerate(forecast.inputs):
-            shape = None
-            if used.channel in self._daily and steps:
-                shape = foreseen(day, column, now, times, self._daily[used.channel])
-            if shape is not None:
-                rows[:, column] = shape
-            origin = _otherwise(used, shape is not None)
+            origin = _otherwise(used, bool(by_shape[column]))
             link = weather.links.get(used.channel)
             if link is not None and steps:
                 origin = self._by_weather(link, weather.book, forecast.issue_time, times, rows[:, column], origin)

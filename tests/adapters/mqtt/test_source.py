@@ -256,7 +256,7 @@ def test_what_comes_faster_than_it_is_taken_is_dropped_from_the_oldest_on(
         for k in range(1000):
             party.put(TOPIC, str(k / 100), qos=1)
         # Nobody takes anything meanwhile.
-        await until(lambda: link._inbox._dropped[TOPIC] == 990)
+        await until(lambda: link._inbox._queues[TOPIC].dropped == 990)
         batch = await anext(stream)
         assert [reading.fault for reading in batch.readings[:1]] == ["overrun"]
         assert [reading.value for reading in batch.readings[1:]] == [k / 100 for k in range(990, 1000)]
@@ -403,6 +403,9 @@ def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, party: Par
         party.put(TOPIC, "20.5", retain=True, qos=1)
         party.put("home/other", '{"temperature": 19.5, "state": {"battery": 80}}', retain=True, qos=1)
         party.put("home/meter", "on", retain=True, qos=1)
+        # What Thermogate publishes itself is nothing to learn from.
+        party.put("thermogate/site/room/forecast", '{"mean": 21.0}', retain=True, qos=1)
+        party.put("homeassistant/sensor/thermogate_site_room/mean/config", '{"precision": 1}', retain=True, qos=1)
         # A scan is for a person who does not know the topics yet.
         searching = MqttSource("bms", Broker("127.0.0.1", running.port, timeout=2.0), (), Intake())
         assert isinstance(searching, Scannable)

@@ -284,7 +284,8 @@ def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(
                 assert last.wait(180)
                 await heard.until(lambda: len(heard.batches) > so_far)
                 values = [(one.channel, one.value) for one in heard.batches[so_far].readings if one.fault is None]
-                assert values == [*(("room/T", float(number)) for number in range(490, 500)), ("room/calm", 7.0)]
+                assert [value for channel, value in values if channel == "room/T"] == [*range(490, 500)]
+                assert ("room/calm", 7.0) in values[:3], "the flood does not delay it"
                 assert ours.dropped == 490
                 assert heard.faults() == ["overrun"]
 

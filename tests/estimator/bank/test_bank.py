@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from support.forecasts import unfolded
 
-from estimator.bank.bank import Bank
+from estimator.bank.bank import Bank, answering_plan
 from estimator.bank.options import BankOptions, Member
 from estimator.errors import OptionsError
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
@@ -103,7 +104,7 @@ def test_every_horizon_trusts_who_is_good_at_it():
     assert weights["sprinter"][0] > 0.9
     assert (weights["stayer"][1:] > 0.9).all()
     np.testing.assert_allclose(weights["sprinter"] + weights["stayer"], 1.0)
-    fan = list(bank.forecast(state, np.tile([5.0, 300.0], (48, 1))))
+    fan = unfolded(bank, state, np.tile([5.0, 300.0], (48, 1)))
     assert abs(fan[0].mean()[0] - 20.0) < 0.15
     assert abs(fan[-1].mean()[0] - 20.0) < 0.15
 
@@ -114,7 +115,7 @@ def test_what_a_bank_verifies_is_what_it_had_published():
     state, told, held = bank.start(1, np.array([20.0]), inputs), [], 0
     for y in samples(4 * lead):
         state = bank.predict(state, inputs)
-        told.append(list(bank.forecast(state, np.tile(inputs, (lead - 1, 1))))[-1])
+        told.append(unfolded(bank, state, np.tile(inputs, (lead - 1, 1)))[-1])
         posterior = bank.update(state, np.array([y]))
         state = posterior.state
         for one in posterior.verified:
@@ -228,6 +229,59 @@ def test_members_are_compared_six_hours_ahead_whatever_the_period(minutes, hours
     assert bank.leads[bank.compared] * minutes == 60 * hours
 
 
+def test_a_plan_of_heating_is_answered_by_members_with_physics():
+    members = {"physical": SomeForecaster(0.0, 1.0, NOISE), "blind": SomeForecaster(0.0, -1.0, NOISE)}
+    members["blind"].physical = False
+    bank = bank_of(members)
+    plan = np.tile([5.0, 300.0], (48, 1))
+    # From a start on which the members agree, so that nobody is held back by the middle.
+    state, _, _ = played(bank, samples(60))
+    state = state._replace(costs=state.costs._replace(hours=np.full(len(bank.leads), 1e6)))
+    foreseen = bank.unfold(state, plan).moments()[0][-1, 0]
+    asked = answering_plan(bank, state)
+    assert abs(foreseen - 21.0) > 0.3
+    assert bank.unfold(asked, plan).moments()[0][-1, 0] == pytest.approx(21.0)
+    assert state.lost.sum() == 0.0, "asking changes nothing"
+    alone = members["physical"].start(1, np.array([20.0]), plan[0])
+    assert answering_plan(members["physical"], alone) is alone
+
+
+def test_a_bank_without_physics_answers_a_plan_as_it_can():
+    members = {"blind": SomeForecaster(0.0, -1.0, NOISE)}
+    members["blind"].physical = False
+    bank = bank_of(members)
+    state, _, _ = played(bank, samples(5))
+    assert answering_plan(bank, state) is state
+
+
+def test_a_wild_member_does_not_spoil_the_first_forecasts_and_is_heard_once_it_has_proved_itself():
+    members = {name: SomeForecaster(0.0, later, NOISE) for name, later in (("a", 0.0), ("b", 0.1), ("wild", 9.0))}
+    bank = bank_of(members)
+    plan = np.tile([5.0, 300.0], (47, 1))
+    first = bank.predict(bank.start(1, np.array([20.0]), plan[0]), plan[0])
+    assert abs(bank.unfold(first, plan).moments()[0][-1, 0] - 20.1) < NOISE
+    state = first
+    for k in range(600):
+        y = 29.0 if k > 100 else 20.0
+        state = bank.predict(bank.update(state, np.array([y])).state, plan[0])
+    assert abs(bank.unfold(state, plan).moments()[0][-1, 0] - 29.0) < 0.5
+
+
+def test_pending_forecasts_from_before_members_were_held_together_come_true():
+    bank = small_bank()
+    state = walked(bank, started(bank), 0, 60)
+    arrays = bank.pack(state)
+    arrays["pending.note"] = arrays["pending.note"][:, :-1]
+    back = bank.unpack(arrays)
+    assert all(np.isinf(issue.note[-1]).all() for issue in back.pending.issues)
+    told = []
+    for _ in range(2):
+        posterior = bank.update(bank.predict(back, np.array([5.0, 0.0])), np.array([20.0]))
+        back, told = posterior.state, [*told, *posterior.verified]
+    assert told
+    assert all(np.isfinite(one.mixture.mean()).all() for one in told)
+
+
 def test_what_nobody_can_explain_changes_nothing_that_was_learned():
     bank = bank_of({"a": SomeForecaster(0.0, 0.0, NOISE, deaf=True), "b": SomeForecaster(0.0, 0.0, NOISE, deaf=True)})
     state, posteriors, _ = played(bank, samples(3))
@@ -303,7 +357,7 @@ def test_several_outputs_are_published_and_learned_from():
     state = walked(bank, started(bank, 2), 0, 60, outputs=2)
     half = bank.update(bank.predict(state, np.array([5.0, 0.0, 0.0])), np.array([np.nan, 20.0]))
     assert half.outcome is Outcome.ASSIMILATED
-    fan = list(bank.forecast(half.state, np.tile([5.0, 0.0, 0.0], (10, 1))))
+    fan = unfolded(bank, half.state, np.tile([5.0, 0.0, 0.0], (10, 1)))
     for mixture in fan:
         assert mixture.means.shape[0] == 2
         for output in (0, 1):
@@ -359,7 +413,7 @@ def test_a_fan_is_the_weighted_mixture_of_the_members_fans():
     bank = small_bank()
     state = walked(bank, started(bank), 0, 40)
     plan = np.tile([4.0, 300.0], (12, 1))
-    fan = list(bank.forecast(state, plan))
+    fan = unfolded(bank, state, plan)
     assert len(fan) == 13
     weights = np.array(list(bank.member_weights(state).values()))
     parts = [

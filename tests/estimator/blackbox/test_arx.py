@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.forecasts import unfolded
 
 from estimator.network.presets import network
 from estimator.registry import build
@@ -19,7 +20,7 @@ def run(estimator, outputs, inputs, verify=()):
         state = estimator.predict(state, inputs[k])
         for lead in verify:
             if k + lead < len(outputs):
-                *_, last = estimator.forecast(state, inputs[k + 1 : k + lead])
+                *_, last = unfolded(estimator, state, inputs[k + 1 : k + lead])
                 pending.append((k + lead, lead, last.mean()))
         state = estimator.update(state, outputs[k + 1 : k + 2]).state
         for due, lead, mean in [one for one in pending if one[0] == k + 1]:
@@ -53,7 +54,7 @@ def test_a_forecast_is_what_predicting_step_by_step_gives(name):
     estimator = build(name, NETWORK, PERIOD, {})
     state = estimator.predict(run(estimator, outputs, inputs), inputs[-1])
     plan = room(2 * DAY + 9, seed=5)[1]
-    fan, step = list(estimator.forecast(state, plan)), state
+    fan, step = unfolded(estimator, state, plan), state
     for ahead, given in enumerate(plan, start=1):
         step = estimator.predict(step, given)
         assert fan[ahead].mean()[0] == pytest.approx(estimator.predictive(step).mean()[0], rel=1e-12)
@@ -70,7 +71,7 @@ def test_what_every_day_repeats_is_forecast_without_a_cause():
     errors = {}
     for estimator in (daily, arx):
         state = estimator.predict(run(estimator, outputs[: cut + 1], inputs), inputs[0])
-        fan = list(estimator.forecast(state, inputs[:30]))
+        fan = unfolded(estimator, state, inputs[:30])
         errors[estimator] = np.sqrt(
             np.mean([(m.mean()[0] - y) ** 2 for m, y in zip(fan, outputs[cut + 1 :], strict=False)])
         )
@@ -88,7 +89,7 @@ def test_the_spread_hours_ahead_is_what_forecasts_have_missed_by(name):
     outputs = outputs + slow
     estimator = build(name, NETWORK, PERIOD, {})
     state = run(estimator, outputs, inputs, verify=(2, 12))
-    *_, far = estimator.forecast(estimator.predict(state, inputs[0]), inputs[:11])
+    *_, far = unfolded(estimator, estimator.predict(state, inputs[0]), inputs[:11])
     arx = state if name == "arx" else state.differences()
     place = np.flatnonzero(arx.leads == 12)[0]
     missed = np.sqrt(arx.errors[place, 0, 0] / arx.errors[place, 0, 1])
@@ -118,6 +119,6 @@ def test_an_unstable_regression_stays_near_what_was_measured():
     outputs, inputs = 20.0 * 1.02 ** np.arange(30), np.tile([5.0, 0.0], (30, 1))
     arx = build("arx", NETWORK, PERIOD, {})
     state = arx.predict(run(arx, outputs, inputs), inputs[0])
-    *_, far = arx.forecast(state, np.tile(inputs[:1], (500, 1)))
+    *_, far = unfolded(arx, state, np.tile(inputs[:1], (500, 1)))
     assert abs(far.mean()[0] - outputs[-1]) < 20.0
     assert np.isfinite(far.sd()).all()

@@ -57,7 +57,7 @@ def test_the_first_heating_under_wide_bounds_is_implausible(name, remedy):
     inputs[-1, 1] = 3000.0
     state, seen, held = run(estimator, data._replace(inputs=inputs), 30)
     (finding,) = diagnose(estimator, state, seen, held).findings
-    assert finding[:2] == (IMPLAUSIBLE, "zone")
+    assert (finding.finding, finding.subject) == (IMPLAUSIBLE, "zone")
     assert "no room" in finding.sentence
     assert remedy in finding.sentence
 
@@ -110,7 +110,7 @@ def test_members_that_are_sure_of_different_values_disagree():
     apart = state._replace(members=sure)
     found = disagreement(estimator, apart, (0.025, 0.5, 0.975))
     assert not calm
-    assert (MEMBERS_DISAGREE, "C_i") in {finding[:2] for finding in found}
+    assert (MEMBERS_DISAGREE, "C_i") in {(finding.finding, finding.subject) for finding in found}
 
 
 def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
@@ -125,7 +125,17 @@ def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
     assert MISSES_SOMETHING in {finding.finding for finding in carried(estimator, blind)}
     excess[2:] = excess[2:][::-1]
     ground = state._replace(costs=state.costs._replace(excess=excess))
-    assert ("network-variant", "ground") in {finding[:2] for finding in carried(estimator, ground)}
+    assert ("network-variant", "ground") in {
+        (finding.finding, finding.subject) for finding in carried(estimator, ground)
+    }
+
+
+def test_black_boxes_that_begin_with_most_of_the_weight_are_no_finding():
+    members = {**MEMBERS, "blind": {"estimator": "arx", "prior": 100.0}}
+    estimator = bank(members=members)
+    state = estimator.start(1, np.array([20.0]), np.zeros(len(estimator.network.inputs)))
+    assert estimator.member_weights(state)["blind"][estimator.compared] > 0.9
+    assert carried(estimator, state) == []
 
 
 @pytest.mark.parametrize(
@@ -157,6 +167,8 @@ def test_a_diagnosis_is_due_every_few_hours_and_at_the_first_heating():
 
 def test_names_are_stable():
     assert FINDINGS == (
+        "calls-without-heat",
+        "heat-without-call",
         "forecast-implausible",
         "heat-loss-against-balance",
         "parameter-at-bound",

@@ -40,7 +40,7 @@ def test_a_posterior_that_leans_against_a_bound_is_a_finding(place, end):
         assert found == []
         return
     (finding,) = found
-    assert finding[:2] == (AT_BOUND, "C_e")
+    assert (finding.finding, finding.subject) == (AT_BOUND, "C_e")
     assert f"its {end} bound" in finding.sentence
     assert f"parameters.C_e.{end}" in finding.sentence
 
@@ -58,7 +58,7 @@ def test_the_bounds_to_move_are_named_as_the_network_is_written():
 
 def test_a_posterior_as_wide_as_the_prior_is_not_identified():
     found = not_identified(NETWORK, summary(g_ie=(0.025, 0.05, 0.5, 0.95, 0.975), C_i=(0.1, 0.2, 0.5, 0.8, 0.9)))
-    assert [finding[:2] for finding in found] == [(NOT_IDENTIFIED, "g_ie")]
+    assert [(finding.finding, finding.subject) for finding in found] == [(NOT_IDENTIFIED, "g_ie")]
 
 
 def test_a_fixed_parameter_and_one_without_quantiles_bring_no_finding():
@@ -72,7 +72,7 @@ def test_a_fixed_parameter_and_one_without_quantiles_bring_no_finding():
 
 def test_proposed_bounds_contain_the_interval_and_stay_in_the_box():
     (finding,) = narrower_bounds(NETWORK, summary(g_ie=(0.025, 0.05, 0.5, 0.95, 0.975)), 7.0)
-    assert finding[:2] == (NARROWER_BOUNDS, "zone")
+    assert (finding.finding, finding.subject) == (NARROWER_BOUNDS, "zone")
     assert "--reset" in finding.sentence
     table = finding.sentence.split("bounds, ")[1].split("; to adopt")[0]
     proposed = tomllib.loads(table)["parameters"]

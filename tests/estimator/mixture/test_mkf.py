@@ -1,18 +1,27 @@
 """The mixture Kalman filter: against a textbook filter, finite differences, what it was simulated with, its oracle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
+from support.forecasts import unfolded
 from support.small_building import PERIOD, TRUTH, building, known, record, textbook_kalman
 
+from estimator.heat.known import KnownHeat, LocalTime
+from estimator.heat.sun import Location
+from estimator.heat.terms import with_known_heat
 from estimator.kernels.algebra import packed
-from estimator.network.network import Conductance, HeatInput, Network, Parameter
+from estimator.network.network import Conductance, Gain, HeatInput, Network, Parameter
 from estimator.network.presets import network
+from estimator.network.terms import HeatTerm
 from estimator.particle.kalman import unpack
 from estimator.registry import build
+from estimator.statespace.matrices import of_draws
+from estimator.statespace.simulate import mean_path
 from replay.simulated.simulate import simulate
 
-PRESETS = ("jump", "drift", "free", "steady", "output-error")
+PRESETS = ("jump", "drift", "free", "steady", "output-error", "habits")
 
 
 def two_rooms():
@@ -38,15 +47,32 @@ def two_rooms():
     ).validate()
 
 
+def with_terms(net, *nodes):
+    """`net` with a habit [W] and an aperture [m2] of each of `nodes`, of which an aperture is never negative."""
+    terms = [
+        term
+        for node in nodes
+        for term in (
+            HeatTerm(f"habit {node}", node, "habit", "W", 200.0, 80.0, walk=5.0),
+            HeatTerm(f"sun {node}", node, "sun", "m2", 0.5, 2.0, walk=0.03, lower=0.0),
+        )
+    ]
+    return replace(net, terms=tuple(terms)).validate()
+
+
 NETWORKS = {name: network(name) for name in ("building-67", "ecolar-6r4c", "m5", "titethria")} | {
     "two-rooms": two_rooms(),
     "solar": network("titethria").with_solar("T_i", Parameter("A_w", "m2", 0.1, 30.0)),
+    "terms": with_terms(network("titethria"), "T_i", "T_e"),
+    "terms-of-two-rooms": with_terms(two_rooms(), "T_a", "T_b"),
 }
 
 
 def inputs_of(net, rng):
     boundaries = len(net.boundaries)
-    return np.concatenate([5 + 3 * rng.standard_normal(boundaries), rng.uniform(0, 2000, len(net.inputs) - boundaries)])
+    heat = rng.uniform(0, 2000, len(net.inputs) - boundaries)
+    known = rng.uniform(0, 1, len(net.terms)) * np.array([800.0 if term.unit == "m2" else 1.0 for term in net.terms])
+    return np.concatenate([5 + 3 * rng.standard_normal(boundaries), heat, known])
 
 
 def assert_same(left, right, before):
@@ -95,6 +121,11 @@ def test_kernels_agree_with_the_oracle(name, preset, seed):
     plan = np.array([inputs_of(net, rng) for _ in range(6)])
     left, right = (estimator.scenarios(state, plan, 21) for estimator in (oracle, kernels))
     np.testing.assert_allclose(left, right, rtol=1e-9)
+    levels = np.array([0.1, 0.5, 0.9])
+    left, right = (estimator.parameters(state, levels) for estimator in (oracle, kernels))
+    np.testing.assert_allclose(left.parameters, right.parameters, rtol=1e-9)
+    if net.terms:
+        np.testing.assert_allclose(left.coefficients, right.coefficients, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", NETWORKS)
@@ -205,7 +236,7 @@ def test_scenarios_are_distributed_as_the_prediction(preset):
     for u, y in zip(data.inputs[:-1], data.outputs[1:], strict=True):
         state = estimator.update(estimator.predict(state, u), y).state
     expected = estimator.predictive(estimator.predict(state, data.inputs[0]))
-    drawn = list(estimator.forecast(state, data.inputs[:1]))[1]
+    drawn = unfolded(estimator, state, data.inputs[:1])[1]
     levels = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
     at = estimator.quantiles(drawn, levels, 0)
     reached = expected.weights @ ndtr((at - expected.means[0][:, None]) / expected.sds[0][:, None])
@@ -220,7 +251,7 @@ def test_scenarios_start_with_the_state_and_change_nothing_that_follows():
     paths = estimator.scenarios(state, data.inputs[:12], 50)
     assert paths.shape == (50, 13, 1)
     assert np.array_equal(paths, estimator.scenarios(state, data.inputs[:12], 50))
-    mixtures = list(estimator.forecast(state, data.inputs[:12]))
+    mixtures = unfolded(estimator, state, data.inputs[:12])
     assert len(mixtures) == 13
     assert mixtures[5].means.shape == (1, estimator.options.scenarios)
 
@@ -234,3 +265,59 @@ def test_one_of_two_outputs_may_be_missing():
     assert posterior.disturbance().measurement_sd.shape == (2, 3)
     only = estimator.update(state, np.array([20.0, np.nan]))
     assert posterior.log_likelihood != only.log_likelihood
+
+
+def test_it_finds_the_sun_of_the_facades_and_the_habits_of_people():
+    """A room that people heat by day, less on weekends, and the sun through windows to the south and west."""
+    rng, days = np.random.default_rng(5), 40
+    place = Location(47.87, 11.73)
+    base = building()
+    base = replace(base, heat_inputs=(*base.heat_inputs, HeatInput("I_sol", "T_i", Gain(0.0), "W/m2"))).validate()
+    net = with_known_heat(base, habits=True, sun="facades", location=place)
+    times = 1380585600.0 + PERIOD * np.arange(days * 144)
+    hours = times / 3600 % 24
+    clouds = np.repeat(rng.uniform(0.1, 1.0, days * 8), 18)
+    light = 500.0 * np.maximum(np.sin(2 * np.pi * (hours - 6) / 24), 0.0) * clouds
+    heat = 3000.0 * np.repeat(rng.integers(0, 2, days * 12), 12)
+    inputs = np.column_stack([5 + 4 * np.sin(2 * np.pi * hours / 24), heat, light])
+
+    def calendar(when):
+        return LocalTime(when / 3600 % 24, when / 3600 % 24, (when // 86400 % 7 < 2).astype(float))
+
+    drive = KnownHeat(net, PERIOD, calendar, place).drive(times, inputs)
+    truth = {"sun_south": 2.5, "sun_west": 1.0, "habit_06": 300.0, "habit_09": 150.0, "habit_18": 500.0,
+             "habit_21": 250.0, "habit_weekend_09": 200.0}  # fmt: skip
+    coefficients = np.array([truth.get(term.name, 0.0) for term in net.terms])
+    known = drive[:, len(net.inputs) :] @ coefficients
+    states = simulate(
+        base, TRUTH, inputs, PERIOD, x0=np.array([20.0, 17.0]), process_noise_sd=0.005, rng=rng,
+        unmeasured=np.column_stack([known, np.zeros(len(times))]),
+    )  # fmt: skip
+    outputs = states[:, :1] + 0.03 * rng.standard_normal((len(times), 1))
+    estimator = build("mkf", net, PERIOD, {"preset": "habits", "gain": "none", "measurement_sd": 0.03})
+    state = estimator.start(4, outputs[0], drive[0])
+    for u, y in zip(drive[:-1], outputs[1:], strict=True):
+        state = estimator.update(estimator.predict(state, u), y).state
+    low, found, high = estimator.parameters(state, np.array([0.001, 0.5, 0.999])).coefficients.T
+    assert ((low <= coefficients) & (coefficients <= high)).all()
+    for name, value in truth.items():
+        at = [term.name for term in net.terms].index(name)
+        assert abs(found[at] - value) < (0.5 if net.terms[at].unit == "m2" else 100.0)
+    # What its draws say is what its own futures are: the coefficients are in the matrices too.
+    drawn = estimator.draws(state, 200)
+    path = mean_path(of_draws(drawn, PERIOD, 1), drive[:144])
+    futures = estimator.scenarios(state, drive[:144], 200).mean(axis=0)
+    np.testing.assert_allclose(path, futures, atol=0.1)
+
+
+def test_coefficients_go_through_files_with_the_same_bits():
+    net = NETWORKS["terms"]
+    estimator, rng = build("mkf", net, PERIOD, {"preset": "habits"}), np.random.default_rng(1)
+    drive = [inputs_of(net, rng) for _ in range(6)]
+    state = estimator.start(1, np.array([20.0]), drive[0])
+    state = estimator.update(estimator.predict(state, drive[0]), np.array([20.1])).state
+    again = estimator.unpack({name: np.array(rows) for name, rows in estimator.pack(state).items()})
+    for one in drive:
+        state, again = estimator.predict(state, one), estimator.predict(again, one)
+    for name, rows in estimator.pack(state).items():
+        np.testing.assert_array_equal(rows, estimator.pack(again)[name])

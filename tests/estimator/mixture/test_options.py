@@ -16,7 +16,7 @@ MISTAKES = {
     "noise in words": ({"measurement_sd": "small"}, "measurement_sd = 'small' must be 'learned' or a number from"),
     "noise": ({"measurement_sd": 0.0}, "measurement_sd = 0.0 must be a number from 1e-06 to 100"),
     "flag": ({"gain_decays": 1}, "gain_decays = 1 must be true or false"),
-    "order": ({"gain_sd_min": 60.0}, "gain_sd_min = 60 must be below gain_sd_max = 50"),
+    "order": ({"gain_sd_min": 60.0}, "gain_sd_min = 60 must not be above gain_sd_max = 50"),
     "alpha": ({"alpha_min": 2.0}, "alpha_min and alpha_max must have 1"),
     "nothing to scale": ({"volatility": "gain", "gain": "none"}, 'volatility = "gain" needs a gain'),
     "blocks": ({"volatility_blocks": {"all": ["T_i"]}}, "volatility_blocks must name every state node exactly once"),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.forecasts import unfolded
 
 from estimator.network.presets import network
 from estimator.registry import build
@@ -36,7 +37,7 @@ def plan_of(steps):
 
 
 def fan_of(estimator, state, plan):
-    mixtures = list(estimator.forecast(state, plan))
+    mixtures = unfolded(estimator, state, plan)
     return np.array([m.mean() for m in mixtures]), np.array([m.sd() for m in mixtures])
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.forecasts import unfolded
 
 from estimator.network.presets import network
 from estimator.registry import build
@@ -16,7 +17,7 @@ def played(steps, hindsight, phase=0):
     """Pending forecasts after `steps`, the predicted states and inputs on the way."""
     rng = np.random.default_rng(2)
     inputs = [np.array([5.0 + np.sin(k / 9), 800.0 * (rng.random() < 0.5)]) for k in range(steps)]
-    state, pending = EKF.start(1, np.array([20.0]), inputs[0]), hindsight.start(2)
+    state, pending = EKF.start(1, np.array([20.0]), inputs[0]), hindsight.start()
     states, duties = [], []
     for k, given in enumerate(inputs, start=1):
         state = EKF.predict(state, given)
@@ -28,7 +29,7 @@ def played(steps, hindsight, phase=0):
 
 
 def test_what_is_due_is_the_forecast_of_its_moment():
-    hindsight = Hindsight([EKF], PERIOD)
+    hindsight = Hindsight(NETWORK, [EKF], PERIOD)
     assert hindsight.leads == (2, 12, 48)
     states, inputs, duties = played(70, hindsight)
     seen = {}
@@ -36,7 +37,7 @@ def test_what_is_due_is_the_forecast_of_its_moment():
         for one in due:
             issued = step - one.lead + 1
             plan = np.array(inputs[issued:step])
-            *_, expected = EKF.forecast(states[issued - 1], plan)
+            *_, expected = unfolded(EKF, states[issued - 1], plan)
             assert one.mixtures[0].mean()[0] == pytest.approx(expected.mean()[0], rel=1e-12)
             assert one.mixtures[0].sd()[0] == pytest.approx(expected.sd()[0], rel=1e-12)
             seen[one.lead] = seen.get(one.lead, 0) + 1
@@ -45,16 +46,16 @@ def test_what_is_due_is_the_forecast_of_its_moment():
 
 @pytest.mark.parametrize("phase", [0, 1, 7])
 def test_issues_keep_to_their_phase(phase):
-    _, _, duties = played(30, Hindsight([EKF], PERIOD), phase)
+    _, _, duties = played(30, Hindsight(NETWORK, [EKF], PERIOD), phase)
     issued = {issue.step for issue in duties[-1][2].issues}
     assert issued
     assert {step % 2 for step in issued} == {phase % 2}
 
 
 def test_pending_forecasts_survive_as_arrays():
-    hindsight = Hindsight([EKF, build("arx", NETWORK, PERIOD, {})], PERIOD)
+    hindsight = Hindsight(NETWORK, [EKF, build("arx", NETWORK, PERIOD, {})], PERIOD)
     arx = build("arx", NETWORK, PERIOD, {})
-    pending, state, own = hindsight.start(2), EKF.start(1, np.array([20.0]), np.zeros(2)), None
+    pending, state, own = hindsight.start(), EKF.start(1, np.array([20.0]), np.zeros(2)), None
     own = arx.start(1, np.array([20.0]), np.zeros(2))
     for k in range(20):
         given = np.array([3.0, 100.0 * k])
@@ -67,17 +68,17 @@ def test_pending_forecasts_survive_as_arrays():
         assert left.note.tobytes() == right.note.tobytes()
         for a, b in zip(left.mixtures, right.mixtures, strict=True):
             assert a.means.tobytes() == b.means.tobytes()
-    assert hindsight.unpack(hindsight.pack(hindsight.start(2))).issues == ()
+    assert hindsight.unpack(hindsight.pack(hindsight.start())).issues == ()
 
 
 def test_what_waits_is_bounded():
-    _, _, duties = played(200, Hindsight([EKF], PERIOD))
+    _, _, duties = played(200, Hindsight(NETWORK, [EKF], PERIOD))
     pending = duties[-1][2]
     assert len(pending.issues) <= 24
     assert len(pending.inputs) < 48
 
 
 def test_a_period_of_more_than_an_hour_has_no_horizon_below_it():
-    hindsight = Hindsight([build("ekf", NETWORK, 7200.0, {})], 7200.0)
-    pending = hindsight.advance(hindsight.start(2), np.zeros(2), [EKF.start(1, np.array([20.0]), np.zeros(2))], 0)
+    hindsight = Hindsight(NETWORK, [build("ekf", NETWORK, 7200.0, {})], 7200.0)
+    pending = hindsight.advance(hindsight.start(), np.zeros(2), [EKF.start(1, np.array([20.0]), np.zeros(2))], 0)
     assert not list(hindsight.due(pending))

@@ -11,13 +11,12 @@ import pytest
 from estimator.gaussian.floor import floor
 from estimator.network.presets import building_67
 from replay.errors import ReplayError
-from replay.experiments.ecolar.nights import state_at
 from replay.experiments.request import Request
-from replay.experiments.semi_synthetic.case import simulated_case
-from replay.experiments.semi_synthetic.causes import first_rise
-from replay.experiments.semi_synthetic.scores import DOMINATED, OVERALL, score, since_change, true_parameters
 from replay.experiments.series.filtering import REGIMES, FilterRun, Trace, run_filter
 from replay.experiments.series.recorded import series_of
+from replay.lab.experiments.ecolar.nights import state_at
+from replay.lab.experiments.semi_synthetic.case import simulated_case
+from replay.lab.experiments.semi_synthetic.figures import DOMINATED, figures, key, since_change, true_parameters
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
 from service.cli.main import main
 from service.config.load import load
@@ -71,15 +70,14 @@ def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None
     network, case = building_67(), simulated_case(building_67(), Request(days=12), 4)
     options = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}
     run = FilterRun("floor", options, network, PERIOD, case.series, 4)
-    scores = score(network, case.series, case.truth, Trace(**run_filter(run, lambda steps: None)))
-    assert scores.h2.tolist() == [0.0, 0.0, 0.0]
-    assert np.isnan(scores.parasitic_learning), "nothing moves, so there is no index"
+    scores = figures(network, case, Trace(**run_filter(run, lambda steps: None)))
+    assert [scores[f"H2 {name}"] for name in ("solar", "heater", "outside")] == [0.0, 0.0, 0.0]
+    assert np.isnan(scores["parasitic-learning index"]), "nothing moves, so there is no index"
     # The gain is ignored here: quiet steps are covered, disturbed ones are not.
-    assert scores.one_step[DOMINATED].coverage < 0.3 < 0.8 < scores.one_step[OVERALL].coverage
-    assert scores.one_step[OVERALL].width == pytest.approx(0.640, abs=0.003)
-    assert scores.filtered[OVERALL].width == pytest.approx(0.231, abs=0.003)
-    assert scores.onset[0] > scores.onset[3]
-    assert (scores.open_loop > 0).all()
+    assert scores[key("one_step", "coverage", DOMINATED)] < 0.3 < 0.8 < scores[key("one_step", "coverage")]
+    assert scores[key("one_step", "width, K")] == pytest.approx(0.640, abs=0.003)
+    assert scores[key("filtered", "width, K")] == pytest.approx(0.231, abs=0.003)
+    assert scores["open loop, smallest"] > 0
 
 
 @pytest.mark.parametrize(
@@ -101,8 +99,3 @@ def test_steps_since_the_label_changed() -> None:
     dominated = np.array([False, False, True, True, True, False])
     assert since_change(dominated)[2:].tolist() == [0, 1, 2, 0]
     assert (since_change(dominated)[:2] > 6).all()
-
-
-def test_a_gain_shows_at_once_but_not_by_much() -> None:
-    # 7 kW for 10 min into 9.9 MJ/K of air alone would be .425 K; some goes on into heater, walls and mass.
-    assert 0.2 < first_rise(building_67()) < 0.425

@@ -13,7 +13,6 @@ from estimator.network import presets
 from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, pieces, read_zone
-from replay.experiments.topology import data as topology_data
 from replay.experiments.topology import experiment as topology
 from replay.experiments.topology.candidates import Candidate, ecolar_candidates
 from replay.experiments.topology.data import Recording, recordings
@@ -23,6 +22,7 @@ from replay.experiments.topology.ranking import Fitted, rank
 from replay.experiments.topology.report import Outcome, _why
 from replay.experiments.topology.tables import cross_correlation
 from replay.experiments.topology.toml import proposal
+from replay.lab.experiments.ecolar import periods
 from replay.localtime import HOUR, midnight
 from replay.scores.windows import Window
 from replay.simulated import ecolar
@@ -218,7 +218,7 @@ def test_a_network_that_needs_less_says_which_channel_goes(
 
 @pytest.mark.usefixtures("quick")
 def test_the_ecolar_standins_stand_beside_the_papers_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(topology_data, "PERIODS", ("spring",))
+    monkeypatch.setattr(periods, "PERIODS", ("spring",))
     monkeypatch.setitem(ecolar.PERIODS, "spring", ((2025, 5, 3), (2025, 5, 13)))
     assert experiment(tmp_path, "--days", "8", "--seeds", "5,") == 0
     table = (tmp_path / "ranking-spring-seed5.csv").read_text(encoding="utf-8").splitlines()

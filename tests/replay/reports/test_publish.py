@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -11,12 +12,12 @@ import pytest
 from estimator.diagnosis.finding import AT_BOUND, Diagnosis, Finding
 from replay.errors import ReplayError
 from replay.experiments.request import Request
-from replay.experiments.table import shown
 from replay.experiments.topology import experiment as topology
 from replay.experiments.topology.data import recordings
 from replay.localtime import DAY
 from replay.recorded.runner import replay_recording
 from replay.recorded.stored import stored_traces
+from replay.reports.kit.table import shown
 from replay.reports.language import in_language
 from replay.reports.page import report
 from replay.reports.publish import publish_report
@@ -185,7 +186,7 @@ def test_a_set_point_is_drawn_and_changes_no_forecast(tmp_path):
     traces = replay_recording(
         load(EXAMPLE, [*settings, f"zones.{ZONE}.{meant}"]), tmp_path, end=1712730000.0, progress=False
     )
-    rows = [row._replace(setpoint=float("nan")) for row in traces[0].rows]
+    rows = [replace(row, setpoint=float("nan")) for row in traces[0].rows]
     assert repr(rows) == repr(without.rows)
     assert np.isfinite([row.setpoint for row in traces[0].rows]).all()
     publish_report("site", traces, tmp_path)

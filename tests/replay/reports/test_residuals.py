@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.fake_zones import skill_over
 
 from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network import presets
@@ -9,7 +10,7 @@ from replay.recorded.trace import Trace
 from replay.reports.advice import advice
 from replay.reports.residuals import correlation, diagnostics
 from service.records.history import HistoryRow
-from service.records.skill import HorizonSkill, Skill
+from service.records.skill import HorizonSkill
 
 PERIOD, NAN = 600, float("nan")
 
@@ -21,11 +22,11 @@ def trace(
     count = len(residual)
     times = PERIOD * np.arange(count) if times is None else times
     rows = [
-        HistoryRow(int(t), 20 + e, 20.0, 20 - half, 20 + half, sd, e, *(NAN,) * 4, 1.0, NAN, False, 0.0, 1)
+        HistoryRow(int(t), 20 + e, 20.0, 20 - half, 20 + half, sd, e, *(NAN,) * 4, 1.0, NAN, False, 0.0, 1, *(NAN,) * 4)
         for t, e in zip(times, residual, strict=True)
     ]
     network = presets.network("tite")
-    skill = Skill(int(times[-1]), 0.95, {1: (), 30: tuple(horizons)}, {})
+    skill = skill_over(int(times[-1]), {1: (), 30: tuple(horizons)})
     return Trace(
         zone="z",
         network=network,
@@ -87,7 +88,7 @@ def test_nothing_is_compared_across_a_gap():
 
 
 def horizon(lead, rmse, persistence=1.0, arx=1.0, forecasts=500):
-    return HorizonSkill(lead, forecasts, 0.95, 0.1, rmse, 1.0, persistence, arx)
+    return HorizonSkill.of(lead, forecasts, 0.95, 0.1, rmse, 1.0, persistence, arx)
 
 
 def said(period):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from replay.scores import by_regime, coverage, interval_scores, mean_width, pit_histogram, rmse, winkler
+from replay.scores import coverage, interval_scores, mean_width, pit_histogram, rmse, winkler
 
 NAN = np.nan
 # inside, on the bound, below by .5, above by .25, three incomplete rows
@@ -54,14 +54,6 @@ def test_interval_scores_are_those_of_the_complete_rows() -> None:
     assert scores.samples == 4
     assert (scores.coverage, scores.width) == (0.5, 1.5)
     assert scores.winkler == pytest.approx(9.0)
-
-
-def test_regimes_are_scored_apart() -> None:
-    first = np.arange(7) < 2
-    scores = by_regime(Y, LOWER, UPPER, {"quiet": first, "dominated": ~first})
-    assert scores["quiet"].coverage == 1.0
-    assert scores["dominated"].samples == 2
-    assert scores["dominated"].winkler == pytest.approx((22 + 11) / 2)
 
 
 def test_pit_histogram_counts_shares() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from support.config_samples import sound, write
 
+from estimator.bank.options import DEFAULT_MEMBERS
 from estimator.network import presets
 from estimator.network.boxes import PER_AREA, boxed
 from estimator.network.network import Network
@@ -63,12 +64,10 @@ def test_every_estimator_takes_the_automatic_network(tmp_path: Path, estimator: 
     assert make_worker(zone).network == zone.network
 
 
-def test_a_bank_of_an_automatic_network_has_a_member_for_every_variant(tmp_path: Path) -> None:
-    bank = make_worker(living(tmp_path, estimator="bank")).estimator
-    networks = {member.network.name for member in bank.members}
-    assert networks == {"auto", "auto-ground", "auto-two-layers", "auto-direct-heat"}
-    chosen = make_worker(living(tmp_path, "titeth", estimator="bank")).estimator
-    assert {member.network.name for member in chosen.members} == {"titeth"}
+def test_a_member_of_a_bank_can_have_a_variant_of_the_network(tmp_path: Path) -> None:
+    members = {"own": {"estimator": "ekf"}, "slab": {"estimator": "ekf", "network": "ground"}}
+    bank = make_worker(living(tmp_path, estimator="bank", estimator_options={"members": members})).estimator
+    assert [member.network.name for member in bank.members] == ["auto", "auto-ground"]
 
 
 def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
@@ -95,7 +94,7 @@ def test_what_is_shown_as_effective_is_the_same_bank(tmp_path: Path) -> None:
     (tmp_path / "effective.toml").write_text(shown, encoding="utf-8")
     again = load(tmp_path / "effective.toml")
     assert effective_toml(again) == shown
-    assert {member.variant for member in again.zones[0].options.members.values()} >= {"own", "ground", "two-layers"}
+    assert list(again.zones[0].options.members) == list(DEFAULT_MEMBERS)
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,22 @@ def test_a_damaged_cache_is_set_aside_and_compiled_anew(
     assert sum(third.stats.cache_hits.values()) == 1, "and it is whole again"
 
 
+def test_a_cache_that_others_can_write_is_not_used(
+    kernel: Callable[[], Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """What lies in it is run, as code and as pickles."""
+    assert kernel()(1) == 2
+    (index,) = files(tmp_path, "nbi")
+    index.parent.chmod(0o777)
+    before = index.read_bytes()
+    again = kernel()
+    assert again(1) == 2
+    assert not again.stats.cache_hits
+    assert index.read_bytes() == before
+    (sentence,) = caplog.messages
+    assert f"chmod go-w {index.parent}" in sentence
+
+
 def test_a_cache_that_cannot_be_written_costs_a_compilation(
     kernel: Callable[[], Any], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

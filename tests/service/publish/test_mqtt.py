@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import logging
 import threading
@@ -44,7 +43,7 @@ def publisher(port: int, prefix: str | None = None) -> Publisher:
 def everything(name: str = "living", step: int = 2) -> Announcement:
     """An announcement with all there is to tell but a gain, which its estimator does not know."""
     zone = running(name)
-    skill, trust = asyncio.run(zone.skill()), zone.trust()
+    skill, trust = zone.skill(), zone.trust()
     return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, skill, trust=trust)
 
 

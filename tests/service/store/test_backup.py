@@ -8,21 +8,25 @@ import io
 import json
 import os
 import shutil
+import sqlite3
 import stat
 import subprocess
 import tarfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.running_zone import Announced, finished, plumbing, straight
 from support.zone_samples import comparable, sample, worker
 
-from service.errors import BackupError, ServiceError
+from service.errors import BackupError, JournalError, ServiceError
 from service.store import backup as module
 from service.store.backup import FORMAT_VERSION, restore_backup, write_backup
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
+from service.store.ownership import database
 from service.store.retention import Limits, prune
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, Store
 from service.zone.zone import Zone
@@ -126,6 +130,113 @@ def test_root_restores_for_the_user_of_the_daemon(kept: Path, tmp_path: Path) ->
     os.chown(tmp_path / "new", 12345, 12345)
     restore_backup(tmp_path / "new", "house", kept, replace=False)
     assert {path.stat().st_uid for path in (tmp_path / "new").rglob("*")} == {12345}
+    assert {stat.S_IMODE(path.stat().st_mode) & 0o077 for path in (tmp_path / "new").rglob("*")} == {0}
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Iterator[Path]:
+    """A file that only root may read, and that nothing may have touched by the end."""
+    file = tmp_path / "secret"
+    file.write_bytes(b"# root's alone\n")
+    file.chmod(0o600)
+    before = file.stat()
+    yield file
+    after = file.stat()
+    assert (after.st_uid, after.st_mode, after.st_mtime_ns) == (before.st_uid, before.st_mode, before.st_mtime_ns)
+
+
+def of_another(folder: Path) -> Path:
+    """`folder` with all that is in it, given to an account that is not root's."""
+    for path in (folder, *folder.rglob("*")):
+        os.chown(path, 12345, 12345, follow_symlinks=False)
+    return folder
+
+
+as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be led to what others may not reach")
+
+
+@as_root
+@pytest.mark.parametrize("name", ["lock", "restoring.tmp", "restoring"])
+def test_a_link_does_not_lead_root_out_of_the_folder_that_it_restores(
+    name: str, kept: Path, tmp_path: Path, secret: Path
+) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    state = tmp_path / "new"
+    state.mkdir()
+    (state / name).symlink_to(secret if name == "lock" else inside)
+    of_another(state)
+    with suppress(ServiceError):
+        restore_backup(state, "house", kept, replace=False)
+    assert not list(inside.iterdir())
+
+
+@as_root
+def test_root_backs_up_nothing_that_the_account_may_not_read(tmp_path: Path, secret: Path) -> None:
+    state = tmp_path / "state"
+    fill(state, ITEMS[:20])
+    (state / CONFIGURATION).unlink(missing_ok=True)
+    (state / CONFIGURATION).symlink_to(secret)
+    of_another(state)
+    with pytest.raises(BackupError, match=r"configuration\.toml is a link or another kind of file"):
+        write_backup(state, "house", tmp_path / "out.tar")
+    (state / CONFIGURATION).unlink()
+    for path in (state / CHECKPOINTS / "z").iterdir():
+        path.rename(tmp_path / path.name)
+        os.chown(tmp_path / path.name, 0, 0)
+        os.chmod(tmp_path / path.name, 0o600)
+        path.symlink_to(tmp_path / path.name)
+    assert write_backup(state, "house", tmp_path / "out.tar").zones == 0
+    (state / JOURNAL).rename(tmp_path / JOURNAL)
+    (state / JOURNAL).symlink_to(tmp_path / JOURNAL)
+    with pytest.raises(BackupError, match=r"journal\.sqlite3 is a link or another kind of file"):
+        write_backup(state, "house", tmp_path / "again.tar")
+
+
+def test_what_sqlite_opens_is_compared_with_what_was_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The account puts a link in the place of its file just before SQLite opens it."""
+    mine, other = tmp_path / "mine", tmp_path / "other"
+    for path in (mine, other):
+        with closing(sqlite3.connect(path)) as made:
+            made.execute("CREATE TABLE a (b)")
+    connect = sqlite3.connect
+
+    def swapped(*arguments: Any, **options: Any) -> sqlite3.Connection:
+        mine.unlink()
+        mine.symlink_to(other)
+        return connect(*arguments, **options)
+
+    with database(mine, "ro") as sound:
+        assert sound.execute("SELECT count(*) FROM a").fetchone() == (0,)
+    monkeypatch.setattr(sqlite3, "connect", swapped)
+    with pytest.raises(OSError, match="is a link or another kind of file"), database(mine, "ro"):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("statement", "told"),
+    [
+        ("CREATE TRIGGER silent BEFORE INSERT ON samples BEGIN SELECT RAISE(IGNORE); END", "has the trigger 'silent'"),
+        ("CREATE VIEW v AS SELECT 1", "has the view 'v'"),
+        ("CREATE UNIQUE INDEX i ON samples (outputs)", "has the index 'i'"),
+        ("CREATE TABLE more (x)", "has the table 'more'"),
+        ("ALTER TABLE samples ADD COLUMN x GENERATED ALWAYS AS (1)", "has the table 'samples'"),
+        ("DROP TABLE forgotten", "lacks the table 'forgotten'"),
+    ],
+)
+def test_a_journal_that_would_do_something_of_its_own_is_not_restored(
+    statement: str, told: str, kept: Path, tmp_path: Path
+) -> None:
+    """A trigger that ignores every row would have the daemon acknowledge what is never written."""
+    state = tmp_path / "state"
+    with closing(sqlite3.connect(state / JOURNAL)) as journal:
+        journal.execute(statement)
+    with pytest.raises(JournalError, match=told):
+        Store(state)
+    made = write_backup(state, "house", tmp_path / "evil.tar")
+    with pytest.raises(BackupError, match=told):
+        restore_backup(tmp_path / "new", "house", made.path, replace=False)
+    assert os.listdir(tmp_path / "new") == ["lock"]
 
 
 def test_a_running_daemon_keeps_its_state(kept: Path, tmp_path: Path) -> None:
@@ -255,8 +366,8 @@ def test_checkpoints_and_journal_go_together(tmp_path: Path, monkeypatch: pytest
     fill(state, ITEMS[:20])
     copy_checkpoint = module._copy_checkpoint
 
-    def copied(zone: Path, folder: Path) -> int | None:
-        step = copy_checkpoint(zone, folder)
+    def copied(state_dir: Path, zone: str, folder: Path) -> int | None:
+        step = copy_checkpoint(state_dir, zone, folder)
         if not pruned:
             store = CheckpointStore(state / "checkpoints")
             newest = store.load("z", "mark")

@@ -27,6 +27,7 @@ from support.zone_samples import comparable, sample
 
 import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
+import service.store.postgres.retention as retention
 from adapters.reading import Reading
 from service.errors import Fenced, JournalError, LeaseHeld, StateMismatch
 from service.store.checkpoint import Checkpoint
@@ -476,7 +477,9 @@ def test_a_zone_moves_to_another_owner_and_goes_on_bit_for_bit(fleet: Fleet, tmp
     assert rows == 40
 
 
-def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(fleet: Fleet) -> None:
+def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
+    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stores = [fleet.store(fleet.leases.acquire(f"shard-{n}", f"node-{n}", LONG)) for n in range(3)]
     month = 31 * 86_400
     times = [make_sample(0).time + k * month for k in range(4)]
@@ -501,8 +504,12 @@ def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(f
         assert _months(fleet) == sorted(
             [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
         )
-        for store in stores:
-            await store._run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
+        there = _months(fleet)
+        for leap in (retention.LEAP, month):
+            assert _months(fleet) == there, "a leap in time makes nothing old"
+            monkeypatch.setattr(retention, "LEAP", leap)
+            for store in stores:
+                await store._run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
         stays = [month_of("samples", when).name for when in times[1:]]
         assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
         for number, store in enumerate(stores):
@@ -546,6 +553,7 @@ def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
 
 def test_a_row_that_comes_while_its_month_is_dropped_stays(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(database, "FROZEN_SECONDS", 120.0)
+    monkeypatch.setattr(retention, "LEAP", 10**9)
     store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
     old, month = make_sample(0).time, 31 * 86_400

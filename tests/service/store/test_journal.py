@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +127,7 @@ def test_history_rows_come_back_and_are_replaced(journal: Journal) -> None:
     journal.record("living", update)
     journal.record("living", update._replace(segment=4))
     (row,) = journal.history("living", None, None, 10)
-    assert row == HistoryRow.of(update)._replace(segment=4)
+    assert row == replace(HistoryRow.of(update), segment=4)
     assert row.resampled is update.resampled
     assert row.mean == update.score.mean[0]
 

@@ -18,6 +18,7 @@ from support.zone_samples import comparable, sample, worker
 
 import service.store.store
 from adapters.reading import Quality, Reading
+from service.fields.times import written_time
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
@@ -26,6 +27,7 @@ from service.zone.zone import Zone
 
 STEP = 300
 FIRST = make_sample(0).time
+DAY = 86_400
 FOREVER = 1e12
 
 
@@ -46,6 +48,11 @@ def steps_of(journal: Journal, zone: str) -> tuple[list[int], list[int]]:
     """Which samples and which history rows of `zone` there are."""
     samples = [(item.time - FIRST) // STEP for item in journal.samples_after(zone, None)]
     return samples, [(row.time - FIRST) // STEP for row in journal.history(zone, None, None, 100_000)]
+
+
+def at(step: int) -> str:
+    """When `step` is, as the log writes it."""
+    return written_time(FIRST + step * STEP)
 
 
 def pruned(journal: Journal, limits: Limits, oldest_checkpoint: int | None) -> int:
@@ -108,6 +115,52 @@ def test_age_counts_from_the_newest_sample_of_each_zone(journal: Journal) -> Non
     assert steps_of(journal, "bedroom")[0] == list(range(199, 300))
 
 
+def leap(journal: Journal, zone: str, begin: int, steps: int) -> None:
+    """Samples and history of `zone` from `begin` (UTC s) on."""
+    samples = [make_sample(0)._replace(time=begin + step * STEP) for step in range(steps)]
+    journal.append_all([(zone, one) for one in samples])
+    for one in samples:
+        journal.record(zone, make_update(0)._replace(time=one.time))
+    journal.flush()
+
+
+def test_a_clock_that_leaps_ahead_deletes_nothing(journal: Journal) -> None:
+    """500 days ahead for a minute, and whatever follows: the true rows stay until a day of samples has confirmed it."""
+    fill(journal, "living", 1000)
+    ahead = FIRST + 500 * DAY
+    leap(journal, "living", ahead, 5)
+    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
+    assert steps_of(journal, "living")[0][:1000] == list(range(1000))
+    assert journal.pruned_until("living") is None
+    leap(journal, "living", ahead + 5 * STEP, 290)
+    for _ in range(2):
+        pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
+    assert steps_of(journal, "living")[0][0] == (ahead - FIRST) // STEP + 294 - 100, "that was a day of samples"
+
+
+def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
+    journal: Journal, caplog: pytest.LogCaptureFixture
+) -> None:
+    fill(journal, "living", 6000)
+    left = []
+    for _ in range(4):
+        pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=5990)
+        left.append(steps_of(journal, "living")[1][0])
+    assert left == [2016, 4032, 5899, 5899]
+    told = [record.getMessage() for record in caplog.records]
+    assert told == [
+        f"history older than keep_history is deleted: of zone 'living' from {at(first)} to {at(last)}"
+        for first, last in ((0, 2016), (2016, 4032), (4032, 5899))
+    ]
+
+
+def test_without_checkpoints_the_history_still_goes(journal: Journal) -> None:
+    fill(journal, "living", 6000)
+    for _ in range(3):
+        pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=None)
+    assert steps_of(journal, "living") == (list(range(6000)), list(range(5899, 6000)))
+
+
 def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(tmp_path: Path, journal: Journal) -> None:
     limit = 7_000_000
     for round_ in range(8):
@@ -165,7 +218,7 @@ def test_appends_come_in_between_the_slices(journal: Journal) -> None:
     for number, _ in enumerate(prune(journal, lambda zone: FIRST + 4990 * STEP, Limits(10 * STEP, FOREVER))):
         assert journal.append("living", make_sample(5000 + number))
         assert number < 40
-    assert number >= 9, "500 rows at once at most"
+    assert number >= 5, "500 rows at once at most"
     assert steps_of(journal, "living")[0][-1] == 5000 + number
 
 

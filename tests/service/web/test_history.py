@@ -14,13 +14,13 @@ from support.http_client import get
 from support.waiting import until
 
 from service.errors import ServiceError
-from service.publish.payloads import to_json
 from service.records.asker import Asker, asked_by
 from service.records.history import HistoryRow
+from service.records.record import document
 from service.web import history as module
 from service.web.app import create_app
-from service.web.history import PAGE, Histories, history_payload
-from service.web.limits import LARGE_AT_ONCE
+from service.web.history import PAGE, Histories, history_of
+from service.web.limits import LARGE_AT_ONCE, LargeAnswers
 
 ROWS = 2 * PAGE + 300
 
@@ -45,7 +45,7 @@ def test_pages_make_the_answer_of_one_piece(app: FastAPI, zone: FakeZone, limit:
     answer = get(app, f"/zones/living/history?{query}")
     assert answer.status_code == 200
     rows = [row for row in map(HistoryRow.of, zone.updates) if start is None or row.time >= start][-limit:]
-    assert answer.content == to_json(history_payload("htwg", zone, rows))
+    assert answer.content == document(history_of(zone, rows), "htwg", zone.id)
     assert all(asked[3] <= PAGE for asked in zone.asked), "a page leaves the journal to the zones"
 
 
@@ -78,7 +78,7 @@ class Slow:
 
 def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zone: FakeZone) -> None:
     async def scenario() -> None:
-        histories, slow = Histories("htwg"), Slow(zone)
+        histories, slow = Histories("htwg", LargeAnswers()), Slow(zone)
 
         async def ask(name: str, limit: int) -> bytes:
             asked_by(Asker(name))
@@ -107,7 +107,7 @@ def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> None:
         asked_by(asker)
         view: Any = slow
         with pytest.raises(ServiceError, match="nobody waits for it"):
-            await Histories("htwg").answer(view, None, None, 20_000)
+            await Histories("htwg", LargeAnswers()).answer(view, None, None, 20_000)
         assert slow.reading == []
 
     asyncio.run(scenario())

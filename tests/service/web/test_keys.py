@@ -170,10 +170,10 @@ def test_a_file_that_cannot_be_read_at_the_moment_closes_and_is_read_later(
     revoke_key(file, "one")
     with monkeypatch.context() as patched:
 
-        def refuse(path: Path, *_: object) -> None:
+        def refuse(*_: object) -> None:
             raise OSError(failure, os.strerror(failure))
 
-        patched.setattr(Path, "open", refuse)
+        patched.setattr(keys.os, "open", refuse)
         assert not ring.accepts(key), "a stream ends"
         for asked in (secret, other):
             with pytest.raises(KeyFileError):
@@ -208,7 +208,7 @@ def test_what_stands_in_the_way_is_said_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(KeyFileError, match="cannot be written"):
         create_key(blocked / "keys.json", "one", "read")
     (tmp_path / "keys.json").mkdir()
-    with pytest.raises(KeyFileError, match="cannot be read"):
+    with pytest.raises(KeyFileError, match="is not a file of keys"):
         read_keys(tmp_path / "keys.json")
 
 
@@ -235,13 +235,59 @@ def test_writers_do_not_lose_each_others_keys(file: Path) -> None:
     assert sorted(key.name for key in read_keys(file)) == sorted(f"key-{number}" for number in range(16))
 
 
-def test_root_gives_the_file_to_the_owner_of_the_folder(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[tuple[int, int]] = []
-    monkeypatch.setattr(keys.os, "geteuid", lambda: 0)
-    monkeypatch.setattr(keys.os, "fchown", lambda _, user, group: given.append((user, group)))
-    create_key(file, "one", "read")
-    owner = file.parent.stat()
-    assert given == [(owner.st_uid, owner.st_gid)]
+@pytest.mark.parametrize(("mode", "group"), [(0o777, 0), (0o770, 54321)])
+def test_a_folder_in_which_others_can_put_another_file_is_not_believed(file: Path, mode: int, group: int) -> None:
+    secret = create_key(file, "one", "admin")
+    ring = KeyRing(file, required=False)
+    if group and os.geteuid() == 0:
+        os.chown(file.parent, -1, group)
+    elif group:
+        pytest.skip("only root can give a folder to a group that it is not in")
+    file.parent.chmod(mode)
+    with pytest.raises(KeyFileError, match=r"can be replaced by other accounts.*chmod go-w"):
+        read_keys(file)
+    os.utime(file)
+    with pytest.raises(KeyFileError, match="cannot be read now"):
+        ring.find(secret)
+    file.parent.chmod(0o1777)
+    assert read_keys(file), "as /tmp is"
+
+
+def test_a_pipe_or_a_giant_in_the_place_of_the_file_keeps_nobody_waiting(file: Path) -> None:
+    file.parent.mkdir(mode=0o700, exist_ok=True)
+    os.mkfifo(file)
+    with pytest.raises(KeyFileError, match="is not a file of keys"):
+        read_keys(file)
+    file.unlink()
+    file.touch(0o600)
+    os.truncate(file, 10**12)
+    with pytest.raises(KeyFileError, match="is not a file of keys"):
+        read_keys(file)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root works for another account")
+def test_root_makes_keys_for_the_account_whose_folder_it_is_and_follows_no_link_of_it(tmp_path: Path) -> None:
+    folder, private = tmp_path / "state", tmp_path / "private"
+    for path in (folder, private):
+        path.mkdir(mode=0o700)
+    os.chown(folder, 12345, 12345)
+    create_key(folder / "keys.json", "one", "read")
+    status = (folder / "keys.json").stat()
+    assert (status.st_uid, status.st_gid, status.st_mode & 0o777) == (12345, 12345, 0o600)
+    assert [key.name for key in read_keys(folder / "keys.json")] == ["one"]
+    create_key(private / "keys.json", "private", "admin")
+    (folder / "keys.json").unlink()
+    (folder / "keys.json").symlink_to(private / "keys.json")
+    with pytest.raises(KeyFileError, match="Permission denied"):
+        create_key(folder / "keys.json", "two", "read")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a file away")
+def test_a_file_that_belongs_to_another_account_is_not_believed(file: Path) -> None:
+    create_key(file, "one", "admin")
+    os.chown(file, 12345, -1)
+    with pytest.raises(KeyFileError, match="can be changed by other accounts"):
+        read_keys(file)
 
 
 def test_the_digest_is_not_shown(file: Path) -> None:

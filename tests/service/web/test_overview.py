@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -184,7 +185,7 @@ def test_a_zone_that_fails_leaves_the_others_their_outlook(
         raise RuntimeError("no such matrix")
 
     zones["attic"] = running("attic")
-    zones["attic"].fan = explode  # type: ignore[assignment]
+    zones["attic"].ask = explode  # type: ignore[assignment]
 
     async def run() -> None:
         outlooks = Outlooks(zones, lambda name: None)
@@ -224,7 +225,7 @@ def test_outlooks_take_their_share_of_the_time_at_most(
         await real(0)
 
     clock = iter(range(10_000))
-    monkeypatch.setattr(outlook.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(outlook, "time", SimpleNamespace(monotonic=lambda: float(next(clock))))
     monkeypatch.setattr(outlook.asyncio, "sleep", sleep)
 
     async def run() -> None:

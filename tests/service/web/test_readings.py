@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import gzip
 import json
+import tracemalloc
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +27,8 @@ from service.records.receipt import Receipt
 from service.web import readings
 from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
-from service.web.readings import AT_ONCE, MAX_VALUES, Taken
-from service.web.server.refusal import MOST_SENTENCES
+from service.web.readings import MAX_VALUES, OF_ONE, WAITING, Taken
+from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 
 JSON = "application/json"
 SENML = "application/senml+json"
@@ -37,11 +39,13 @@ class Desk:
     """Takes everything and remembers it; waits for `open` if it is told to, or fails."""
 
     def __init__(self) -> None:
+        self.asked = 0
         self.taken: list[tuple[list[Posted], str | None]] = []
         self.failure: Exception | None = None
         self.open: asyncio.Event | None = None
 
     async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
+        self.asked += 1
         if self.open is not None:
             await self.open.wait()
         if self.failure is not None:
@@ -225,7 +229,6 @@ def test_an_answer_lists_few_mistakes(app: FastAPI, desk: Desk, key: str) -> Non
         (b'{"readings": [' + b"1," * MAX_VALUES + b"1]}", JSON),
         (b"[" + b"{}," * MAX_VALUES + b"{}]", SENML),
         (b"a b=1\n" * (MAX_VALUES + 1), LINES),
-        (b"a b=1" + b",b=1" * MAX_VALUES, LINES),
     ],
 )
 def test_too_many_values_are_refused_before_they_are_looked_at(
@@ -235,6 +238,37 @@ def test_too_many_values_are_refused_before_they_are_looked_at(
     assert f"at most {MAX_VALUES} values" in detail
     assert "metric_batch_size" in detail
     assert not desk.taken
+
+
+PACKED = {"Content-Type": SENML, "Content-Encoding": "gzip"}
+
+
+@pytest.mark.parametrize(
+    ("body", "headers"),
+    [
+        (json.dumps([{"bn": "x" * 500_000}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
+        (json.dumps([{"bu": "x" * 500_000}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
+        (json.dumps([{"bn": ["x" * 500_000]}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
+        (json.dumps([{"bn": "\U0001f321" * 200}] + [{"n": str(k), "v": 1} for k in range(19_990)]).encode(), PACKED),
+        (b"[" + b"[]," * 300_000 + b"[]]", PACKED),
+        (b"a" + b",a=b" * 250_000 + b" a=1", {"Content-Type": LINES}),
+        (b"a b=1" + b",b=1" * 250_000, {"Content-Type": LINES}),
+    ],
+    ids=["name", "unit", "no text", "wide", "lists", "tags", "fields"],
+)
+def test_what_is_decoded_is_bounded_and_not_only_what_arrives(body: bytes, headers: dict[str, str]) -> None:
+    """At most 30 times the largest body, whatever is in it."""
+    limit = 1_048_576
+    sent = gzip.compress(body) if "Content-Encoding" in headers else body
+    assert len(body) <= limit
+    tracemalloc.start()
+    try:
+        with suppress(RequestRefused):
+            readings.read(sent, {name.lower(): text for name, text in headers.items()}, "ns", limit)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 30 * limit, f"{peak / limit:.0f} times"
 
 
 def test_a_packed_body(app: FastAPI, desk: Desk, key: str) -> None:
@@ -264,7 +298,7 @@ def test_who_posts_faster_than_the_journal_writes_waits(app: FastAPI, desk: Desk
                 return await client.post("/readings", content=b"a b=1", headers=headers)
 
             # Those that find no room are answered at once, the others when the desk opens.
-            waiting = [asyncio.ensure_future(one()) for _ in range(AT_ONCE + 3)]
+            waiting = [asyncio.ensure_future(one()) for _ in range(WAITING + 3)]
             done: set[Any] = set()
             while len(done) < 3:
                 done, _ = await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
@@ -277,8 +311,71 @@ def test_who_posts_faster_than_the_journal_writes_waits(app: FastAPI, desk: Desk
     refused = [answer for answer in answers if answer.status_code == 429]
     assert len(refused) == 3
     assert {answer.headers["retry-after"] for answer in refused} == {str(readings.RETRY_SECONDS)}
-    assert Counter(answer.status_code for answer in answers)[200] == AT_ONCE
+    assert Counter(answer.status_code for answer in answers)[200] == WAITING
     assert last.status_code == 200
+
+
+async def slowly(app: FastAPI, key: str, sent: asyncio.Event, body: bytes = b"") -> None:
+    """Post with `key` the headers and one byte, and no more until `sent`, which is then followed by `body`."""
+    headers = [(b"host", b"127.0.0.1"), (b"content-type", LINES.encode()), (b"transfer-encoding", b"chunked")]
+    headers.append((b"authorization", f"Bearer {key}".encode()))
+    scope: dict[str, Any] = {"type": "http", "http_version": "1.1", "method": "POST", "scheme": "http"}
+    scope |= {"path": "/readings", "raw_path": b"/readings", "query_string": b"", "headers": headers, "root_path": ""}
+    scope |= {"client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80)}
+    begun = False
+
+    async def receive() -> Any:
+        nonlocal begun
+        if not begun:
+            begun = True
+            return {"type": "http.request", "body": b"#", "more_body": True}
+        await sent.wait()
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    async def send(message: Any) -> None:
+        pass
+
+    await app(scope, receive, send)
+
+
+def test_one_tenants_key_does_not_stop_the_readings_of_another(
+    app: FastAPI, desk: Desk, key: str, file: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Requests that never end, and as many whole ones as a key may have waiting for a journal that hangs."""
+    other = create_key(file, "honest", "write")
+
+    async def run() -> list[int]:
+        never, statuses = asyncio.Event(), []
+        slow = [asyncio.create_task(slowly(app, key, never)) for _ in range(50)]
+        await asyncio.sleep(0)
+        desk.open = asyncio.Event()
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+
+            async def one(secret: str) -> int:
+                headers = {"Authorization": f"Bearer {secret}", "Content-Type": LINES}
+                return (await client.post("/readings", content=b"a b=1", headers=headers)).status_code
+
+            greedy = [asyncio.create_task(one(key)) for _ in range(WAITING + 3)]
+            while sum(task.done() for task in greedy) < 3:
+                await asyncio.sleep(0)
+            honest = asyncio.create_task(one(other))
+            while desk.asked < OF_ONE + 1:
+                await asyncio.sleep(0)
+            assert not honest.done(), "it is with the journal, beside those of the other key"
+            desk.open.set()
+            statuses = [await honest, *await asyncio.gather(*greedy)]
+        for task in slow:
+            task.cancel()
+        await asyncio.gather(*slow, return_exceptions=True)
+        return statuses
+
+    with caplog.at_level("WARNING"):
+        honest, *greedy = asyncio.run(run())
+    assert honest == 200
+    assert Counter(greedy) == {200: WAITING, 429: 3}
+    told = [record.getMessage() for record in caplog.records if "refused" in record.getMessage()]
+    assert told == [f"key telegraf has {WAITING} posts of readings waiting, and further ones are refused"]
 
 
 def test_where_the_journal_fails_the_client_is_told_to_come_back(app: FastAPI, desk: Desk, key: str) -> None:

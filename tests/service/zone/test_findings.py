@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from support.zone_samples import NAN, PERIOD, comparable, sample
 
+from estimator import loop as loop_module
 from estimator.diagnosis.diagnose import EVERY
 from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network.presets import network
 from estimator.registry import build
 from service.store.checkpoint import CheckpointStore
 from service.zone import snapshot
-from service.zone import worker as worker_module
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 STEPS = EVERY // PERIOD
@@ -36,25 +36,25 @@ def counted(monkeypatch):
         calls.append(given)
         return Diagnosis((Finding("forecast-implausible", "zone", f"number {len(calls)}; wait"),))
 
-    monkeypatch.setattr(worker_module, "diagnose", counting)
+    monkeypatch.setattr(loop_module, "diagnose", counting)
     return calls
 
 
 def test_a_diagnosis_is_made_every_few_hours_of_samples(counted):
     zone = fed(worker(), 3 * STEPS)
     assert len(counted) == 3 + 1, "and once at the first heating"
-    assert zone.known.diagnosis.findings[0].sentence == "number 4; wait"
+    assert zone.carried.diagnosis.findings[0].sentence == "number 4; wait"
 
 
 def test_a_sample_without_a_temperature_leaves_no_sum_and_a_stall_nothing(counted):
     zone = fed(worker(), 10)
-    before = zone.known.record
+    before = zone.carried.record
     zone.step(sample(10, y=NAN, inputs=[5.0, 0.0]))
-    assert (zone.known.record.seconds == before.seconds).all()
+    assert (zone.carried.record.seconds == before.seconds).all()
     for k in range(11, 16):
         zone.step(sample(k, y=NAN, inputs=[5.0, 0.0]))
     assert zone.progress.stalled
-    assert (zone.known.record.seconds == before.seconds).all()
+    assert (zone.carried.record.seconds == before.seconds).all()
 
 
 def through_disk(zone, folder, spoil=lambda checkpoint: checkpoint):
@@ -67,14 +67,16 @@ def through_disk(zone, folder, spoil=lambda checkpoint: checkpoint):
 
 def test_the_record_and_the_findings_survive_a_restart(tmp_path):
     zone = fed(worker(), 2 * STEPS)
-    zone.known = zone.known._replace(diagnosis=Diagnosis((Finding("parameter-at-bound", "C_i", "too low; move it"),)))
+    zone.carried = zone.carried._replace(
+        diagnosis=Diagnosis((Finding("parameter-at-bound", "C_i", "too low; move it"),))
+    )
     back = through_disk(zone, tmp_path)
-    assert back.known.diagnosis == zone.known.diagnosis
-    for kept, value in zip(back.known.record, zone.known.record, strict=True):
+    assert back.carried.diagnosis == zone.carried.diagnosis
+    for kept, value in zip(back.carried.record, zone.carried.record, strict=True):
         assert np.array_equal(kept, value)
     fed(zone, STEPS, 2 * STEPS)
     fed(back, STEPS, 2 * STEPS)
-    assert back.known.diagnosis == zone.known.diagnosis
+    assert back.carried.diagnosis == zone.carried.diagnosis
     assert comparable(back.latest) == comparable(zone.latest)
 
 
@@ -94,8 +96,8 @@ def with_another_record(checkpoint):
 def test_a_checkpoint_without_a_record_begins_a_new_one(tmp_path, spoil):
     zone = fed(worker(), STEPS)
     back = through_disk(zone, tmp_path, spoil)
-    assert back.known.diagnosis == Diagnosis()
-    assert not back.known.record.seconds.any()
+    assert back.carried.diagnosis == Diagnosis()
+    assert not back.carried.record.seconds.any()
     assert comparable(back.latest) == comparable(zone.latest)
     following = sample(STEPS, inputs=[5.0, 0.0])
     assert comparable(back.step(following)) == comparable(zone.step(following))
@@ -104,4 +106,4 @@ def test_a_checkpoint_without_a_record_begins_a_new_one(tmp_path, spoil):
 def test_a_fresh_worker_knows_of_nothing():
     zone = worker()
     assert zone.diagnosis() == Diagnosis()
-    assert zone.anew().known.diagnosis == Diagnosis()
+    assert zone.anew().carried.diagnosis == Diagnosis()

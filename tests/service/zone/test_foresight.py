@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.forecasts import fan_of
 from support.zone_samples import comparable
 
 from adapters.reading import Quality
@@ -9,7 +10,7 @@ from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from estimator.network.presets import network
 from estimator.registry import build
-from service.records.outlook import Weather, WeatherBook, WeatherLink
+from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
 from service.store.checkpoint import CheckpointStore
 from service.zone import snapshot
@@ -44,7 +45,8 @@ def fed(zone, steps, first=0, colder=0.0):
 
 
 def seen(zone, steps, weather=None):
-    update, outlook = zone.outlook(steps, *([] if weather is None else [weather]))
+    update, day = zone.standing.update, zone.standing.day
+    outlook = zone.foresight.outlook(update.forecast, day, steps, *([] if weather is None else [weather]))
     columns = {name: outlook.rows[:, column] for column, name in enumerate(NET.inputs)}
     times = update.forecast.valid_time + PERIOD * np.arange(steps)
     return times, columns, {origin.channel: origin for origin in outlook.origins}
@@ -79,13 +81,12 @@ def test_the_shape_of_a_temperature_begins_with_the_last_value():
 def test_a_fan_uses_it_and_a_plan_goes_before_it():
     zone = fed(worker(), DAY // PERIOD + 30)
     times, _, _ = seen(zone, 24)
-    foreseen = zone.fan((0.9,), [{}] * 24)
-    told = zone.fan((0.9,), [{"T_out": outdoors(time), "I_sol": sun(time)} for time in times])
-    for left, right in zip(foreseen.steps, told.steps, strict=True):
-        assert left.outputs[0].mean == pytest.approx(right.outputs[0].mean, abs=1e-9)
+    foreseen, values = fan_of(zone, 24), np.array([(outdoors(time), sun(time)) for time in times])
+    told = fan_of(zone, 24, {"T_out": values[:, 0], "I_sol": values[:, 1]})
+    np.testing.assert_allclose(foreseen.outputs[0].mean, told.outputs[0].mean, rtol=0, atol=1e-9)
     assert [origin.origin for origin in told.origins] == ["plan", "held", "plan"]
-    held = zone.fan((0.9,), [{"T_out": outdoors(times[0]), "I_sol": 0.0}] * 24)
-    assert held.steps[-1].outputs[0].mean != pytest.approx(told.steps[-1].outputs[0].mean, abs=1e-3)
+    held = fan_of(zone, 24, {"T_out": outdoors(times[0]), "I_sol": 0.0})
+    assert held.outputs[0].mean[-1] != pytest.approx(told.outputs[0].mean[-1], abs=1e-3)
 
 
 def test_what_is_published_one_step_ahead_and_verified_does_not_depend_on_it(monkeypatch):
@@ -107,13 +108,13 @@ def test_the_day_survives_a_restart_and_is_missing_in_an_old_checkpoint(tmp_path
     snapshot.restore(back, checkpoint)
     for left, right in zip(seen(zone, 40)[1].values(), seen(back, 40)[1].values(), strict=True):
         assert left.tobytes() == right.tobytes()
-    assert back.known.trust == zone.known.trust
+    assert back.trust == zone.trust
     arrays = {name: value for name, value in checkpoint.arrays.items() if not name.startswith("day.")}
     meta = {name: value for name, value in checkpoint.meta.items() if name != "trust"}
     old = worker()
     snapshot.restore(old, checkpoint._replace(arrays=arrays, meta=meta))
     assert seen(old, 4)[2]["T_out"].origin == "held"
-    assert not old.known.trust.horizons
+    assert not old.trust.horizons
     fed(old, 4, DAY // PERIOD + 30)
     assert comparable(old.latest) == comparable(fed(back, 4, DAY // PERIOD + 30).latest)
 
@@ -138,7 +139,7 @@ def test_a_forecast_of_the_weather_goes_before_yesterday_as_far_as_it_reaches():
     times, columns, origins = seen(zone, 12, told)
     # A straight line between the hours, at the middle of each interval.
     assert np.allclose(columns["T_out"], 21.0 + (times + PERIOD / 2 - now) / 3600.0)
-    assert origins["T_out"] == ("T_out", "weather", "outlook", 7200.0, Quality.GOOD)
+    assert origins["T_out"] == InputOrigin("T_out", "weather", "outlook", 7200.0, Quality.GOOD)
     times, columns, origins = seen(zone, 40, told)
     assert origins["T_out"].quality is Quality.UNCERTAIN
     assert np.allclose(columns["T_out"][16:], [outdoors(time) for time in times[16:]])

@@ -1,12 +1,13 @@
 """Trust: lost at once, won back by hours of better forecasts, and said with a reason."""
 
 import math
+from dataclasses import replace
 
 import pytest
-from support.fake_zones import make_update
+from support.fake_zones import make_update, skill_over
 
 from estimator.diagnosis.finding import Diagnosis, Finding
-from service.records.skill import HorizonSkill, Skill
+from service.records.skill import HorizonSkill, IssuedSkill
 from service.records.trust import Trust, untrusted
 from service.records.update import Gate
 from service.zone.trust import RISES, judged
@@ -17,16 +18,24 @@ GOOD = {"coverage": 0.95, "rmse": 0.4, "persistence_rmse": 0.8, "forecasts": 100
 
 def horizon(lead, **given):
     numbers = GOOD | given
-    return HorizonSkill(
+    return HorizonSkill.of(
         lead, numbers["forecasts"], numbers["coverage"], 0.2, numbers["rmse"], 0.2, numbers["persistence_rmse"], 0.5
     )
 
 
-def skill(day=None, **week):
+def skill(day=None, issued=None, **week):
     """Two horizons, of which the second is as `week` says, and in the last day as `day` says beside that."""
     weeks = (horizon(300), horizon(21600, **week))
     days = (horizon(300), horizon(21600, **(week | {"forecasts": 24} | (day or {}))))
-    return Skill(0, 0.95, {1: days, 7: weeks, 30: weeks}, {})
+    return skill_over(0, {1: days, 7: weeks, 30: weeks}, issued)
+
+
+def as_issued(week, day=None, forecasts=100, of_day=24, **known):
+    """The skill of forecasts that are good in hindsight, and cover as `week` and `day` say as they were issued."""
+    rest = [0.2] * 7
+    weeks = (IssuedSkill(21600, forecasts, week, *rest),)
+    days = (IssuedSkill(21600, of_day, week if day is None else day, *rest),)
+    return skill(issued={1: days, 7: weeks, 30: weeks}, **known)
 
 
 def after(trust, found, hours=1, findings=(), update=None):
@@ -102,6 +111,38 @@ def test_trust_that_wavers_at_a_threshold_does_not_flap():
     assert set(levels[1:]) == {"doubtful"}
 
 
+@pytest.mark.parametrize(
+    ("found", "expected", "words"),
+    [
+        (as_issued(0.34), "doubtful", "6h ahead held 34% of what came in the last day"),
+        (as_issued(0.84), "doubtful", "6h ahead held 84% of what came in 7 days"),
+        (as_issued(0.95, day=0.5), "doubtful", "50% of what came in the last day"),
+        (as_issued(0.34, forecasts=20, of_day=12), "doubtful", "34%"),
+        (as_issued(0.34, forecasts=11, of_day=11), "trusted", ""),
+        (as_issued(0.86), "trusted", ""),
+        (as_issued(math.nan, forecasts=0, of_day=0), "trusted", ""),
+    ],
+)
+def test_a_fan_that_held_too_little_as_it_was_issued_is_never_trusted(found, expected, words):
+    trust = after(Trust(), found)
+    one = trust.horizons[1]
+    assert (one.level, one.planned) == (expected, "trusted")
+    assert words in one.reason
+    assert level(trust, 0) == "trusted", "one step ahead nothing is foreseen"
+    # What is verified in hindsight goes before, and a plan does not mend it.
+    worse = after(trust, as_issued(0.34, coverage=0.5)).horizons[1]
+    assert (worse.level, worse.planned) == ("untrusted", "untrusted")
+
+
+def test_a_good_day_does_not_show_that_the_heating_is_foreseen():
+    trust = after(Trust(), as_issued(0.34))
+    assert level(after(trust, as_issued(0.6, day=1.0), hours=3 * RISES)) == "doubtful"
+    assert level(after(trust, as_issued(0.87), hours=3 * RISES)) == "doubtful"
+    assert level(after(trust, as_issued(0.95), hours=RISES - 1)) == "doubtful"
+    back = after(trust, as_issued(0.95), hours=RISES)
+    assert (level(back), back.horizons[1].reason) == ("trusted", "")
+
+
 def test_findings_lower_the_trust_where_they_matter():
     trust = after(Trust(), skill(), findings=["heat-loss-against-balance"])
     assert (level(trust, 0), level(trust)) == ("trusted", "doubtful")
@@ -114,7 +155,7 @@ def test_findings_lower_the_trust_where_they_matter():
 def test_what_acts_now_makes_the_next_hours_doubtful_until_it_is_over():
     trust = after(Trust(), skill())
     calm = make_update(20)
-    wide = calm.forecast.outputs[0]._replace(sd=0.2)
+    wide = replace(calm.forecast.outputs[0], sd=0.2)
     high = calm._replace(
         gate=Gate(0.05, "high"), forecast=calm.forecast._replace(outputs=(wide, *calm.forecast.outputs[1:]))
     )
@@ -122,7 +163,7 @@ def test_what_acts_now_makes_the_next_hours_doubtful_until_it_is_over():
     assert trust.disturbed
     assert (level(trust, 0), level(trust)) == ("doubtful", "doubtful")
     # A little narrower, still disturbed; then over at once.
-    less = high._replace(forecast=high.forecast._replace(outputs=(wide._replace(sd=0.08),)))
+    less = high._replace(forecast=high.forecast._replace(outputs=(replace(wide, sd=0.08),)))
     assert after(trust, None, update=less).disturbed
     assert not after(after(Trust(), skill()), None, update=less).disturbed
     trust = after(trust, None, update=calm)
@@ -143,13 +184,13 @@ def test_the_horizon_of_a_plan_is_the_next_longer_one():
 
 def test_a_zone_that_cannot_vouch_for_its_forecasts_is_not_trusted():
     told = untrusted(after(Trust(), skill()), "the zone is stalled: no reading of T_out")
-    assert {(one.level, one.reason) for one in told.horizons} == {
-        ("untrusted", "the zone is stalled: no reading of T_out")
+    assert {(one.level, one.planned, one.reason) for one in told.horizons} == {
+        ("untrusted", "untrusted", "the zone is stalled: no reading of T_out")
     }
 
 
 def test_nothing_verified_yet_is_no_mistake():
-    none = HorizonSkill(300, 0, *[math.nan] * 6)
-    trust = after(Trust(), Skill(0, 0.95, dict.fromkeys((1, 7, 30), (none,)), {}))
+    none = HorizonSkill.of(300, 0, *[math.nan] * 6)
+    trust = after(Trust(), skill_over(0, dict.fromkeys((1, 7, 30), (none,))))
     assert level(trust, 0) == "learning"
     assert not trust.disturbed

@@ -8,7 +8,7 @@ from estimator.network.presets import network
 from estimator.registry import build
 from service.records.sample import Sample
 from service.zone import snapshot
-from service.zone.verification import WINDOWS
+from service.zone.skill import WINDOWS
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 DAY = 86400 // PERIOD
@@ -32,7 +32,7 @@ def lived(steps, zone=None, first=0):
 
 
 def by_lead(zone, days=1):
-    return {one.lead: one for one in zone.skill().windows[days]}
+    return {one.lead: one for one in zone.skill().over(days)}
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_a_checkpoint_without_it_begins_anew(day_and_a_half):
     taken = taken._replace(arrays=kept)
     again = zone.anew()
     snapshot.restore(again, taken)
-    assert all(one.forecasts == 0 for one in again.skill().windows[30])
+    assert all(one.forecasts == 0 for one in again.skill().over(30))
     for k in range(3 * DAY // 2, 3 * DAY // 2 + 30):
         again.step(sample(k))
     assert by_lead(again)[3600].forecasts > 0
@@ -109,23 +109,23 @@ def test_an_hour_that_is_no_longer_than_one_step_is_that_step(hours, leads):
     zone = of_a_room("bank", 3600 * hours, {"members": members})
     stepped(zone, 20.0 + 0.3 * np.sin(np.arange(40) / 9))
     found = zone.skill()
-    for window in found.windows.values():
+    for window in [one.horizons for one in found.windows]:
         assert [one.lead for one in window] == [3600 * lead for lead in leads]
-    assert found.windows[30][0].forecasts > 0
+    assert found.over(30)[0].forecasts > 0
     # A bank tells the weights of its members horizon by horizon.
-    assert {len(weights) for weights in found.weights.values()} == {len(leads)}
+    assert {len(one.weights) for one in found.members} == {len(leads)}
 
 
 def test_the_reference_follows_a_sensor_that_was_moved_and_not_one_wrong_reading():
     level = 20.0 + 0.1 * np.sin(np.arange(300) / 9)
     moved = stepped(of_a_room("mkf", 600, {"particles": 20}), np.where(np.arange(300) < 200, level, level - 25.0))
-    held = moved.standing.verified.arx.outputs[0, 0]
+    held = moved.carried.standing.verified.arx.outputs[0, 0]
     assert abs(held - (level[-1] - 25.0)) < 1.0
     wrong = level.copy()
     wrong[290] = -10.0
     once = stepped(of_a_room("mkf", 600, {"particles": 20}), wrong[:292])
-    assert abs(once.standing.verified.arx.outputs[0, 0] - level[291]) < 1.0
-    assert (once.standing.verified.arx.seen > 15.0).all()
+    assert abs(once.carried.standing.verified.arx.outputs[0, 0] - level[291]) < 1.0
+    assert (once.carried.standing.verified.arx.seen > 15.0).all()
 
 
 @pytest.mark.parametrize("name", ["arx", "daily"])

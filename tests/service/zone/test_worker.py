@@ -6,10 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.forecasts import fan_of
 from support.zone_samples import NAN, PERIOD, comparable, sample, worker
 
 from adapters.reading import Quality
-from service.zone.worker import VANISHED_LIMIT
+from estimator.loop import VANISHED_LIMIT
 
 
 def run(zone, count, first=0):
@@ -31,7 +32,8 @@ def test_the_forecast_that_was_published_is_the_one_that_is_scored():
         score = after.score
         assert before.forecast.valid_time == after.time
         assert (score.mean[0], score.sd[0]) == (published.mean, published.sd)
-        assert (score.lower[0], score.upper[0]) == published.intervals[0][1:]
+        first = published.intervals[0]
+        assert (score.lower[0], score.upper[0]) == (first.lower, first.upper)
         assert score.level == 0.95
         assert score.residual[0] == after.y[0] - published.mean
         assert published.intervals[0].lower < published.intervals[1].lower < published.median
@@ -72,7 +74,7 @@ def test_a_longer_gap_stalls_and_starts_a_new_segment():
         last = zone.step(sample(k, y=NAN))
     assert last is None
     assert "no measurement of T_air for 4 steps" in zone.progress.stalled
-    assert zone.fan((0.9,), []) is None
+    assert fan_of(zone, 0) is None
     back = zone.step(sample(14))
     assert (back.outcome, back.segment, back.score) == ("started", 2, None)
     assert zone.progress.stalled is None
@@ -166,22 +168,22 @@ def test_a_single_outlier_is_passed_over():
 def test_the_fan_begins_with_the_standing_forecast_and_follows_its_plan():
     zone = worker()
     run(zone, 30)
-    held = zone.fan((0.9,), [{}] * 12)
-    warm = zone.fan((0.9,), [{"u_heat": 9000.0}] * 12)
-    assert [step.valid_time for step in held.steps] == [zone.latest.forecast.valid_time + k * PERIOD for k in range(13)]
+    held = fan_of(zone, 12)
+    warm = fan_of(zone, 12, {"u_heat": 9000.0})
+    assert held.outputs[0].mean.shape == held.outputs[0].lower[0].shape == (13,)
     standing = zone.latest.forecast.outputs[0]
     for fan in (held, warm):
-        assert (fan.steps[0].outputs[0].mean, fan.steps[0].outputs[0].sd) == (standing.mean, standing.sd)
-    assert warm.steps[-1].outputs[0].mean > held.steps[-1].outputs[0].mean
+        assert (fan.outputs[0].mean[0], fan.outputs[0].sd[0]) == (standing.mean, standing.sd)
+    assert warm.outputs[0].mean[-1] > held.outputs[0].mean[-1]
     before = comparable(zone.latest)
-    zone.fan((0.9,), [{}] * 3)
+    fan_of(zone, 3)
     assert comparable(zone.latest) == before
     assert zone.step(sample(30)).score.mean[0] == standing.mean
 
 
 def test_before_the_first_sample_there_is_nothing_to_ask():
     zone = worker()
-    assert zone.fan((0.9,), []) is None
+    assert fan_of(zone, 0) is None
     assert zone.parameters((0.5,)) is None
     assert zone.latest is None
 
@@ -202,8 +204,8 @@ def test_a_question_from_another_thread_never_mixes_two_samples():
 
     def ask():
         while not done.is_set():
-            fan = zone.fan((0.95,), [])
-            if fan.steps[0].outputs[0].mean != fan.update.forecast.outputs[0].mean:
+            fan = fan_of(zone, 0)
+            if fan.outputs[0].mean[0] != fan.update.forecast.outputs[0].mean:
                 mixed.append(fan)
 
     asking = threading.Thread(target=ask)

@@ -5,8 +5,10 @@ import errno
 import logging
 import pickle
 
+import numpy as np
 import pytest
 from numba.core.errors import NumbaError
+from support.forecasts import question
 from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight
 from support.zone_samples import PERIOD, comparable, sample, worker
 
@@ -14,6 +16,7 @@ import service.zone.intake
 import service.zone.zone
 from adapters.reading import Reading
 from service.errors import JournalError, ServiceError, StateMismatch
+from service.forecast.learned import ParametersQuestion
 from service.publish.rendering import status_payload
 from service.zone.alignment import Alignment
 from service.zone.zone import ATTEMPTS, Zone
@@ -275,15 +278,15 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
     async def scenario():
         async with plumbing(tmp_path) as shared:
             zone = make(shared)
-            assert (zone.status().state, zone.latest(), await zone.fan(3, (0.9,), None)) == ("waiting", None, None)
-            assert await zone.parameters((0.5,)) is None
+            assert (zone.status().state, zone.latest(), await zone.ask(question(3))) == ("waiting", None, None)
+            assert await zone.ask(ParametersQuestion((0.5,))) is None
             running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
             async with asyncio.timeout(180):
                 while zone.latest() is None:
                     await asyncio.sleep(0.01)
-            fan = await zone.fan(2, (0.9,), {"u_heat": [0.0, 500.0]})
-            assert len(fan.steps) == 3
-            assert (await zone.parameters((0.5,))).parameters.shape == (10, 1)
+            fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
+            assert len(fan.outputs[0].mean) == 3
+            assert (await zone.ask(ParametersQuestion((0.5,)))).parameters.shape == (10, 1)
             zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
             assert zone.status().state == "running"
             await zone.end("only")
@@ -388,7 +391,7 @@ def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
             await finished(zone, running)
             shared.stopping.set()
             with pytest.raises(ServiceError, match="the daemon is stopping"):
-                await zone.fan(500, (0.9,), None)
+                await zone.ask(question(500))
 
     asyncio.run(scenario())
 

@@ -17,7 +17,7 @@ from adapters.http.posted import Posted
 from adapters.reading import Fault, Reading
 from service.config.load import load
 from service.daemon.supply.feeds import Feed, OwnSources, Tally
-from service.daemon.supply.ingest import Ingest
+from service.daemon.supply.ingest import TOGETHER, Ingest
 from service.errors import ServiceError
 from service.records.receipt import Receipt
 from service.web.server.refusal import RequestRefused
@@ -63,6 +63,32 @@ def lines(*fields: str) -> list[Posted]:
 
 def take(ingest: Ingest, posted: Sequence[Posted], zone: str | None = None) -> Any:
     return asyncio.run(ingest.take(posted, zone))
+
+
+def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_order_of_time(
+    feeds: list[Feed], zones: dict[str, Taking]
+) -> None:
+    posted = [Posted("living", 20.0, float(time), "T_i") for time in range(5 * TOGETHER, 0, -1)]
+    posted += [Posted("nobody", 20.0, None, f"field {k}") for k in range(5 * TOGETHER)]
+    turns = 0
+
+    async def run() -> Any:
+        async def other() -> None:
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0)
+
+        beside = asyncio.create_task(other())
+        taken = await Ingest(lambda: feeds, lambda: True).take(posted, None)
+        beside.cancel()
+        return taken
+
+    taken = asyncio.run(run())
+    assert turns >= 10
+    assert (taken.receipt.accepted, taken.unknown, len(taken.names)) == (5 * TOGETHER, 5 * TOGETHER, 5)
+    times = [reading.time for _, readings in zones["living"].taken for reading in readings]
+    assert times == [float(time) for time in range(1, 5 * TOGETHER + 1)]
 
 
 def test_a_post_goes_to_every_source_that_has_its_channels(feeds: list[Feed], zones: dict[str, Taking]) -> None:

@@ -1,0 +1,177 @@
+"""What Home Assistant's recorder keeps, read from its SQLite database: states for days, hourly statistics for ever.
+
+A state holds until the next one, as long as the recorder was running. The tables are those of schema 32 (release
+2023.4) and later: `states`, `states_meta`, `state_attributes`, `recorder_runs`, `statistics`, `statistics_meta`.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from difflib import get_close_matches
+from math import inf, isfinite, nan
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adapters.errors import SourceConfigError, SourceUnavailable
+
+HOUR = 3600.0
+
+UNITS = {
+    "°C": "degC",
+    "°F": "degF",
+    "K": "K",
+    "%": "%",
+    **{unit: unit for unit in ("W", "kW", "MW", "BTU/h", "Wh", "kWh", "MWh", "MJ", "GJ")},
+    "W/m²": "W/m2",
+}
+"""What Home Assistant calls the units that Thermogate knows."""
+
+_WORDS = {"on": 1.0, "off": 0.0, "heating": 1.0, "idle": 0.0, "open": 1.0, "closed": 0.0}
+"""Words that say whether something is at work: of switches, of a thermostat's `hvac_action`, of windows and valves."""
+
+_TABLES = {
+    "states": ("states", "states_meta", "state_attributes", "recorder_runs"),
+    "statistics": ("statistics", "statistics_meta"),
+}
+
+_NAMES = {
+    "states": "SELECT entity_id FROM states_meta",
+    "statistics": "SELECT statistic_id FROM statistics_meta WHERE source = 'recorder'",
+}
+
+_STATES = """
+SELECT last_updated_ts, state, shared_attrs FROM states JOIN states_meta USING (metadata_id)
+LEFT JOIN state_attributes USING (attributes_id)
+WHERE states_meta.entity_id = ? AND last_updated_ts NOT NULL ORDER BY last_updated_ts
+"""
+
+_STATISTICS = """
+SELECT start_ts, mean, state FROM statistics JOIN statistics_meta ON statistics_meta.id = metadata_id
+WHERE statistic_id = ? AND source = 'recorder' ORDER BY start_ts
+"""
+
+_UNIT = {
+    "states": """
+        SELECT json_extract(shared_attrs, '$.unit_of_measurement') FROM states JOIN states_meta USING (metadata_id)
+        JOIN state_attributes USING (attributes_id) WHERE states_meta.entity_id = ?
+        ORDER BY last_updated_ts DESC LIMIT 1
+    """,
+    "statistics": "SELECT unit_of_measurement FROM statistics_meta WHERE statistic_id = ? AND source = 'recorder'",
+}
+
+
+class Stretches(NamedTuple):
+    """When a value held, m stretches in the order of time."""
+
+    begins: npt.NDArray[np.float64]
+    """(m,): UTC s."""
+    ends: npt.NDArray[np.float64]
+    """(m,): UTC s; the value holds before it."""
+    values: npt.NDArray[np.float64]
+    """(m,): NaN for what is no number."""
+
+
+class Entity(NamedTuple):
+    """What is read: the state of an entity, or one of its attributes."""
+
+    id: str
+    attribute: str | None = None
+
+    def __str__(self) -> str:
+        return self.id if self.attribute is None else f"{self.id}, attribute {self.attribute}"
+
+
+@contextmanager
+def opened(path: Path, data: str) -> Iterator[sqlite3.Connection]:
+    """The database at `path`, to be read only, while Home Assistant runs or not; `data` is "states" or "statistics".
+
+    Raises SourceUnavailable where it cannot be read, and SourceConfigError where it is something else.
+    """
+    if not path.is_file():
+        raise SourceUnavailable(f"file '{path}' is not there; copy home-assistant_v2.db out of Home Assistant's folder")
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=10.0)) as connection:
+            there = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+            missing = [name for name in _TABLES[data] if name not in there]
+            if missing:
+                raise SourceConfigError(
+                    f"file '{path}' has no table {missing[0]}; give the database of Home Assistant 2023.4 or newer"
+                )
+            yield connection
+    except sqlite3.Error as error:
+        raise SourceUnavailable(f"file '{path}' cannot be read as a database of SQLite ({error})") from error
+
+
+def problems(connection: sqlite3.Connection, path: Path, data: str, wanted: Sequence[tuple[Entity, str]]) -> list[str]:
+    """One sentence for every entity that is not in the database, or is there in another unit than the one `wanted` (an
+    empty one is any)."""
+    known = [name for (name,) in connection.execute(_NAMES[data])]
+    found = []
+    for entity, unit in wanted:
+        if entity.id not in known:
+            near = get_close_matches(entity.id, known, 3, 0.4)
+            hint = f"did you mean {' or '.join(near)}?" if near else "the recorder may leave it out"
+            found.append(f"file '{path}' has no {data} of '{entity.id}'; {hint}")
+        elif entity.attribute is None:
+            (told,) = connection.execute(_UNIT[data], (entity.id,)).fetchone() or (None,)
+            if unit and told in UNITS and UNITS[told] != unit:
+                found.append(f'\'{entity.id}\' is in {told}; write unit = "{UNITS[told]}" instead of "{unit}"')
+    return found
+
+
+def states(connection: sqlite3.Connection, entity: Entity) -> Stretches:
+    """The states of `entity`, each until the next one or until the recorder stopped."""
+    rows = connection.execute(_STATES, (entity.id,)).fetchall()
+    begins = np.array([row[0] for row in rows], dtype=np.float64)
+    values = np.array([_number(entity, state, attributes) for _, state, attributes in rows], dtype=np.float64)
+    ends = np.append(begins[1:], inf)
+    for began, stopped in _runs(connection):
+        # What holds when the recorder stops is not known to hold until it starts again.
+        inside = (begins >= began) & (begins < stopped)
+        ends[inside] = np.minimum(ends[inside], stopped)
+    return Stretches(begins, np.minimum(ends, _newest(connection)), values)
+
+
+def statistics(connection: sqlite3.Connection, entity: Entity) -> Stretches:
+    """The hourly means of `entity`; of a meter what it showed at the end of each hour, from then on for an hour."""
+    rows = connection.execute(_STATISTICS, (entity.id,)).fetchall()
+    metered = [mean is None for _, mean, _ in rows]
+    begins = np.array([row[0] for row in rows], dtype=np.float64) + HOUR * np.array(metered, dtype=np.float64)
+    told = [state if mean is None else mean for _, mean, state in rows]
+    return Stretches(begins, begins + HOUR, np.array([nan if one is None else one for one in told], dtype=np.float64))
+
+
+def _number(entity: Entity, state: str | None, attributes: str | None) -> float:
+    told: object = state
+    if entity.attribute is not None:
+        told = json.loads(attributes or "{}").get(entity.attribute)
+    if isinstance(told, str) and told in _WORDS:
+        return _WORDS[told]
+    try:
+        value = float(told)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return nan
+    return value if isfinite(value) else nan
+
+
+def _runs(connection: sqlite3.Connection) -> list[tuple[float, float]]:
+    """When the recorder was running, UTC s; a run that has not ended goes on."""
+    rows = connection.execute('SELECT start, "end" FROM recorder_runs ORDER BY start').fetchall()
+    return [(_seconds(start), inf if end is None else _seconds(end)) for start, end in rows]
+
+
+def _newest(connection: sqlite3.Connection) -> float:
+    """UTC s of the newest state of any entity: nothing is known of the time after it."""
+    (newest,) = connection.execute("SELECT max(last_updated_ts) FROM states").fetchone()
+    return float(newest or 0.0)
+
+
+def _seconds(text: str) -> float:
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()

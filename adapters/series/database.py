@@ -1,0 +1,158 @@
+"""What databases of time series are asked over HTTP, and what their answers say."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import urllib.error
+import urllib.request
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.client import HTTPException
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+from urllib.parse import urlencode
+
+import numpy as np
+import numpy.typing as npt
+
+from adapters.credentials import password
+from adapters.errors import SourceConfigError, SourceUnavailable
+
+_TIMEOUT = 60.0
+"""s that an answer may take."""
+
+_LARGEST = 64 * 2**20
+"""Bytes of an answer at most; a page of 5,000 numbers has a hundredth of it."""
+
+_SAID = 200
+"""Characters of an error that the database tells at most."""
+
+
+class Points(NamedTuple):
+    """A series of m points in the order of time."""
+
+    times: npt.NDArray[np.float64]
+    """(m,): UTC s."""
+    values: npt.NDArray[np.float64]
+    """(m,): finite."""
+
+
+@dataclass(frozen=True)
+class Server:
+    """Where a database answers, and as whom it is asked: `url` without a path, `user` with a password or nobody."""
+
+    url: str
+    user: str | None = None
+    password_file: Path | None = None
+    password_env: str | None = None
+
+    def ask(self, path: str, parameters: Mapping[str, str]) -> Any:
+        """The JSON that `path` answers. Raises SourceUnavailable, and SourceConfigError where it refuses the
+        question."""
+        request = urllib.request.Request(f"{self.url.rstrip('/')}{path}?{urlencode(parameters)}")
+        if self.user is not None:
+            login = f"{self.user}:{password(self.password_file, self.password_env)}".encode()
+            request.add_header("Authorization", f"Basic {base64.b64encode(login).decode()}")
+        try:
+            with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
+                body = answer.read(_LARGEST + 1)
+        except urllib.error.HTTPError as error:
+            with error:
+                said = error.read(_SAID).decode("utf-8", "replace").strip()
+            if error.code in (401, 403):
+                raise SourceConfigError(
+                    f"{self.url} refuses the login ({error.code}); check user and password"
+                ) from error
+            if error.code < 500:
+                raise SourceConfigError(f"{self.url} refuses the question ({error.code}: {said})") from error
+            raise SourceUnavailable(f"{self.url} answers {error.code} {said}") from error
+        except (OSError, ValueError, HTTPException) as error:
+            reason = getattr(error, "reason", None) or error
+            raise SourceUnavailable(f"{self.url} cannot be reached ({reason}); check url and network") from error
+        if len(body) > _LARGEST:
+            raise SourceUnavailable(f"{self.url} answers more than {_LARGEST} bytes; give a longer step")
+        try:
+            return json.loads(body)
+        except ValueError as error:
+            raise SourceUnavailable(f"{self.url} does not answer in JSON; is another server there?") from error
+
+
+class Database(Protocol):
+    """A database of time series."""
+
+    def points(self, query: str, begin: float, end: float, step: float) -> Points:
+        """What `query` gives in [begin, end), UTC s, one point every `step` s at most. Raises SourceError."""
+        ...
+
+
+@dataclass(frozen=True)
+class Prometheus:
+    """Prometheus, VictoriaMetrics and others with its range queries."""
+
+    server: Server
+
+    def points(self, query: str, begin: float, end: float, step: float) -> Points:
+        """The values of the PromQL expression `query` at begin, begin + step, ..., each at most 5 min old."""
+        asked = {"query": query, "start": f"{begin:.3f}", "end": f"{end - 1e-3:.3f}", "step": f"{step:g}"}
+        answer = self.server.ask("/api/v1/query_range", asked)
+        try:
+            found = answer["data"]["result"]
+            if len(found) > 1:
+                labels = ", ".join(json.dumps(one["metric"]) for one in found[:3])
+                remedy = "add labels, or an aggregation such as avg(...)"
+                raise SourceConfigError(f"'{query}' gives {len(found)} series ({labels}, ...); {remedy}")
+            return _points([(time, float(value)) for time, value in found[0]["values"]] if found else [])
+        except (KeyError, TypeError, IndexError, ValueError) as error:
+            raise _surprising(self.server) from error
+
+
+@dataclass(frozen=True)
+class InfluxDB:
+    """InfluxDB, versions 1, 2 and 3, by the interface of version 1: InfluxQL over `/query`."""
+
+    server: Server
+    name: str
+    """Of the database; of the bucket in version 2."""
+
+    def points(self, query: str, begin: float, end: float, step: float) -> Points:
+        """The means over every `step` of what `query`, such as `"value" FROM "degC" WHERE "room" = '101'`, selects."""
+        field, source, condition = parts(query)
+        first, last, every = round(1000 * begin), round(1000 * end), round(1000 * step)
+        where = f"time >= {first:d}ms AND time < {last:d}ms"
+        if condition:
+            where = f"({condition}) AND {where}"
+        asked = f"SELECT mean({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
+        answer = self.server.ask("/query", {"db": self.name, "epoch": "ms", "q": asked})
+        try:
+            (result,) = answer["results"]
+            if "error" in result:
+                raise SourceConfigError(f"{self.server.url} refuses '{query}': {result['error'][:_SAID]}")
+            rows = [row for series in result.get("series", ()) for row in series["values"]]
+            return _points([(milliseconds / 1000, float(value)) for milliseconds, value in rows if value is not None])
+        except (KeyError, TypeError, ValueError) as error:
+            raise _surprising(self.server) from error
+
+
+def parts(query: str) -> tuple[str, str, str]:
+    """Field, measurement and condition ("" for none) of a query for InfluxDB; ValueError if it is not of that form."""
+    selected, said, rest = query.partition(" FROM ")
+    source, _, condition = rest.partition(" WHERE ")
+    # A source only reads; what the operator writes here must stay one SELECT.
+    writes = ";" in query or re.search(r"\bINTO\b", query, re.IGNORECASE)
+    if not (said and selected.strip() and source.strip()) or writes:
+        raise ValueError('must be of the form "field" FROM "measurement" WHERE "tag" = \'value\'')
+    return selected.strip(), source.strip(), condition.strip()
+
+
+def _points(pairs: list[tuple[float, float]]) -> Points:
+    times, values = np.array([pair for pair in pairs if isfinite(pair[1])], dtype=np.float64).reshape(-1, 2).T
+    return Points(times, values)
+
+
+def _surprising(server: Server) -> SourceUnavailable:
+    return SourceUnavailable(
+        f"{server.url} answers something else than it documents; is it the right kind of database?"
+    )

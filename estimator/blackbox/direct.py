@@ -1,0 +1,436 @@
+"""A direct ridge regression: for each of some leads a regression of its own of the change until then.
+
+y(k+h) - y(k) is regressed on y(k), its changes over a step, 1 h and 6 h, its value 24 h before the target, the means of
+every input over [k, k+h), over the last 1 and 3 h of that and over the last 1, 6 and 24 h before k, and sine and cosine
+of the target's hour. Between the leads forecasts are interpolated; beyond a day the forecast of the first is the past
+of the second. (Direct against iterated forecasts: Marcellino, Stock and Watson 2006.)
+
+Nothing is trusted before it is verified. Regressions are fitted once a day, and every forecast that could have been
+made with the coefficients of its time is held to what came: by how much the changes that they foretell are to be
+believed (between 0, which is persistence, and 1), and the spread, follow from that. No forecast changes by more than
+was ever seen to change in that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.special import ndtri
+
+from estimator.arrays import Array
+from estimator.blackbox.arx import LEVEL, scales_of
+from estimator.blackbox.options import DirectOptions
+from estimator.network.network import Network
+from estimator.types import Mixture, Mixtures, Outcome, ParameterSummary, Posterior
+
+_HOUR, _DAY = 3600.0, 86400.0
+_LEADS = (0.0, 1.0, 2.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
+"""h; the first is one step."""
+_PAST = (1.0, 6.0, 24.0)
+"""h before k over which inputs are averaged."""
+_LAST = (1.0, 3.0)
+"""h before the target over which they are."""
+_CHANGES = (1.0, 6.0)
+"""h over which the output's last change is taken, beside one step."""
+_OWN = 8
+"""Regressors that are no inputs: 1, the output, three changes, the day before, sine and cosine."""
+_CLOCK = slice(_OWN - 2, _OWN)
+_LEAST_SPREAD = np.array([1.0, 1.0, 0.1, 0.2, 0.5, 0.5, 0.5, 0.5])
+"""Of those regressors, below which a regressor counts as one that has hardly varied yet."""
+_LEAST_INPUT_SPREAD = 0.2
+_HOUR_SD, _GROWTH, _GROWN = 0.35, 1.0 / 3.0, 6.0
+"""Standard deviation [K] of a forecast an hour ahead before any was verified, the power of the lead with which it
+grows, less than that of a random walk, and the hours after which it no longer does, for days are alike."""
+_PRESUMED = 0.5
+"""What an expected spread counts as, in forecasts that do not overlap."""
+_LEAST_SD = 1e-3
+_FARTHEST = 15.0
+"""K from its forecast beyond which a sample, if 10 standard deviations away too, is not explained."""
+
+
+class DirectState(NamedTuple):
+    """n_y outputs, L leads, p regressors; D steps are two days."""
+
+    outputs: Array
+    """(n_y, D + 1) [degC], the newest last; forecasts where nothing was measured."""
+    measured: Array
+    """(n_y, D + 1): 1 where an output was measured since the last gap, else 0."""
+    inputs: Array
+    """(D, n_u), the newest last."""
+    step: Array
+    """(): steps since the start, for the hour."""
+    moments: Array
+    """(n_y, L, p, p + 1): discounted sums of x x' and, in the last column, of x (y(k+h) - y(k))."""
+    coefficients: Array
+    """(2, n_y, L, p): those of the last daily fit, and of the one before."""
+    fitted: Array
+    """(): steps since that fit."""
+    verified: Array
+    """(n_y, L, 5): discounted sums over verified forecasts: of their number, of the foretold change times the real one,
+    of its square, of the real change's square, and of the squared errors [K^2]."""
+    seen: Array
+    """(n_y, L, 2): the lowest and the highest change so far [K]; 0 is among them."""
+
+
+class DirectIssue(NamedTuple):
+    """What a forecast needs of a state: the last day, and the regressions."""
+
+    outputs: Array
+    measured: Array
+    inputs: Array
+    step: Array
+    coefficients: Array
+    """(n_y, L, p)."""
+    trust: Array
+    """(n_y, L): 0 to 1."""
+    sds: Array
+    """(n_y, L) [K]."""
+    seen: Array
+
+
+class Direct:
+    """The model of one zone. See `estimator.types.Estimator` for the moves."""
+
+    physical = False
+    verifies_itself = False
+    forecast_draws = 1
+
+    def __init__(self, network: Network, period: float, options: DirectOptions) -> None:
+        self.network = network.validate()
+        self.period = period
+        self.options = options
+        self.blocks: tuple[str, ...] = ()
+        self._scale, self._level = scales_of(network)
+        self._day = max(1, round(_DAY / period))
+        self._leads = np.unique([max(1, round(hours * _HOUR / period)) for hours in _LEADS])
+        self._windows = np.array([max(1, round(hours * _HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
+        self._width = _OWN + (1 + len(_PAST) + len(_LAST)) * len(network.inputs)
+        least = np.full(self._width, _LEAST_INPUT_SPREAD)
+        least[:_OWN] = _LEAST_SPREAD
+        self._least = least**2
+        self._forgetting = exp(-period / (options.memory_days * _DAY))
+        self._verified_memory = options.verified_memory_days * _DAY / period
+
+    @property
+    def issue_type(self) -> type[DirectIssue]:
+        """A day of the past, and the regressions."""
+        return DirectIssue
+
+    def start(self, seed: int, outputs: Array, inputs: Array) -> DirectState:
+        """Persistence, from the first sample: its outputs (n_y,) and inputs (n_u,)."""
+        count, leads, width = len(self.network.measured), len(self._leads), self._width
+        return DirectState(
+            *self._begun(outputs, inputs),
+            step=np.array(0, dtype=np.int64),
+            moments=np.zeros((count, leads, width, width + 1)),
+            coefficients=np.zeros((2, count, leads, width)),
+            fitted=np.array(0, dtype=np.int64),
+            verified=np.zeros((count, leads, 5)),
+            seen=np.zeros((count, leads, 2)),
+        )
+
+    def restart(self, state: DirectState, outputs: Array, inputs: Array) -> DirectState:
+        """The first sample after a gap: another past, the same regressions.
+
+        Nobody tells how long the gap was, so what was learned of the hour is forgotten.
+        """
+        past, measured, held = self._begun(outputs, inputs)
+        moments, coefficients = state.moments.copy(), state.coefficients.copy()
+        moments[:, :, _CLOCK], moments[:, :, :, _CLOCK], coefficients[..., _CLOCK] = 0.0, 0.0, 0.0
+        return state._replace(outputs=past, measured=measured, inputs=held, moments=moments, coefficients=coefficients)
+
+    def predict(self, state: DirectState, inputs: Array) -> DirectState:
+        """One period on under `inputs` (n_u,) held over the step."""
+        held = np.concatenate([state.inputs[1:], inputs[None]])
+        rows = np.concatenate([state.outputs[:, 1:], state.outputs[:, -1:]], axis=1)
+        known = np.concatenate([state.measured[:, 1:], np.zeros((len(rows), 1))], axis=1)
+        ahead = _foretold(
+            rows, self._sums(held), self._leads[:1], self._windows, self._day, int(state.step), 2 * self._day - 1,
+            state.coefficients[0], self._trust(state), state.seen,
+        )  # fmt: skip
+        rows[:, -1] += ahead[:, 0]
+        return state._replace(outputs=rows, measured=known, inputs=held, step=state.step + 1, fitted=state.fitted + 1)
+
+    def predictive(self, state: DirectState) -> Mixture:
+        """A Gaussian for every output at the state's time, as a mixture of one."""
+        sds = _spread(self._sds(state), self._leads, _unmeasured(state.measured), np.zeros(1))
+        return Mixture(np.ones(1), state.outputs[:, -1:].copy(), sds)
+
+    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
+        """Gaussian quantiles (L,) of one output."""
+        return np.asarray(mixture.means[output, 0] + mixture.sds[output, 0] * ndtri(levels), dtype=np.float64)
+
+    def update(self, state: DirectState, outputs: Array) -> Posterior:
+        """Learn from `outputs` (n_y,), the newest of which `state` has forecast; NaN for a missing one."""
+        measured = ~np.isnan(outputs)
+        if not measured.any():
+            return self._posterior(state, Outcome.MISSING)
+        now = self.predictive(state)
+        errors, sds = (outputs - now.means[:, 0])[measured], now.sds[measured, 0]
+        if not (np.abs(errors) < _FARTHEST + 10.0 * sds).all():
+            return self._posterior(state, Outcome.VANISHED)
+        past, known = state.outputs.copy(), state.measured.copy()
+        past[measured, -1], known[measured, -1] = outputs[measured], 1.0
+        moments, verified, seen = state.moments.copy(), state.verified.copy(), state.seen.copy()
+        _learn(
+            past, known, self._sums(state.inputs), self._leads, self._windows, self._day, int(state.step),
+            (int(state.fitted), state.coefficients, self._trust(state)), (moments, verified, seen),
+            (self._forgetting, self.verified_share(int(state.step))),
+        )  # fmt: skip
+        learned = state._replace(outputs=past, measured=known, moments=moments, verified=verified, seen=seen)
+        if state.fitted >= self._day:
+            fresh = _fitted(moments, self._least, self.options.penalty_days * self._day)
+            coefficients = np.stack([fresh, state.coefficients[0]])
+            learned = learned._replace(coefficients=coefficients, fitted=np.zeros_like(state.fitted))
+        log_likelihood = float(-0.5 * ((errors / sds) ** 2).sum() - np.log(sds * np.sqrt(2.0 * np.pi)).sum())
+        return self._posterior(learned, Outcome.ASSIMILATED, log_likelihood)
+
+    def issue(self, state: DirectState, count: int) -> DirectIssue:
+        """One forecast."""
+        day = self._day
+        return DirectIssue(
+            outputs=state.outputs[:, -day - 2 :],
+            measured=state.measured[:, -day - 2 :],
+            inputs=state.inputs[-day - 1 :],
+            step=state.step,
+            coefficients=state.coefficients[0],
+            trust=self._trust(state),
+            sds=self._sds(state),
+            seen=state.seen,
+        )
+
+    def unfold(self, issue: DirectIssue, plan: Array) -> Mixtures:
+        """What the issue forecasts under `plan` (h, n_u)."""
+        day, steps = self._day, len(plan) + 1
+        needed = self._leads[: np.searchsorted(self._leads, steps) + 1]
+        # From a day before the last sample on. The lead after the last one that is asked for may need inputs beyond.
+        held = np.concatenate([issue.inputs, plan])
+        sums = self._sums(np.concatenate([held, np.tile(held[-1:], (day, 1))]))
+        outputs = np.concatenate([issue.outputs[:, :-1], np.zeros((len(issue.outputs), steps + day))], axis=1)
+        ahead, known = np.arange(1, day + 1), np.concatenate([[0], needed])
+        for last in range(day, day + steps, day):
+            changes = _foretold(
+                outputs, sums, needed, self._windows, day, int(issue.step) + last - day - 1, last, issue.coefficients,
+                issue.trust, issue.seen,
+            )  # fmt: skip
+            for i, row in enumerate(changes):
+                outputs[i, last + 1 : last + 1 + day] = outputs[i, last] + np.interp(ahead, known, [0.0, *row])
+        outputs[:, day + 1] = issue.outputs[:, -1]
+        means = outputs[:, day + 1 : day + 1 + steps].T
+        late = _unmeasured(issue.measured)
+        return Mixtures.of_gaussians(means, _spread(issue.sds, self._leads, late, np.arange(0.0, steps)).T)
+
+    def verified(self, state: DirectState, lead: int, errors: Array) -> DirectState:
+        """The state itself: the regressions verify themselves, at every sample."""
+        return state
+
+    def parameters(self, state: DirectState, levels: Array) -> ParameterSummary:
+        """Not a number throughout: the model has no parameters of a building."""
+        return ParameterSummary.unknown(self.network, levels)
+
+    def draws(self, state: DirectState, count: int) -> None:
+        """None: the model has no physics."""
+
+    def member_weights(self, state: DirectState) -> Mapping[str, Array]:
+        """None: there are no members."""
+        return {}
+
+    def pack(self, state: DirectState) -> dict[str, Array]:
+        """The arrays of a state, by name."""
+        return state._asdict()
+
+    def unpack(self, arrays: Mapping[str, Array]) -> DirectState:
+        """The state of packed arrays."""
+        return DirectState(**arrays)
+
+    def verified_share(self, step: int) -> float:
+        """What a step leaves of the sums over verified forecasts, `step` steps after the start: the first ones, of
+        regressions that knew nothing, are soon forgotten."""
+        return exp(-1.0 / min(self._verified_memory, self._day + step / 4.0))
+
+    def _begun(self, outputs: Array, inputs: Array) -> tuple[Array, Array, Array]:
+        """Outputs, what of them is measured, and inputs of two days in which nothing has changed."""
+        first = float(np.nanmean(outputs)) if np.isfinite(outputs).any() else LEVEL
+        past = np.tile(np.where(np.isnan(outputs), first, outputs)[:, None], 2 * self._day + 1)
+        measured = np.zeros_like(past)
+        measured[:, -1] = np.isfinite(outputs)
+        return past, measured, np.tile(inputs, (2 * self._day, 1))
+
+    def _sums(self, inputs: Array) -> Array:
+        """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
+        return np.concatenate([np.zeros((1, inputs.shape[1])), np.cumsum((inputs - self._level) / self._scale, axis=0)])
+
+    def _trust(self, state: DirectState) -> Array:
+        """(n_y, L): what share of a foretold change has come true; 0 before any was verified."""
+        number, product, square, real, _ = np.moveaxis(state.verified, -1, 0)
+        # As if the first half of a day had been foretold as much as it changed, and nothing of it had come.
+        doubt = 0.5 * self._day * real / np.maximum(number, 1.0)
+        return np.clip(product / np.maximum(square + doubt, 1e-12), 0.0, 1.0)
+
+    def _sds(self, state: DirectState) -> Array:
+        """(n_y, L): standard deviations [K] at the leads, from the errors of verified forecasts."""
+        number, squares = state.verified[..., 0], state.verified[..., -1]
+        leads = self._leads.astype(np.float64)
+        hours = np.minimum(leads * self.period / _HOUR, _GROWN)
+        growth = np.diff(np.log(hours), prepend=0.0) * _GROWTH
+        variances, before = np.empty_like(squares), np.full(len(squares), _HOUR_SD**2)
+        for n, lead in enumerate(leads):
+            # A shorter lead lets expect the spread of a longer one.
+            own, expected = _PRESUMED * lead, before * np.exp(2.0 * growth[n])
+            variances[:, n] = before = (own * expected + squares[:, n]) / (own + number[:, n])
+        return np.asarray(np.maximum(np.sqrt(variances), _LEAST_SD))
+
+    def _posterior(self, state: DirectState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
+        return Posterior(
+            state=state,
+            outcome=outcome,
+            log_likelihood=log_likelihood,
+            parameters=np.full(len(self.network.parameters), np.nan),
+        )
+
+
+def _unmeasured(measured: Array) -> Array:
+    """(n_y,): for how many steps each output has not been measured; the newest is the one that is forecast."""
+    steps: Array = np.argmax(measured[:, ::-1] > 0.0, axis=1)
+    return np.where(measured.any(axis=1), steps, measured.shape[1]).astype(np.float64) - 1.0
+
+
+def _spread(sds: Array, leads: Array, late: Array, ahead: Array) -> Array:
+    """(n_y, m): `sds` (n_y, L) [K] at `ahead` (m,) steps after the first forecast, of outputs that are `late` (n_y,).
+
+    Beyond the last lead they grow with the root of the time.
+    """
+    found = np.empty((len(sds), len(ahead)))
+    for i in range(len(sds)):
+        steps = 1.0 + ahead + max(late[i], 0.0)
+        found[i] = np.interp(steps, leads, sds[i]) * np.sqrt(np.maximum(steps / leads[-1], 1.0))
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _row(outputs, sums, origin, lead, windows, day, step, row):  # type: ignore[no-untyped-def]
+    """Regressors (p,) of a forecast `lead` steps ahead of the sample at the place `origin`, number `step`, in place.
+
+    `sums` (m + 1, n_u) are those of the inputs before each place: that of place k is held from sample k to the next.
+    """
+    own, target = outputs[origin], origin + lead
+    row[0] = 1.0
+    row[1] = own - LEVEL
+    row[2] = own - outputs[max(origin - 1, 0)]
+    row[3] = own - outputs[max(origin - windows[5], 0)]
+    row[4] = own - outputs[max(origin - windows[6], 0)]
+    row[5] = outputs[max(min(target - day, origin), 0)] - own
+    angle = 2.0 * np.pi * ((step + lead) % day) / day
+    row[6], row[7] = np.sin(angle), np.cos(angle)
+    place = 8
+    for j in range(sums.shape[1]):
+        row[place] = (sums[target, j] - sums[origin, j]) / lead
+        for w in range(3):
+            first = max(origin - windows[w], 0)
+            row[place + 1 + w] = (sums[origin, j] - sums[first, j]) / max(origin - first, 1)
+        for w in range(2):
+            first = max(target - windows[3 + w], origin)
+            row[place + 4 + w] = (sums[target, j] - sums[first, j]) / (target - first)
+        place += 6
+
+
+@njit(cache=True, nogil=True)
+def _change(row, coefficients, lowest, highest):  # type: ignore[no-untyped-def]
+    change = np.sum(row * coefficients)
+    return min(max(change, lowest), highest)
+
+
+@njit(cache=True, nogil=True)
+def _foretold(outputs, sums, leads, windows, day, step, origin, coefficients, trust, seen):  # type: ignore[no-untyped-def]
+    """Changes (n_y, L) [K] after the sample at the place `origin`, number `step`."""
+    row, changes = np.empty(coefficients.shape[2]), np.empty((outputs.shape[0], len(leads)))
+    for i in range(outputs.shape[0]):
+        for n in range(len(leads)):
+            _row(outputs[i], sums, origin, leads[n], windows, day, step, row)
+            changes[i, n] = trust[i, n] * _change(row, coefficients[i, n], seen[i, n, 0], seen[i, n, 1])
+    return changes
+
+
+@njit(cache=True, nogil=True)
+def _learn(outputs, measured, sums, leads, windows, day, step, known, learned, memory):  # type: ignore[no-untyped-def]
+    """Verify what could be forecast for the newest sample, number `step`, and add it to what is `learned`, in place:
+    moments, verified and seen. `known` are the steps since the fit, the coefficients and the trust; `memory` is what a
+    step leaves of moments and of verified forecasts."""
+    fitted, coefficients, trust = known
+    moments, verified, seen = learned
+    forgetting, kept = memory
+    target = outputs.shape[1] - 1
+    row = np.empty(coefficients.shape[3])
+    for i in range(outputs.shape[0]):
+        for n in range(len(leads)):
+            origin = target - leads[n]
+            if measured[i, target] == 0.0 or measured[i, origin] == 0.0:
+                continue
+            _row(outputs[i], sums, origin, leads[n], windows, day, step - leads[n], row)
+            real = outputs[i, target] - outputs[i, origin]
+            # With the coefficients that were in force when the forecast would have been made.
+            then = coefficients[0 if leads[n] <= fitted else 1, i, n]
+            change = _change(row, then, seen[i, n, 0], seen[i, n, 1])
+            error = real - trust[i, n] * change
+            for m in range(5):
+                verified[i, n, m] *= kept
+            verified[i, n, 0] += 1.0
+            verified[i, n, 1] += change * real
+            verified[i, n, 2] += change * change
+            verified[i, n, 3] += real * real
+            verified[i, n, 4] += error * error
+            seen[i, n, 0], seen[i, n, 1] = min(seen[i, n, 0], real), max(seen[i, n, 1], real)
+            for a in range(len(row)):
+                for b in range(len(row)):
+                    moments[i, n, a, b] = forgetting * moments[i, n, a, b] + row[a] * row[b]
+                moments[i, n, a, len(row)] = forgetting * moments[i, n, a, len(row)] + row[a] * real
+
+
+@njit(cache=True, nogil=True)
+def _fitted(moments, least, penalty):  # type: ignore[no-untyped-def]
+    """Coefficients (n_y, L, p) of the ridge regressions; a regressor is penalised as by `penalty` samples."""
+    outputs, leads, width = moments.shape[:3]
+    found = np.zeros((outputs, leads, width))
+    matrix, right = np.empty((width - 1, width - 1)), np.empty(width - 1)
+    for i in range(outputs):
+        for n in range(leads):
+            whole = moments[i, n, 0, 0]
+            if whole <= 0.0:
+                continue
+            means = moments[i, n, 0] / whole
+            for a in range(1, width):
+                for b in range(1, width):
+                    matrix[a - 1, b - 1] = moments[i, n, a, b] / whole - means[a] * means[b]
+                right[a - 1] = moments[i, n, a, width] / whole - means[a] * means[width]
+            for a in range(1, width):
+                matrix[a - 1, a - 1] += max(matrix[a - 1, a - 1], least[a]) * penalty / whole
+            own = _solved(matrix, right)
+            found[i, n, 1:] = own
+            found[i, n, 0] = means[width] - np.sum(means[1:width] * own)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _solved(matrix, right):  # type: ignore[no-untyped-def]
+    """The solution (n,) of a positive definite system, by Cholesky factors in a fixed order of sums."""
+    size = len(right)
+    factor, found = np.zeros((size, size)), right.copy()
+    for a in range(size):
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for c in range(b):
+                total -= factor[a, c] * factor[b, c]
+            factor[a, b] = np.sqrt(max(total, 1e-12)) if a == b else total / factor[b, b]
+    for a in range(size):
+        for c in range(a):
+            found[a] -= factor[a, c] * found[c]
+        found[a] /= factor[a, a]
+    for a in range(size - 1, -1, -1):
+        for c in range(a + 1, size):
+            found[a] -= factor[c, a] * found[c]
+        found[a] /= factor[a, a]
+    return found

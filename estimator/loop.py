@@ -1,0 +1,302 @@
+"""One sample through any estimator: the loop that the daemon, replays, notebooks and experiments share. Pure.
+
+`Loop.step` takes (what is carried, sample) to what is carried to the next sample. It holds inputs, scores the one-step
+forecast that stood, assimilates, notes what the model could not explain, restarts after VANISHED_LIMIT such samples,
+verifies the forecasts of hours ago and learns from their errors, looks back into the running record and diagnoses when
+that is due, and predicts one period on. Time belongs to the caller: which samples follow each other, how old a held
+input may be, and what is published.
+
+Forecasts hours ahead are verified twice. `Verification` asks in hindsight what the model is worth once the inputs are
+known, `AsIssued` what the forecast was worth as it was issued, with the inputs foreseen then.
+
+`Loop.driving` is the only way from measured, foreseen or planned inputs to the rows that the estimator takes, at a
+sample and over a plan alike: heat that is known for any time, such as sun by facade or habits by the hour, is appended
+there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.diagnosis.diagnose import diagnose, due
+from estimator.diagnosis.finding import Diagnosis
+from estimator.diagnosis.record import Record, no_record, with_sample
+from estimator.foresight import Day, foreseen, no_day, with_inputs
+from estimator.heat.known import KnownHeat
+from estimator.thermostat import thermostat as thermostats
+from estimator.thermostat.live import Live, LiveForecasts
+from estimator.thermostat.thermostat import Thermostat, no_thermostat
+from estimator.types import Estimator, Mixture, Mixtures, Outcome, Posterior
+from estimator.verification.as_issued import AsIssued, Issued
+from estimator.verification.one_step import OneStep, one_step
+from estimator.verification.verification import Verification, Verified
+
+VANISHED_LIMIT = 6
+"""After this many samples in a row that no particle explains, or of which the forecast said nothing, the thermal states
+start anew (a sensor was moved, a room was re-fitted); parameters and volatility are kept."""
+
+ISSUED_DRAWS = 200
+"""Draws that a forecast is made of which is verified as it was issued: a sample of those of the published one."""
+
+UNUSABLE_SD = 10.0
+"""K: a forecast with a larger standard deviation says nothing of a room. Nonsense in the telemetry can leave a UKF with
+walls so hot and so uncertain that it would take days to come back."""
+
+
+class Held(NamedTuple):
+    """The last measured inputs."""
+
+    values: Array
+    """(n_u,): NaN where there was none yet."""
+    times: Array
+    """(n_u,): when their intervals ended [UTC s]; NaN: never."""
+
+
+class Standing(NamedTuple):
+    """What there is between two samples, once a first one has been taken."""
+
+    state: Any
+    """The estimator's, predicted to the next sample."""
+    forecast: OneStep
+    """Of the next sample."""
+    verified: Verified | None
+    """What is known of earlier forecasts; None in a loop of single steps."""
+    issued: Issued
+    """The same of forecasts as they were issued; empty in a loop of single steps."""
+
+
+class Carried(NamedTuple):
+    """Everything that is carried from one sample to the next."""
+
+    held: Held
+    day: Day
+    """The inputs of the last day."""
+    record: Record
+    """Sums over the last weeks."""
+    diagnosis: Diagnosis = Diagnosis()
+    """The newest."""
+    vanished: int = 0
+    """Measurements in a row that no particle explained, or of which the forecast said nothing."""
+    standing: Standing | None = None
+    """None before the first sample."""
+    thermostat: Thermostat | None = None
+    """What is known of it; None before the first set-point."""
+    live: Live | None = None
+    """What live forecasts proved to be worth; None before the first set-point."""
+
+
+class Step(NamedTuple):
+    """What one sample brought."""
+
+    carried: Carried
+    posterior: Posterior
+    started: bool
+    """Whether the thermal states began at this sample, which was then not assimilated."""
+    scored: OneStep | None
+    """The forecast that stood for this sample; None where there was none."""
+    ahead: Mixture
+    """The distribution of the outputs at the next sample, of which `carried` has the summary."""
+
+
+class Loop:
+    """The loop of one zone. Every method is pure."""
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        seed: int,
+        levels: Sequence[float],
+        *,
+        known_heat: KnownHeat | None = None,
+        proposes_bounds: bool = False,
+        single_steps: bool = False,
+    ) -> None:
+        """`levels` are those of the intervals of the one-step forecast; `seed` is the estimator's, and spreads what is
+        due once in some hours over zones. `known_heat` is needed where the network has terms. With `proposes_bounds`
+        the diagnosis proposes narrower ones.
+
+        A loop of `single_steps` neither verifies nor diagnoses, which takes most of the time of a quick filter: for
+        experiments that score one step and parameters. Of the estimators only regressions learn from verified errors.
+        """
+        self.estimator = estimator
+        self.verification = Verification(estimator)
+        self.as_issued = AsIssued(estimator)
+        self.live = LiveForecasts(estimator, seed)
+        self._known_heat = known_heat
+        self._seed = seed
+        self._levels = tuple(levels)
+        self._proposes_bounds = proposes_bounds
+        self._single_steps = single_steps
+
+    def begin(self) -> Carried:
+        """Nothing has been seen."""
+        width, period = len(self.estimator.network.inputs), int(self.estimator.period)
+        nothing = Held(np.full(width, np.nan), np.full(width, np.nan))
+        return Carried(nothing, no_day(width, period), no_record(width))
+
+    def driving(self, times: Array, inputs: Array) -> Array:
+        """What drives the estimator over the intervals that begin at `times` (h,) [UTC s], under measured or planned
+        `inputs` (h, n_u): rows (h, n_u + m) for `Estimator.predict` and `Estimator.unfold`, of which the m last are the
+        known part of each term of the network."""
+        return inputs if self._known_heat is None else self._known_heat.drive(times, inputs)
+
+    def hold(self, carried: Carried, time: int, inputs: Array) -> Carried:
+        """`carried` with the `inputs` (n_u,) of the interval that begins at `time` [UTC s]; NaN marks a missing one,
+        whose last value is held."""
+        held, measured = carried.held, ~np.isnan(inputs)
+        values = np.where(measured, inputs, held.values)
+        times = np.where(measured, float(time + self.estimator.period), held.times)
+        return carried._replace(held=Held(values, times))
+
+    def step(
+        self, carried: Carried, time: int, outputs: Array, inputs: Array, continues: bool, setpoint: float = math.nan
+    ) -> Step:
+        """Hold the inputs of a sample and take it."""
+        return self.take(self.hold(carried, time, inputs), time, outputs, continues, setpoint)
+
+    def take(self, carried: Carried, time: int, outputs: Array, continues: bool, setpoint: float = math.nan) -> Step:
+        """Take the sample at `time` [UTC s] with `outputs` (n_y,), NaN for a missing one, the `setpoint` [degC], NaN
+        where nobody tells it, and the inputs that are held, all of which must be known.
+
+        It `continues` where it lies one period after the one before. Otherwise, and after VANISHED_LIMIT samples that
+        could not be explained, the thermal states begin at it, and at least one output must be measured.
+        """
+        estimator, inputs = self.estimator, carried.held.values
+        drive = self.driving(np.array([float(time)]), inputs[None])[0]
+        posterior, verified, issued, vanished, started = self._assimilated(carried, time, outputs, drive, continues)
+        state, day = estimator.predict(posterior.state, drive), with_inputs(carried.day, time, inputs)
+        if verified is not None:
+            verified = self.verification.predict(verified, state, drive, self._seed)
+            foreseeing = self._foreseeing(day, inputs, time)
+            issued = self.as_issued.predict(
+                issued,
+                self._seed % 3600,
+                # The forecast that a client without a plan would get now.
+                lambda steps: self._without_plan(carried, state, foreseeing(steps), time, setpoint),
+            )
+        ahead = estimator.predictive(state)
+        before = carried.record
+        record = with_sample(before, time, estimator.period, float(outputs[0]), inputs)
+        after = carried._replace(
+            day=day,
+            record=record,
+            vanished=vanished,
+            standing=Standing(state, one_step(estimator, ahead, self._levels), verified, issued),
+        )
+        if not self._single_steps and (carried.thermostat is not None or not math.isnan(setpoint)):
+            learns = not started and posterior.outcome is not Outcome.VANISHED
+            after = self._thermostat(after, time, outputs, drive, setpoint, started=started, learns=learns)
+        if not self._single_steps and due(estimator.network, before, record, time, int(estimator.period), self._seed):
+            after = after._replace(diagnosis=self.diagnose(after))
+        scored = carried.standing.forecast if continues and carried.standing is not None else None
+        return Step(after, posterior, started, scored, ahead)
+
+    def diagnose(self, carried: Carried) -> Diagnosis:
+        """What is not known now; empty before the first sample."""
+        if carried.standing is None:
+            return Diagnosis()
+        state, inputs = carried.standing.state, carried.held.values
+        return diagnose(
+            self.estimator,
+            state,
+            carried.record,
+            inputs,
+            thermostat=carried.thermostat,
+            proposes_bounds=self._proposes_bounds,
+        )
+
+    def _thermostat(
+        self,
+        carried: Carried,
+        time: int,
+        outputs: Array,
+        drive: Array,
+        setpoint: float,
+        *,
+        started: bool,
+        learns: bool,
+    ) -> Carried:
+        """`carried` to the next sample with what the one at `time` brought of the thermostat and of live forecasts,
+        which had foreseen it unless the thermal states `started` anew."""
+        estimator, inputs, period = self.estimator, carried.held.values, int(self.estimator.period)
+        assert carried.standing is not None
+        known = carried.thermostat or no_thermostat(len(inputs))
+        live = carried.live or self.live.begin()
+        if started:
+            live = self.live.restarted(live)
+        elif learns:
+            live, _ = self.live.learned(live, known, outputs)
+        known = thermostats.with_sample(
+            known,
+            estimator.network,
+            time,
+            period,
+            setpoint=setpoint,
+            temperature=float(outputs[0]),
+            inputs=inputs,
+            seed=self._seed,
+        )
+
+        ahead = self._foreseeing(carried.day, inputs, time)
+        live = self.live.advanced(live, carried.standing.state, known, drive, inputs, time + period, ahead)
+        return carried._replace(thermostat=known, live=live)
+
+    def _without_plan(self, carried: Carried, state: Any, rows: Array, time: int, setpoint: float) -> Mixtures:
+        """The forecast from `state` on, after the sample at `time` [UTC s] with `setpoint`, under foreseen drive rows
+        (h, n_u + m)."""
+        live, known, start = carried.live, carried.thermostat, time + int(self.estimator.period)
+        if live is None or known is None or not self.live.knows(known, start):
+            return self.estimator.unfold(self.estimator.issue(state, ISSUED_DRAWS), rows)
+        if not math.isnan(setpoint):
+            known = known._replace(setpoint=setpoint)
+        return self.live.unplanned(live, state, known, rows, carried.held.values, start).outputs
+
+    def _foreseeing(self, day: Day, inputs: Array, time: int) -> Callable[[int], Array]:
+        """What drives the estimator over a number of steps after the sample at `time` [UTC s], as it is foreseen."""
+        start = time + self.estimator.period
+
+        def rows(steps: int) -> Array:
+            times = start + self.estimator.period * np.arange(steps, dtype=np.float64)
+            return self.driving(times, foreseen(self.estimator.network, day, inputs, times).rows)
+
+        return rows
+
+    def _assimilated(
+        self, carried: Carried, time: int, outputs: Array, drive: Array, continues: bool
+    ) -> tuple[Posterior, Verified | None, Issued, int, bool]:
+        """Assimilate y_k, or begin a segment with it; also what is verified by it, in hindsight and as issued, how many
+        samples in a row vanished, and whether a segment began. A forecast that stood for it is verified only where y_k
+        is assimilated."""
+        estimator, verification, before = self.estimator, self.verification, carried.standing
+        if continues and before is not None:
+            posterior = estimator.update(before.state, outputs)
+            vanished = carried.vanished
+            if posterior.outcome is not Outcome.MISSING:
+                vanished = vanished + 1 if lost(posterior.outcome, before.forecast.sd.tolist()) else 0
+            if vanished < VANISHED_LIMIT:
+                verified, issued, state = before.verified, before.issued, posterior.state
+                if verified is not None:
+                    issued = self.as_issued.update(issued, verified.outputs[:, 0], float(outputs[0]), time)
+                    verified, state = verification.update(verified, before.forecast, posterior, outputs, time)
+                return posterior._replace(state=state), verified, issued, vanished, False
+        if before is None:
+            state = estimator.start(self._seed, outputs, drive)
+            verified = None if self._single_steps else verification.start(self._seed, outputs, drive)
+            issued = self.as_issued.start()
+        else:
+            state, verified = estimator.restart(before.state, outputs, drive), before.verified
+            issued = self.as_issued.restart(before.issued)
+            if verified is not None:
+                verified = verification.restart(verified, outputs, drive)
+        # The states start at y itself, so y has nothing more to teach: the update is one without outputs.
+        return estimator.update(state, np.full(len(outputs), np.nan)), verified, issued, 0, True
+
+
+def lost(outcome: Outcome, sds: Iterable[float]) -> bool:
+    """Whether an update shows that the states are of no use; `sds` (K) are those of the forecast of each output."""
+    return outcome is Outcome.VANISHED or (outcome is Outcome.ASSIMILATED and max(sds) > UNUSABLE_SD)

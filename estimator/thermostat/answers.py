@@ -1,0 +1,105 @@
+"""What futures that run the thermostat answer: when to start heating, how much energy, what another plan changes.
+
+All answers are read off the same weighted futures as the fan, so that they agree with it. Two plans are compared future
+by future: what both have in common, the weather and the model's own uncertainty, cancels out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from estimator.arrays import Array, Indices
+from estimator.types import Mixture
+
+JOULES = 3.6e6
+"""J in a kWh."""
+
+
+class Amounts(NamedTuple):
+    """A quantity of B spans of time, by N weighted futures."""
+
+    values: Array
+    """(N, B)."""
+    weights: Array
+    """(N, B): those of each span add up to 1."""
+
+    def mean(self) -> Array:
+        """(B,)."""
+        return np.asarray((self.values * self.weights).sum(axis=0), dtype=np.float64)
+
+    def quantiles(self, levels: Array) -> Array:
+        """(B, L): the smallest value at which the weights add up to each of `levels` (L,)."""
+        order = np.argsort(self.values, axis=0, kind="stable")
+        values = np.take_along_axis(self.values, order, axis=0)
+        reached = np.cumsum(np.take_along_axis(self.weights, order, axis=0), axis=0)
+        found = np.empty((values.shape[1], len(levels)))
+        for span in range(values.shape[1]):
+            places = np.searchsorted(reached[:, span], np.asarray(levels) - 1e-12)
+            found[span] = values[np.minimum(places, len(values) - 1), span]
+        return found
+
+
+def energy(heat: Array, weights: Array, period: float, spans: Indices, price: Array | None = None) -> Amounts:
+    """The energy [kWh] that goes into a zone in each span; what it costs at a `price` (h,) of a kWh in each step.
+
+    `heat` (N, h, L) [W] is what each of L inputs gives over each of h steps of `period` s, in N futures with `weights`
+    (h, N); `spans` (h,) numbers the span of every step, from 0 on. Heat that is taken, by a cooler, counts as well.
+    """
+    each = np.abs(heat).sum(axis=2) * period / JOULES
+    if price is not None:
+        each = each * price
+    return Amounts(_summed(each, spans), _means(weights.T, spans))
+
+
+def below(temperatures: Array, setpoints: Array, weights: Array, period: float, tolerance: float) -> Amounts:
+    """(N, 1): hours in which N futures, `temperatures` (N, h) [degC] with `weights` (h, N), are below `setpoints` (h,)
+    by more than `tolerance` [K]; steps without a set-point (NaN) do not count."""
+    cold = (temperatures < setpoints - tolerance).astype(np.float64) * (period / 3600.0)
+    whole = np.zeros(temperatures.shape[1], dtype=np.int64)
+    return Amounts(_summed(cold, whole), _means(weights.T, whole))
+
+
+def difference(one: Amounts, other: Amounts) -> Amounts:
+    """`one` less `other`, future by future: both must be of the same futures, under two plans."""
+    weights = 0.5 * (one.weights + other.weights)
+    return Amounts(one.values - other.values, weights)
+
+
+def total(amounts: Amounts) -> Amounts:
+    """(N, 1): the spans of each future together."""
+    weights = amounts.weights.mean(axis=1, keepdims=True)
+    return Amounts(amounts.values.sum(axis=1, keepdims=True), weights)
+
+
+def probability_above(mixture: Mixture, value: float, output: int = 0) -> float:
+    """That the output is at least `value` [degC]."""
+    return float(mixture.weights @ ndtr((mixture.means[output] - value) / mixture.sds[output]))
+
+
+def latest(reached: Callable[[int], float], last: int, wanted: float) -> int | None:
+    """The latest of the steps 0 to `last` at which to start for `reached(step)`, a probability that falls with the
+    step, to be at least `wanted`; None if not even step 0 does."""
+    if reached(last) >= wanted:
+        return last
+    low, high = -1, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if reached(middle) >= wanted else (low, middle)
+    return None if low < 0 else low
+
+
+def _summed(each: Array, spans: Indices) -> Array:
+    """(N, B) of (N, h)."""
+    found = np.zeros((len(each), int(spans.max(initial=0)) + 1))
+    np.add.at(found.T, spans, each.T)
+    return found
+
+
+def _means(each: Array, spans: Indices) -> Array:
+    """(N, B): the weights of the spans, of (N, h) those of the steps."""
+    summed = _summed(each, spans)
+    return np.asarray(summed / summed.sum(axis=0), dtype=np.float64)

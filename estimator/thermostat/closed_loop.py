@@ -1,0 +1,246 @@
+"""The thermostat inside the simulation: every draw's own temperature calls for its own heat.
+
+At each step, with the set-point r_k and the temperature T_k that a draw has reached,
+
+    u_k = law(r_k - T_k, u_(k-1)),    x_(k+1) = A x_k + B u_k + w_k,    w_k ~ N(0, Q),
+
+so that a forecast stays within what the thermostat allows, and a model's own errors are corrected as the real
+thermostat corrects them. Heat of a step without a set-point is that of the plan.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from estimator.arrays import Array
+from estimator.kernels.draws import Draws, Purpose
+from estimator.statespace.matrices import StateSpace, of_draws
+from estimator.statespace.simulate import Driving
+from estimator.thermostat.law import Laws, called
+from estimator.types import Mixtures, ModelDraws
+
+
+class Noise(NamedTuple):
+    """What makes one future differ from another, over h steps of K draws."""
+
+    process: Array
+    """(h, n_x + G, K): added to the state [K, W] after each step."""
+    alive: Array
+    """(h, G, K): whether a gain that is on at the beginning still lasts, 0 or 1."""
+
+
+class Paths(NamedTuple):
+    """K futures of h steps."""
+
+    weights: Array
+    """(K,): they add up to 1."""
+    temperatures: Array
+    """(K, h + 1, n_y): now and after each step, without measurement noise [degC]."""
+    heat: Array
+    """(K, h, L): what each law's input was over each step, in its unit."""
+    variance: Array
+    """(K, n_y): of the measurement noise [K^2]."""
+
+    def mixtures(self) -> Mixtures:
+        """The measured outputs now and after each step: h + 1 mixtures."""
+        means = self.temperatures.transpose(1, 2, 0)
+        sds = np.broadcast_to(np.sqrt(self.variance.T), means.shape)
+        return Mixtures(np.tile(self.weights, (len(means), 1)), means, sds.copy())
+
+
+def no_noise(models: StateSpace, steps: int) -> Noise:
+    """Every draw moves as its matrices say."""
+    count, size = models.state.shape
+    return Noise(np.zeros((steps, size, count)), np.ones((steps, size - len(models.network.nodes), count)))
+
+
+def closed_loop(
+    models: StateSpace,
+    laws: Laws,
+    setpoints: Array,
+    rows: Array,
+    before: Array,
+    *,
+    noise: Noise | None = None,
+    numbers: Array | None = None,
+    limits: Array | None = None,
+) -> Paths:
+    """The futures of `models` in which `laws` keep the `setpoints` (h,) [degC], NaN where nobody sets one.
+
+    Args:
+        rows: (h, n_u): the inputs of every step; those that obey a law hold what is planned where there is no
+            set-point.
+        before: (n_u,): inputs of the step before, from which on-off laws know whether they are on.
+        noise: by default none.
+        numbers: (L, 3, K): the laws' numbers in each draw; by default those of `laws` in all.
+        limits: (L,): the largest heat of each law, at least 0, in its input's unit; by default none.
+    """
+    count, places = len(models.state), laws.column.astype(np.int64)
+    noise = noise or no_noise(models, len(rows))
+    if numbers is None:
+        numbers = np.repeat(laws.numbers[:, :, None], count, axis=2)
+    if limits is None:
+        limits = np.full(len(places), np.inf)
+    temperatures = np.empty((count, len(rows) + 1, len(models.c)))
+    heat = np.empty((count, len(rows), len(places)))
+    measured = np.argmax(models.c, axis=1)
+    first = np.maximum(laws.sign * before[places], 0.0)
+    driven = np.zeros(rows.shape[1])
+    driven[places] = 1.0
+    # Without the inputs that obey, whose share each draw adds for itself; with them where nobody sets a set-point.
+    idle = np.einsum("kij,hj->khi", models.b, rows * np.where(np.isnan(setpoints)[:, None], 1.0, 1.0 - driven))
+    _run(
+        np.ascontiguousarray(models.a),
+        np.ascontiguousarray(models.b[:, :, places]) * laws.sign,
+        np.ascontiguousarray(idle),
+        models.state.copy(),
+        len(models.network.nodes),
+        measured,
+        setpoints,
+        np.ascontiguousarray(np.maximum(laws.sign * rows[:, places], 0.0)),
+        first,
+        laws.side,
+        laws.switching,
+        np.ascontiguousarray(numbers),
+        limits,
+        noise.process,
+        noise.alive,
+        temperatures,
+        heat,
+    )
+    return Paths(models.weights, temperatures, heat * laws.sign, np.diagonal(models.r, axis1=1, axis2=2).copy())
+
+
+class Start(NamedTuple):
+    """Draws made ready for any number of futures, which then have the same noise: what differs between two futures is
+    what was asked."""
+
+    models: StateSpace
+    noise: Noise
+    numbers: Array
+    """(L, 3, K)."""
+
+    def run(self, laws: Laws, setpoints: Array, rows: Array, before: Array, limits: Array | None = None) -> Paths:
+        """`closed_loop` from here, over at most as many steps as there is noise."""
+        noise = Noise(*(each[: len(rows)] for each in self.noise))
+        return closed_loop(self.models, laws, setpoints, rows, before, noise=noise, numbers=self.numbers, limits=limits)
+
+
+def started(draws: ModelDraws, period: float, laws: Laws, steps: int, *, seed: int, origin: int) -> Start:
+    """`draws` with noise as `sampled_paths` has it, and numbers of the `laws` drawn from what is known of them.
+
+    `seed` and `origin`, the number of the step now, are all that the random numbers depend on.
+    """
+    models = of_draws(draws, period, 1)
+    size, count = draws.state.shape
+    states = len(models.network.nodes)
+    now = Draws(seed, origin, forecast=True)
+    start = (draws.state + draws.spread * now.normals(Purpose.MIXTURE_SAMPLE, (size, count))).T
+    normals = now.normals(Purpose.SCENARIO, (steps * size, count)).reshape(steps, size, count)
+    process = np.sqrt(draws.process_variance) * normals
+    lasting = draws.gain_stays > now.uniforms(Purpose.SCENARIO_SWITCH, (steps * (size - states), count))
+    alive = np.cumprod(lasting.reshape(steps, size - states, count), axis=0).astype(np.float64)
+    process[:, states:] *= alive
+    # The matrices hold the chance that a gain stays on; here it does, or does not.
+    transition = models.a.copy()
+    transition[:, :, states:] /= draws.gain_stays or 1.0
+    return Start(models._replace(a=transition, state=start), Noise(process, alive), _drawn(laws, now, count))
+
+
+class LawRoom:
+    """A room whose thermostat keeps `setpoints` (h,) [degC] while it is simulated step by step with its neighbours; see
+    `estimator.statespace.simulate.Room`. Beyond their end the last set-point stays."""
+
+    def __init__(
+        self, models: StateSpace, laws: Laws, setpoints: Array, before: Array, driving: Driving | None = None
+    ) -> None:
+        """`before` (n_u,) are the inputs of the step before the first; `driving` is needed where the network of the
+        models has terms."""
+        self._models, self._laws, self._setpoints, self._before = models, laws, setpoints, before
+        self._driving = driving
+        self._places = laws.column.astype(np.int64)
+        self._state, self._ahead = models.state, 0
+        first = np.maximum(laws.sign * before[self._places], 0.0)
+        self._heat = np.repeat(first[:, None], len(models.state), axis=1)
+
+    def outputs(self) -> Array:
+        """(n_y,): mean of the outputs now [degC]."""
+        each = self._state @ self._models.c.T
+        return np.asarray((each * self._models.weights[:, None]).sum(axis=0), dtype=np.float64)
+
+    def step(self, inputs: Array) -> None:
+        """One step on under `inputs` (n_u,), of which those that obey a law hold only where no set-point is known."""
+        setpoint = self._setpoints[min(self._ahead, len(self._setpoints) - 1)]
+        row = inputs if self._driving is None else self._driving(self._ahead, inputs)
+        driven = np.repeat(row[:, None], len(self._state), axis=1)
+        if not np.isnan(setpoint):
+            deviation = setpoint - self._state @ self._models.c[0]
+            self._heat = np.array([called(self._laws, i, deviation, last) for i, last in enumerate(self._heat)])
+            driven[self._places] = self._laws.sign[:, None] * self._heat
+        moved = np.einsum("kij,kj->ki", self._models.a, self._state)
+        self._state = moved + np.einsum("kij,jk->ki", self._models.b, driven)
+        self._ahead += 1
+
+    def anew(self) -> LawRoom:
+        """The same at its beginning."""
+        return LawRoom(self._models, self._laws, self._setpoints, self._before, self._driving)
+
+
+def _drawn(laws: Laws, now: Draws, count: int) -> Array:
+    """(L, 3, K): numbers of the laws, in bounds that keep a law one: power and band at least a tenth of the mean."""
+    normals = now.normals(Purpose.LAW, (3 * len(laws.column), count)).reshape(-1, 3, count)
+    roots = [np.linalg.cholesky(covariance) for covariance in laws.covariance]
+    numbers = np.array([mean[:, None] + root @ z for mean, root, z in zip(laws.numbers, roots, normals, strict=True)])
+    numbers = numbers.reshape(-1, 3, count)
+    numbers[:, 0] = np.maximum(numbers[:, 0], 0.1 * laws.numbers[:, :1].reshape(-1, 1))
+    numbers[:, 2] = np.maximum(numbers[:, 2], 0.1 * laws.numbers[:, 2:].reshape(-1, 1))
+    return numbers
+
+
+@njit(cache=True, nogil=True)
+def _run(  # type: ignore[no-untyped-def]
+    a, response, idle, state, nodes, measured, setpoints, planned, before, side, switching, numbers, limits, process,
+    alive, temperatures, heat,
+):  # fmt: skip
+    count, size = state.shape
+    steps, laws = planned.shape
+    later, last = np.empty(size), np.empty(laws)
+    for k in range(count):
+        for i in range(laws):
+            last[i] = before[i]
+        x = state[k]
+        for y in range(len(measured)):
+            temperatures[k, 0, y] = x[measured[y]]
+        for h in range(steps):
+            for g in range(size - nodes):
+                x[nodes + g] *= alive[h, g, k]
+            for i in range(size):
+                value = idle[k, h, i] + process[h, i, k]
+                for j in range(size):
+                    value += a[k, i, j] * x[j]
+                later[i] = value
+            for i in range(laws):
+                power, offset, band = numbers[i, 0, k], numbers[i, 1, k], numbers[i, 2, k]
+                deviation = side[i] * (setpoints[h] - x[measured[0]])
+                if setpoints[h] != setpoints[h]:
+                    # Nobody sets a set-point: what is planned is in `idle`.
+                    last[i] = planned[h, i]
+                    heat[k, h, i] = last[i]
+                    continue
+                if switching[i] > 0.5:
+                    on = deviation > offset + (-0.5 if last[i] > 0.5 * power else 0.5) * band
+                    given = power if on else 0.0
+                else:
+                    given = power * min(max((deviation - offset) / band + 0.5, 0.0), 1.0)
+                given = min(given, limits[i])
+                last[i] = given
+                heat[k, h, i] = given
+                for j in range(size):
+                    later[j] += response[k, j, i] * given
+            for i in range(size):
+                x[i] = later[i]
+            for y in range(len(measured)):
+                temperatures[k, h + 1, y] = x[measured[y]]

@@ -1,0 +1,58 @@
+"""Set-points to come where nobody plans them: as now, as yesterday, as a week ago, as usual at this hour.
+
+Nobody knows what people will set. Each guess becomes a future of its own, and what it proved to be worth decides how
+much it counts (`estimator.thermostat.live`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from estimator.arrays import Array, Indices
+from estimator.thermostat.memory import Memory, at, slot
+
+_DAY = 86400
+
+GUESSES = ("as-now", "as-yesterday", "as-last-week", "as-usual")
+
+KindOfDay = Callable[[Array], Indices]
+"""`kinds(times)`: of UTC s (h,), which kind of day each is in, as a number: working day, or weekend and holiday."""
+
+
+def weekday_or_weekend(times: Array) -> Indices:
+    """1 on Saturdays and Sundays of UTC, 0 otherwise."""
+    # 1970 began on a Thursday.
+    return np.asarray((times // _DAY + 3) % 7 >= 5, dtype=np.int64)
+
+
+def guesses(memory: Memory, now: float, times: Array, kinds: KindOfDay = weekday_or_weekend) -> Array:
+    """(len(GUESSES), h): set-points [degC] of the intervals that begin at `times` (h,) [UTC s], ascending, if they come
+    as in each of GUESSES; `now` [degC] where it is not remembered."""
+    begin = times[0] if len(times) else 0.0
+    found = np.full((len(GUESSES), len(times)), now)
+    if len(memory.times):
+        for row, back in ((1, _DAY), (2, 7 * _DAY)):
+            # Beyond its length a period repeats.
+            periods = (times - begin) // back + 1.0
+            found[row] = at(memory, memory.setpoints, times - back * periods)
+        found[3] = _usual(memory, times, kinds)
+    return np.where(np.isnan(found), now, found)
+
+
+def _usual(memory: Memory, times: Array, kinds: KindOfDay) -> Array:
+    """(h,): the median of the fortnight's set-points at the same hour of the same kind of day; NaN without any."""
+    daily = len(memory.times) // 14
+    rows = memory.setpoints.reshape(14, daily)
+    known = np.isfinite(rows)
+    of = np.where(known, kinds(np.where(known, memory.times.reshape(14, daily), 0.0).ravel()).reshape(14, daily), -1)
+    place = np.minimum(times % _DAY // slot(memory), daily - 1).astype(np.int64)
+    wanted, usual = kinds(times), np.full(len(times), np.nan)
+    for kind in np.unique(wanted):
+        chosen = np.where(of == kind, rows, np.inf)
+        count = np.isfinite(chosen).sum(axis=0)
+        middle = np.take_along_axis(np.sort(chosen, axis=0), np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
+        medians = np.where(count > 0, middle, np.nan)
+        usual = np.where(wanted == kind, medians[place], usual)
+    return usual

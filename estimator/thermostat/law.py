@@ -1,0 +1,232 @@
+"""The law of a thermostat, learned from the last fortnight.
+
+With x = T_set - T_i for a heater, and T_i - T_set for a cooler, and the heat q >= 0 that it gives or takes,
+
+    proportional:  q = P clip((x - m) / w + 1/2, 0, 1)
+    on-off:        q = P above m + w/2, 0 below m - w/2, as before in between.
+
+The first is u = clip(a + b x, 0, P) with b = P / w and a = P/2 - b m. P is the power [W], m the offset [K] and w the
+band, or the hysteresis [K]. All are fitted by least squares, the kind is the one with the smaller squares, and what is
+uncertain follows from leaving out one day after the other (the jackknife of days: errors of one day are alike).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.arrays import Array
+from estimator.network.network import Network
+from estimator.thermostat.memory import Memory
+
+_DAY = 86400
+
+_REACH = 4.0
+"""K: larger deviations from the set-point count as this one."""
+
+_BIN = 0.05
+"""K: width of the bins in which deviations are counted for the proportional law."""
+
+_NARROWEST = 0.05
+"""K: the smallest band; a step is no law that a sum of squares can be searched for."""
+
+_FEWEST = 72
+"""Slots with a set-point, a temperature and heat before a law is fitted: half a day of 10 min."""
+
+_ZOOMS, _SIDE = 5, 7
+"""Refinements of the grid in which offset and band are searched, and points of each along one of the two."""
+
+_LEAST_EXPLAINED = 0.25
+"""Share of the variance of the heat that a law must explain. Below that the heat obeys somebody else."""
+
+_MARGIN = 0.5
+"""K beyond its band from which a law calls for all or for nothing without doubt."""
+
+LITTLE, MUCH = 0.1, 0.5
+"""Shares of its power below which next to nothing came, and above which most of it did."""
+
+_SDS = (0.01, 0.02, 0.02)
+"""Smallest standard deviations: of the power, relative to it, and of offset and band [K]."""
+
+
+class Laws(NamedTuple):
+    """L laws: of heating and of cooling, by any number of heat inputs."""
+
+    column: Array
+    """(L,): the input that obeys."""
+    side: Array
+    """(L,): 1 where heat is called for when the room is too cold, -1 when it is too warm."""
+    sign: Array
+    """(L,): sign of the input's values when it is called."""
+    switching: Array
+    """(L,): 1 on-off, 0 proportional."""
+    numbers: Array
+    """(L, 3): power [unit of the input], offset [K], band or hysteresis [K]."""
+    covariance: Array
+    """(L, 3, 3): of `numbers`."""
+    explained: Array
+    """(L,): share of the variance of the heat that the law explains, one interval ahead."""
+    days: Array
+    """(L,): days that it was fitted to."""
+
+
+def no_laws() -> Laws:
+    """Nobody obeys a set-point."""
+    empty = np.empty(0)
+    return Laws(empty, empty, empty, empty, np.empty((0, 3)), np.empty((0, 3, 3)), empty, empty)
+
+
+def identified(network: Network, memory: Memory) -> Laws:
+    """The laws of the heat inputs of `network` that obey the set-point, as far as `memory` shows them."""
+    found = []
+    deviation = memory.setpoints - memory.temperatures
+    days = (memory.times // _DAY) if len(memory.times) else memory.times
+    for channel in network.heat_channels:
+        if network.channel_unit(channel) != "W":
+            continue
+        column = network.inputs.index(channel)
+        direction = -1.0 if _cools(network, channel) else 1.0
+        for sign in (1.0, -1.0):
+            heat, before = (np.maximum(sign * rows[:, column], 0.0) for rows in (memory.inputs, memory.before))
+            known = np.isfinite(deviation) & np.isfinite(heat)
+            side = sign * direction
+            law = _fitted(side * deviation[known], heat[known], before[known], days[known])
+            if law is not None:
+                found.append((float(column), side, sign, *law))
+    if not found:
+        return no_laws()
+    return Laws(*(np.array(values) for values in zip(*found, strict=True)))
+
+
+def called(laws: Laws, place: int, deviation: Array, before: Array) -> Array:
+    """Heat >= 0 that law `place` gives at `deviation` T_set - T_i [K], where it gave `before` an interval ago."""
+    return _given(int(laws.switching[place]), laws.numbers[place], laws.side[place] * deviation, before)
+
+
+def clear(numbers: Array, x: Array, margin: float = _MARGIN) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """(n,), (n,): where a law with `numbers` calls for all of its power without doubt, and where for none."""
+    _, offset, band = numbers.tolist()
+    return x > offset + 0.5 * band + margin, x < offset - 0.5 * band - margin
+
+
+def _cools(network: Network, channel: str) -> bool:
+    return all(
+        heat.gain.constant < 0.0 or (heat.gain.constant == 0.0 and heat.gain.sign < 0.0)
+        for heat in network.heat_inputs
+        if heat.channel == channel
+    )
+
+
+def _disobeys(numbers: Array, x: Array, heat: Array) -> npt.NDArray[np.bool_]:
+    """(n,): where next to nothing came although it is clearly called for, or most of the power although it is not;
+    `numbers` are those of a proportional law, of which an on-off law departs by half of its hysteresis."""
+    (called, idle), power = clear(numbers, x, 2.0 * _MARGIN), numbers[0]
+    return (called & (heat < LITTLE * power)) | (idle & (heat > MUCH * power))
+
+
+def _given(switching: int, numbers: Array, x: Array, before: Array) -> Array:
+    power, offset, band = numbers.tolist()
+    if switching:
+        on = np.where(before > 0.5 * power, x > offset - 0.5 * band, x > offset + 0.5 * band)
+        return power * on.astype(np.float64)
+    return np.asarray(power * np.clip((x - offset) / band + 0.5, 0.0, 1.0), dtype=np.float64)
+
+
+def _fitted(x: Array, heat: Array, before: Array, days: Array) -> tuple[float, Array, Array, float, float] | None:
+    """Kind, numbers, covariance, share explained and days of the law behind `heat` (n,) at `x` (n,); None where there
+    is no law. `before` (n,) is NaN where unknown, `days` (n,) tells the samples of one day from those of another."""
+    x = np.clip(x, -_REACH, _REACH)
+    if len(x) >= _FEWEST and (heat > 0.0).any():
+        # A boiler that is off for a day, or a valve that is stuck, is not the law.
+        obeys = ~_disobeys(_proportional(x, heat, np.ones((1, len(x))))[0], x, heat)
+        x, heat, before, days = (rows[obeys] for rows in (x, heat, before, days))
+    variance = float(np.sum((heat - heat.mean()) ** 2)) if len(x) >= _FEWEST else 0.0
+    if variance <= 0.0:
+        return None
+    names, day = np.unique(days, return_inverse=True)
+    # The first replicate has all days, each other one lacks one of them.
+    weights = np.ones((len(names) + 1, len(x)))
+    if len(names) > 1:
+        for index in range(len(names)):
+            weights[index + 1, day == index] = 0.0
+    known = np.isfinite(before)
+    candidates = [_proportional(x, heat, weights), _on_off(x, heat, np.where(known, before, 0.0), weights * known)]
+    given = [_given(switching, numbers[0], x, before) for switching, numbers in enumerate(candidates)]
+    squares = [float(np.sum((heat - each) ** 2)) for each in given]
+    switching = int(np.argmin(squares))
+    explained = 1.0 - squares[switching] / variance
+    if explained < _LEAST_EXPLAINED:
+        return None
+    numbers = candidates[switching]
+    return float(switching), numbers[0], _jackknife(numbers, len(names)), explained, float(len(names))
+
+
+def _jackknife(numbers: Array, days: int) -> Array:
+    """(3, 3): covariance of the first row of `numbers` (1 + days, 3), the others being those without one day."""
+    smallest = np.array(_SDS) * np.array([numbers[0, 0], 1.0, 1.0])
+    if days < 2:
+        # Of one day nobody knows how the next one differs.
+        return np.diag((5.0 * smallest) ** 2)
+    apart = numbers[1:] - numbers[1:].mean(axis=0)
+    covariance = (days - 1.0) / days * apart.T @ apart
+    return np.asarray(covariance + np.diag(smallest**2), dtype=np.float64)
+
+
+def _proportional(x: Array, heat: Array, weights: Array) -> Array:
+    """(R, 3): the numbers of the proportional law with the least squares, for each row of `weights` (R, n)."""
+    count = round(2.0 * _REACH / _BIN)
+    place = np.minimum(((x + _REACH) / _BIN).astype(np.int64), count - 1)
+    centres = -_REACH + _BIN * (np.arange(count) + 0.5)
+    numbers, sums = (
+        np.array([np.bincount(place, row * values, count) for row in weights]) for values in (np.ones(len(x)), heat)
+    )
+    most = float(heat.max())
+    offsets, bands = np.linspace(-2.0, 2.0, 33), np.geomspace(_NARROWEST, 2.0 * _REACH, 24)
+    grid = np.array([(offset, band) for offset in offsets for band in bands])
+    best = np.tile(np.empty(3), (len(weights), 1))
+    share = np.clip((centres - grid[:, :1]) / grid[:, 1:] + 0.5, 0.0, 1.0)
+    for row, (n, s) in enumerate(zip(numbers, sums, strict=True)):
+        power, squares = _power(share, n, s, most)
+        first = int(np.argmin(squares))
+        (offset, band), best[row, 0] = grid[first], power[first]
+        width, ratio = offsets[1] - offsets[0], bands[1] / bands[0]
+        for _ in range(_ZOOMS):
+            near = offset + width * np.linspace(-1.0, 1.0, _SIDE)
+            alike = np.maximum(band * ratio ** np.linspace(-1.0, 1.0, _SIDE), _NARROWEST)
+            fine = np.array([(o, b) for o in near for b in alike])
+            power, squares = _power(np.clip((centres - fine[:, :1]) / fine[:, 1:] + 0.5, 0.0, 1.0), n, s, most)
+            chosen = int(np.argmin(squares))
+            (offset, band), best[row, 0] = fine[chosen], power[chosen]
+            width, ratio = width / 2.5, ratio**0.4
+        best[row, 1:] = offset, band
+    return best
+
+
+def _power(share: Array, numbers: Array, sums: Array, most: float) -> tuple[Array, Array]:
+    """Power (G,), at most `most`, and squares (G,) up to a constant of G laws that give `share` (G, bins) of it."""
+    squared, crossed = share**2 @ numbers, share @ sums
+    power = np.minimum(crossed / np.maximum(squared, 1e-9), most)
+    return power, power**2 * squared - 2.0 * power * crossed
+
+
+def _on_off(x: Array, heat: Array, before: Array, weights: Array) -> Array:
+    """(R, 3): the same for the on-off law, in closed form: a threshold for those that were off, one for the others."""
+    power = float(np.median(heat[heat > 0.5 * heat.max()]))
+    order = np.argsort(x, kind="stable")
+    sorted_x, gain = x[order], (heat**2 - (heat - power) ** 2)[order]
+    on = (before > 0.5 * power)[order]
+    edges = np.concatenate([[-_REACH], 0.5 * (sorted_x[1:] + sorted_x[:-1]), [_REACH]])
+    found = np.empty((len(weights), 3))
+    for row, own in enumerate(weights[:, order]):
+        thresholds = []
+        for group in (on, ~on):
+            # Squares saved by power above a threshold: all that comes after it.
+            saved = own * gain * group
+            after = np.concatenate([[0.0], np.cumsum(saved[::-1])])[::-1]
+            best = np.flatnonzero(after >= after.max() - 1e-6 * power**2)
+            thresholds.append(float(edges[best[len(best) // 2]]))
+        off_at, on_at = thresholds
+        found[row] = power, 0.5 * (on_at + off_at), max(on_at - off_at, 0.0)
+    return found

@@ -1,0 +1,616 @@
+"""What a zone with a set-point forecasts: its physics with the thermostat's law inside, under the set-points to come.
+
+Two questions are answered, and each learns from its own verified forecasts.
+
+Under a plan of set-points the physical members simulate, each draw with the law inside. Members weigh what they proved
+to be worth at that question, from a prior by what the bank trusts them with; members without physics have no answer.
+
+Without a plan nobody knows what people will set. Several futures are told apart: set-points as in each of GUESSES with
+the law inside, and the heat held, with all members; where no heat obeys a set-point, the heat held or as a day before.
+They weigh what they proved to be worth, horizon by horizon, by exponentiated gradient on the CRPS as the members of a
+bank do (`estimator.bank.weights`).
+
+The widths of both are kept as the bank keeps its own (`estimator.bank.coverage`). Without a plan a forecast is held to
+what came as it was issued; under a plan it is unfolded under the set-points and the other inputs that followed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.bank.bank import Bank
+from estimator.bank.coverage import Widths, no_widths, with_place
+from estimator.bank.mixing import mixed, mixed_futures, stretched
+from estimator.bank.weights import COMPONENTS, Costs, between, costs_of, no_costs, weights, with_cost
+from estimator.thermostat.closed_loop import Paths, Start, started
+from estimator.thermostat.futures import GUESSES, KindOfDay, guesses, weekday_or_weekend
+from estimator.thermostat.law import Laws
+from estimator.thermostat.memory import Memory, at, reaches_back
+from estimator.thermostat.thermostat import Thermostat
+from estimator.types import Estimator, Mixture, Mixtures, ModelDraws
+from estimator.verification.scores import distribution, reduced
+
+FUTURES = (*GUESSES, "heat-held", "heat-of-yesterday")
+"""Of a forecast without a plan; the last two do not ask what the thermostat is set to."""
+
+HORIZONS = (3600.0, 21600.0, 86400.0)
+"""Leads at which weights and widths are learned [s]."""
+
+PLANNED, UNPLANNED = 0, 1
+"""The two questions."""
+
+LEVEL = 0.95
+"""Of the interval whose coverage is kept."""
+
+_PRIOR = (0.4, 1.0, 0.5, 0.7, 0.4, 0.6)
+"""What each future weighs before it has proved anything, relative to the others."""
+
+_DISCOUNT, _RATE, _SHARING = 0.998, 0.1, 0.5
+_FEEDBACK, _FIRST = 0.02, 1.0
+"""As the defaults of a bank."""
+
+_EVERY = 3600.0
+_KEPT = 12
+"""Draws of each member that wait for the set-points that follow."""
+
+_TRIED = 64
+"""Draws of all members of a future that is held to what came."""
+
+_DRAWS = 160
+"""Draws of all members of a forecast that is told."""
+
+_FEWEST = 12
+"""Draws of a member that counts."""
+
+_COUNTED = 4
+"""Members that count at most at a lead, those with the largest weights; the others cost time and change little."""
+
+_NEGLIGIBLE = 0.02
+"""Weight below which, if it has no more at any lead, a member or a future is left out."""
+
+_BEYOND = 3.0
+"""K beyond what a room has seen that a future is still believed."""
+
+_GONE = 1e-6
+"""Weight of a future that is not believed, relative to one that is: where no other is left, it still counts."""
+
+_DAY = 86400.0
+_HOUR = 3600.0
+
+
+class Issue(NamedTuple):
+    """A forecast of both questions that waits for its time; H leads, E physical members, F futures."""
+
+    step: Array
+    """()."""
+    drawn: tuple[Mapping[str, Array], ...]
+    """Of each physical member: the arrays of its draws."""
+    before: Array
+    """(n_u,): inputs in force at the issue."""
+    trusted: Array
+    """(H, E): weights of the members before they proved anything under plans."""
+    shares: Array
+    """(H, E): weights of the members; 0 for those that did not count."""
+    futures: Array
+    """(H, F, 3, COMPONENTS): weights, means and sds of the first output in each future; NaN where there was none."""
+    chances: Array
+    """(H, F): weights of the futures."""
+    scales: Array
+    """(2, H): by which the forecasts of each question were stretched."""
+
+
+class Live(NamedTuple):
+    """What was proved so far, and what waits to be."""
+
+    step: int
+    rows: Array
+    """(m, n_d): drive rows of the last m steps, the newest last."""
+    setpoints: Array
+    """(m,): degC."""
+    issues: tuple[Issue, ...]
+    members: Costs
+    """Of E members at H leads, under plans."""
+    futures: Costs
+    """Of F futures."""
+    widths: tuple[Widths, Widths]
+    """Of each question."""
+
+
+class Fan(NamedTuple):
+    """A forecast of L times."""
+
+    outputs: Mixtures
+    """Of the outputs at the state's time, and after each of L - 1 steps."""
+    weights: Array
+    """(L - 1, N): of the values of `heat`, at each step."""
+    heat: Array
+    """(N, L - 1, n_laws): what each law's input gives over each step."""
+    chances: Array
+    """(L - 1, F): what each future weighs at each step; no column under a plan."""
+
+    def paths(self, count: int) -> Array:
+        """(count, L, n_y): futures [degC] without the sensor's noise, as likely as their weight at the last time; each
+        begins at the mean of the first."""
+        last = self.outputs.weights[-1]
+        places = (np.arange(count) + 0.5) / count * last.sum()
+        chosen = np.minimum(np.searchsorted(np.cumsum(last), places), len(last) - 1)
+        found = self.outputs.means[:, :, chosen]
+        found[0] = self.outputs.at(0).mean()[:, None]
+        return np.asarray(found.transpose(2, 0, 1))
+
+
+class Told(NamedTuple):
+    """A forecast that was told, and is now held to what came."""
+
+    question: int
+    """PLANNED or UNPLANNED."""
+    lead: int
+    """Steps ahead."""
+    mixture: Mixture
+    """Of the first output."""
+
+
+class LiveForecasts:
+    """The forecasts of one zone with a set-point, by `estimator`. Every method is pure."""
+
+    def __init__(self, estimator: Estimator, seed: int, kinds: KindOfDay = weekday_or_weekend) -> None:
+        self._estimator = estimator
+        self._seed = seed
+        self._kinds = kinds
+        bank = estimator if isinstance(estimator, Bank) else None
+        members = [estimator] if bank is None else bank.members
+        self._places = [place for place, member in enumerate(members) if member.physical]
+        self._members = [members[place] for place in self._places]
+        self._bank = bank
+        self._columns = [estimator.network.columns(member.network) for member in self._members]
+        """What of the estimator's drive row drives each of them."""
+        leads = {round(horizon / estimator.period) for horizon in HORIZONS}
+        self.leads = tuple(sorted(lead for lead in leads if lead > 1))
+        """Steps ahead at which both questions are verified; the first step is the published forecast, whoever asks."""
+        self._prior = np.tile(np.array(_PRIOR)[:, None], len(self.leads))
+        self._hours = max(1, round(_EVERY / estimator.period)) * estimator.period / _HOUR
+
+    def begin(self) -> Live:
+        """Nothing was proved."""
+        count = len(self.leads)
+        return Live(
+            step=0,
+            rows=np.empty((0, 0)),
+            setpoints=np.empty(0),
+            issues=(),
+            members=no_costs(len(self._members), count),
+            futures=no_costs(len(FUTURES), count),
+            widths=(no_widths(count), no_widths(count)),
+        )
+
+    def restarted(self, live: Live) -> Live:
+        """After a gap: what was pending has lost its time, what was proved is kept."""
+        return live._replace(rows=live.rows[:0], setpoints=live.setpoints[:0], issues=())
+
+    def knows(self, thermostat: Thermostat, time: float) -> bool:
+        """Whether `unplanned` has futures beside the heat held: with a law, or once a day before `time` [UTC s] is
+        remembered."""
+        return self.obeyed(thermostat) or reaches_back(thermostat.memory, time)
+
+    def obeyed(self, thermostat: Thermostat) -> bool:
+        """Whether a plan of set-points can be answered: a member has physics, and heat obeys a set-point."""
+        return bool(self._members and len(thermostat.laws.column))
+
+    def planned(
+        self, live: Live, state: Any, thermostat: Thermostat, setpoints: Array, rows: Array, before: Array, time: int
+    ) -> Fan | None:
+        """The forecast from `state` at `time` [UTC s] on under planned `setpoints` (h,) [degC] and drive rows (h, n_d);
+        None where no member has physics, or no heat obeys a set-point. `before` (n_u,) are the inputs in force."""
+        laws = thermostat.laws
+        if not self.obeyed(thermostat) or not len(rows):
+            return None
+        leads = np.arange(2, len(rows) + 2, dtype=np.float64)
+        shares = self._shares(live, state)
+        starts = self._started(state, laws, shares, len(rows), _DRAWS, time // round(self._estimator.period))
+        scales = self._scales(live, PLANNED, leads)
+        outputs, paths, own = self._under(starts, shares, thermostat, setpoints, rows, before, leads, scales)
+        heat, chances = _heat(paths, own)
+        return Fan(outputs.after(self._now(state)), chances, heat, np.empty((len(rows), 0)))
+
+    def unplanned(
+        self,
+        live: Live,
+        state: Any,
+        thermostat: Thermostat,
+        rows: Array,
+        before: Array,
+        time: int,
+    ) -> Fan:
+        """The forecast from `state` at `time` [UTC s] on, where nobody plans: `rows` (h, n_d) hold the heat."""
+        leads = np.arange(2, len(rows) + 2, dtype=np.float64)
+        chances = between(self._chances(live, thermostat).T, self.leads, leads)
+        chosen = chances.max(axis=1) >= _NEGLIGIBLE
+        futures = self._futures(live, state, thermostat, rows, before, time, chosen, _DRAWS)
+        chances = np.where(chosen[:, None], chances, 0.0)
+        chances /= chances.sum(axis=0)
+        scales = self._scales(live, UNPLANNED, leads)
+        places = sorted(futures)
+        outputs = mixed_futures([futures[place][0] for place in places], chances[places], scales)
+        return Fan(
+            outputs=outputs.after(self._now(state)),
+            weights=np.concatenate([chances[place][:, None] * futures[place][1][1] for place in places], axis=1),
+            heat=np.concatenate([futures[place][1][0] for place in places]),
+            chances=chances.T,
+        )
+
+    def likely(self, live: Live, thermostat: Thermostat, times: Array) -> Array:
+        """(h,): the set-points [degC] at `times` (h,) [UTC s], ascending, by the guess that weighs most hours ahead;
+        NaN where there is no law."""
+        chances = self._chances(live, thermostat)[-1, : len(GUESSES)]
+        if not chances.any():
+            return np.full(len(times), np.nan)
+        told = guesses(thermostat.memory, thermostat.setpoint, times, self._kinds)
+        return np.asarray(told[int(np.argmax(chances))])
+
+    def learned(self, live: Live, thermostat: Thermostat, outputs: Array) -> tuple[Live, tuple[Told, ...]]:
+        """After a sample with `outputs` (n_y,) that the estimator did not refuse; also what had been told of it."""
+        value = float(outputs[0])
+        if not np.isfinite(value):
+            return live, ()
+        told: list[Told] = []
+        for horizon, issue in self._due(live):
+            live, of_plan = self._learned_of_plan(live, thermostat, horizon, issue, value)
+            live, of_none = self._learned_of_none(live, horizon, issue, value)
+            for question, mixture in ((PLANNED, of_plan), (UNPLANNED, of_none)):
+                if mixture is not None:
+                    told.append(Told(question, self.leads[horizon], mixture))
+                    live = self._widened(
+                        live, question, horizon, mixture, float(issue.scales[question, horizon]), value
+                    )
+        return live, tuple(told)
+
+    def _learned_of_plan(
+        self, live: Live, thermostat: Thermostat, horizon: int, issue: Issue, value: float
+    ) -> tuple[Live, Mixture | None]:
+        """What the members make of the set-points that followed, and what had been told of it with the weights and the
+        scale of the issue."""
+        laws, memory = thermostat.laws, thermostat.memory
+        steps, shares = self.leads[horizon] - 1, issue.shares[horizon]
+        setpoints, rows = live.setpoints[len(live.setpoints) - steps :], live.rows[len(live.rows) - steps :]
+        if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(rows) < steps:
+            return live, None
+        there, parts, own = np.flatnonzero(shares > 0.0).tolist(), [], []
+        for place in there:
+            draws = _draws(self._members[place].network, issue.drawn[place])
+            start, own_rows = self._start(draws, place, laws, steps, int(issue.step)), rows[:, self._columns[place]]
+            paths = start.run(laws, setpoints, own_rows, issue.before)
+            end, believed = paths.mixtures().at(-1), _believed(paths, setpoints, memory)[-1]
+            parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
+            own.append(shares[place] * believed.sum())
+        now = self._weights(live.members, issue.trusted.T)[there, horizon]
+        members = _judged(live.members, horizon, parts, now / now.sum(), value, self._hours, there)
+        told = mixed(parts, np.array(own) / sum(own), float(issue.scales[PLANNED, horizon]))
+        return live._replace(members=members), told
+
+    def _learned_of_none(self, live: Live, horizon: int, issue: Issue, value: float) -> tuple[Live, Mixture | None]:
+        """What the futures of an issue made of it, and what had been told of it."""
+        there = np.flatnonzero(np.isfinite(issue.futures[horizon, :, 0, 0])).tolist()
+        if not there:
+            return live, None
+        parts = [Mixture(issue.futures[horizon, i, 0], *issue.futures[horizon, i, 1:, None]) for i in there]
+        now = self._weights(live.futures, self._prior)[there, horizon]
+        futures = _judged(live.futures, horizon, parts, now / now.sum(), value, self._hours, there)
+        whole = mixed(parts, issue.chances[horizon, there], float(issue.scales[UNPLANNED, horizon]))
+        return live._replace(futures=futures), whole
+
+    def _widened(self, live: Live, question: int, horizon: int, mixture: Mixture, scale: float, value: float) -> Live:
+        """The width of a question after a `mixture`, told with `scale`, was held to `value`: at the present scale, as a
+        bank learns it."""
+        widths = list(live.widths)
+        present = float(np.exp(widths[question].log_scale[horizon])) / scale
+        widths[question] = with_place(
+            widths[question],
+            horizon,
+            distribution(stretched(mixture, present), 0, value),
+            min(self._hours / (self.leads[horizon] * self._estimator.period / _HOUR), 1.0),
+            level=LEVEL,
+            feedback=_FEEDBACK,
+            first=_FIRST,
+        )
+        return live._replace(widths=(widths[0], widths[1]))
+
+    def advanced(
+        self,
+        live: Live,
+        state: Any,
+        thermostat: Thermostat,
+        drive: Array,
+        before: Array,
+        time: int,
+        ahead: Callable[[int], Array],
+    ) -> Live:
+        """One period on under the drive row `drive` (n_d,), of which the measured inputs are `before` (n_u,), and the
+        newest set-point, to `state` at `time` [UTC s].
+
+        Once an hour both questions are answered, to be held to what comes; `ahead(h)` gives the drive rows that are
+        foreseen of h steps.
+        """
+        step, longest = live.step + 1, max(self.leads, default=0)
+        issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
+        rows = np.concatenate([live.rows.reshape(-1, len(drive)), drive[None]])
+        setpoints = np.append(live.setpoints, thermostat.setpoint)
+        every = max(1, round(_EVERY / self._estimator.period))
+        if longest and step % every == self._seed % every:
+            rows_ahead = ahead(longest - 1)
+            issues = (*issues, self._issue(live, step, state, thermostat, rows_ahead, before, time))
+        kept = step - int(issues[0].step) if issues else 0
+        return live._replace(
+            step=step, rows=rows[len(rows) - kept :], setpoints=setpoints[len(setpoints) - kept :], issues=issues
+        )
+
+    def pack(self, live: Live) -> dict[str, Array]:
+        """Everything as arrays, by name."""
+        arrays = {"step": np.array(live.step), "rows": live.rows, "setpoints": live.setpoints}
+        for part, costs in (("members", live.members), ("futures", live.futures)):
+            arrays |= {f"{part}.{name}": value for name, value in costs._asdict().items()}
+        for question, widths in zip(("planned", "unplanned"), live.widths, strict=True):
+            arrays |= {f"{question}.{name}": value for name, value in widths._asdict().items()}
+        if live.issues:
+            for name in _PLAIN:
+                arrays[f"issues.{name}"] = np.stack([getattr(issue, name) for issue in live.issues])
+            for place in range(len(self._members)):
+                for name in live.issues[0].drawn[place]:
+                    arrays[f"drawn.{place}.{name}"] = np.stack([issue.drawn[place][name] for issue in live.issues])
+        return arrays
+
+    def unpack(self, arrays: Mapping[str, Array]) -> Live:
+        """What was packed, with the same bits; the beginning for what was stored before there was any of it, or is of
+        other members or leads."""
+        fresh = self.begin()
+        if "step" not in arrays or arrays["members.excess"].shape != fresh.members.excess.shape:
+            return fresh
+        issues = []
+        for row in range(len(arrays.get("issues.step", ()))):
+            drawn = tuple(
+                {name: values[row] for name, values in _under(f"drawn.{place}.", arrays).items()}
+                for place in range(len(self._members))
+            )
+            issues.append(Issue(drawn=drawn, **{name: arrays[f"issues.{name}"][row] for name in _PLAIN}))
+        return Live(
+            step=int(arrays["step"]),
+            rows=arrays["rows"],
+            setpoints=arrays["setpoints"],
+            issues=tuple(issues),
+            members=Costs(**_under("members.", arrays)),
+            futures=Costs(**_under("futures.", arrays)),
+            widths=(Widths(**_under("planned.", arrays)), Widths(**_under("unplanned.", arrays))),
+        )
+
+    def _issue(
+        self,
+        live: Live,
+        step: int,
+        state: Any,
+        thermostat: Thermostat,
+        rows: Array,
+        before: Array,
+        time: int,
+    ) -> Issue:
+        chances = self._chances(live, thermostat)
+        everything = self._futures(live, state, thermostat, rows, before, time, chances[0] > 0.0, _TRIED)
+        futures = np.full((len(self.leads), len(FUTURES), 3, COMPONENTS), np.nan)
+        for place, (mixtures, _) in everything.items():
+            for horizon, lead in enumerate(self.leads):
+                # The mixtures begin one step after the state's time, which is one step ahead.
+                one = mixtures.at(lead - 2)
+                small = reduced(Mixture(one.weights, one.means[:1], one.sds[:1]), COMPONENTS)
+                size = len(small.weights)
+                futures[horizon, place] = np.array([0.0, 20.0, 1.0])[:, None]
+                futures[horizon, place, :, :size] = small.weights / small.weights.sum(), small.means[0], small.sds[0]
+        drawn = (member.draws(own, _KEPT) for member, own in zip(self._members, self._states(state), strict=True))
+        return Issue(
+            step=np.array(step, dtype=np.int64),
+            drawn=tuple(_arrays(one) for one in drawn if one is not None),
+            before=before,
+            trusted=self._trusted(state).T,
+            shares=self._shares(live, state).T,
+            futures=futures,
+            chances=chances,
+            scales=np.exp(np.array([each.log_scale for each in live.widths])),
+        )
+
+    def _futures(
+        self,
+        live: Live,
+        state: Any,
+        thermostat: Thermostat,
+        rows: Array,
+        before: Array,
+        time: int,
+        chosen: Array,
+        count: int,
+    ) -> dict[int, tuple[Mixtures, tuple[Array, Array]]]:
+        """Of the futures that are `chosen` (F,), by their place: the outputs after each row, and the heat of each step
+        (N, h, n_laws) with its weights (h, N)."""
+        period, steps, laws, memory = self._estimator.period, len(rows), thermostat.laws, thermostat.memory
+        times = time + period * np.arange(steps, dtype=np.float64)
+        leads = np.arange(2, steps + 2, dtype=np.float64)
+        found: dict[int, tuple[Mixtures, tuple[Array, Array]]] = {}
+        if chosen[: len(GUESSES)].any():
+            shares = self._shares(live, state)
+            starts = self._started(state, laws, shares, steps, count, time // round(period))
+            scales = self._scales(live, PLANNED, leads)
+            told = guesses(memory, thermostat.setpoint, times, self._kinds)
+            for place in np.flatnonzero(chosen[: len(GUESSES)]).tolist():
+                outputs, paths, own = self._under(starts, shares, thermostat, told[place], rows, before, leads, scales)
+                found[place] = outputs, _heat(paths, own)
+        for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
+            planned = rows if FUTURES[place] == "heat-held" else self._as_yesterday(memory, rows, times)
+            issue = self._estimator.issue(state, count if count == _TRIED else self._estimator.forecast_draws)
+            outputs = self._estimator.unfold(issue, planned).during(slice(1, None))
+            heat = planned[None, :, laws.column.astype(np.int64)]
+            found[place] = outputs, (heat, np.ones((steps, 1)))
+        return found
+
+    def _as_yesterday(self, memory: Memory, rows: Array, times: Array) -> Array:
+        """`rows` with the heat of the day before, as far as it is remembered."""
+        network, planned = self._estimator.network, rows.copy()
+        if not len(memory.times):
+            return planned
+        then = at(memory, memory.inputs, times - _DAY * ((times - times[:1]) // _DAY + 1.0))
+        for channel in network.heat_channels:
+            if network.channel_unit(channel) == "W":
+                column = network.inputs.index(channel)
+                planned[:, column] = np.where(np.isnan(then[:, column]), rows[:, column], then[:, column])
+        return planned
+
+    def _under(
+        self,
+        starts: Sequence[tuple[int, Start]],
+        shares: Array,
+        thermostat: Thermostat,
+        setpoints: Array,
+        rows: Array,
+        before: Array,
+        leads: Array,
+        scales: Array,
+    ) -> tuple[Mixtures, list[Paths], Array]:
+        """The members' futures under `setpoints` (h,), mixed and stretched; their paths, and weights (E', h)."""
+        laws = thermostat.laws
+        paths = [start.run(laws, setpoints, rows[:, self._columns[place]], before) for place, start in starts]
+        own = between(shares[[place for place, _ in starts]], self.leads, leads)
+        believed = [_believed(each, setpoints, thermostat.memory) for each in paths]
+        own = own * np.array([each.sum(axis=1) for each in believed])
+        own = own / own.sum(axis=0)
+        mixtures = [
+            each.mixtures().during(slice(1, None))._replace(weights=some)
+            for each, some in zip(paths, believed, strict=True)
+        ]
+        return mixed_futures(mixtures, own, scales), paths, own
+
+    def _started(
+        self, state: Any, laws: Laws, shares: Array, steps: int, count: int, origin: int
+    ) -> list[tuple[int, Start]]:
+        """The members that count, by their place, made ready for futures of `steps`."""
+        states, most = self._states(state), shares.max(axis=1)
+        found = []
+        for place in np.flatnonzero(most > 0.0).tolist():
+            drawn = self._members[place].draws(states[place], max(_FEWEST, round(count * most[place] / most.sum())))
+            assert drawn is not None
+            found.append((place, self._start(drawn, place, laws, steps, origin)))
+        return found
+
+    def _start(self, draws: ModelDraws, place: int, laws: Laws, steps: int, origin: int) -> Start:
+        return started(draws, self._estimator.period, laws, steps, seed=self._seed + place, origin=origin)
+
+    def _due(self, live: Live) -> Iterator[tuple[int, Issue]]:
+        for horizon, lead in enumerate(self.leads):
+            for issue in live.issues:
+                if live.step - int(issue.step) + 1 == lead:
+                    yield horizon, issue
+
+    def _states(self, state: Any) -> list[Any]:
+        members = (state,) if self._bank is None else state.members
+        return [members[place] for place in self._places]
+
+    def _now(self, state: Any) -> Mixture:
+        return self._estimator.predictive(state)
+
+    def _trusted(self, state: Any) -> Array:
+        """(E, H): what the physical members weigh before they proved anything under plans of set-points: what the bank
+        trusts them with under the heat that followed."""
+        if self._bank is None or not self._members:
+            return np.ones((len(self._members), len(self.leads)))
+        everyone = np.array(list(self._bank.member_weights(state).values()))[self._places]
+        own = between(everyone, self._bank.leads, np.array(self.leads, dtype=np.float64))
+        return np.maximum(own / own.sum(axis=0), _NEGLIGIBLE)
+
+    def _shares(self, live: Live, state: Any) -> Array:
+        """(E, H): weights of the physical members under plans of set-points; 0 for those that do not count."""
+        if not self._members:
+            return np.empty((0, len(self.leads)))
+        found = self._weights(live.members, self._trusted(state))
+        least = np.sort(found, axis=0)[-min(_COUNTED, len(found))]
+        found = np.where((found >= least) & (found >= _NEGLIGIBLE), found, 0.0)
+        return np.asarray(found / found.sum(axis=0))
+
+    def _scales(self, live: Live, question: int, leads: Array) -> Array:
+        """(L,): by which forecasts `leads` (L,) steps ahead are stretched; that of one step is told as it is."""
+        known = np.concatenate([[0.0], live.widths[question].log_scale])
+        return np.asarray(np.exp(between(known, (1, *self.leads), leads)))
+
+    def _chances(self, live: Live, thermostat: Thermostat) -> Array:
+        """(H, F): weights of the futures without a plan: of set-points with a law, otherwise of heat."""
+        found = self._weights(live.futures, self._prior)
+        obeyed = self.obeyed(thermostat) and not np.isnan(thermostat.setpoint)
+        found[FUTURES.index("heat-of-yesterday") if obeyed else slice(len(GUESSES))] = 0.0
+        found = found / found.sum(axis=0)
+        return np.asarray(found.T)
+
+    def _weights(self, costs: Costs, prior: Array) -> Array:
+        return weights(costs, prior, _RATE, _SHARING)
+
+
+def _judged(
+    costs: Costs,
+    horizon: int,
+    parts: Sequence[Mixture],
+    now: Array,
+    value: float,
+    hours: float,
+    there: Sequence[int],
+) -> Costs:
+    """`costs` after `value` came, of which `parts` with weights `now` were the forecasts by those `there`; the others
+    count as good as all together."""
+    cost, total = costs_of(parts, now, 0, value)
+    everyone = np.full(len(costs.excess), float((now * cost).sum()))
+    everyone[list(there)] = cost
+    return with_cost(costs, horizon, everyone, total, hours, _DISCOUNT) if np.isfinite(everyone).all() else costs
+
+
+def _believed(paths: Paths, setpoints: Array, memory: Memory) -> Array:
+    """(h, K): weights of the futures, next to nothing from where they leave, by _BEYOND, what the room has seen in a
+    fortnight or is set to: what a member's own gain brings about hours ahead may be heat that no house has."""
+    seen = np.concatenate([memory.temperatures, setpoints])
+    room = paths.temperatures[:, 1:, 0]
+    gone = np.logical_or.accumulate((room < np.nanmin(seen) - _BEYOND) | (room > np.nanmax(seen) + _BEYOND), axis=1)
+    return np.asarray((paths.weights[:, None] * np.where(gone, _GONE, 1.0)).T, dtype=np.float64)
+
+
+def _heat(paths: Sequence[Paths], shares: Array) -> tuple[Array, Array]:
+    """The heat of all paths (N, h, n_laws), and its weights (h, N), of members with `shares` (E, h)."""
+    weighted = [share[:, None] * one.weights[None] for one, share in zip(paths, shares, strict=True)]
+    return np.concatenate([one.heat for one in paths]), np.concatenate(weighted, axis=1)
+
+
+_PLAIN = tuple(name for name in Issue._fields if name != "drawn")
+
+
+def _under(prefix: str, arrays: Mapping[str, Array]) -> dict[str, Array]:
+    return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+
+
+_LEFT_OUT = ("network", "member", "share", "point", "mean", "covariance", "point_is_fan")
+
+
+def _arrays(draws: ModelDraws) -> dict[str, Array]:
+    """The arrays that a simulation of `draws` needs."""
+    return {
+        name: np.asarray(value)
+        for name, value in draws._asdict().items()
+        if name not in _LEFT_OUT and value is not None
+    }
+
+
+def _draws(network: Any, arrays: Mapping[str, Array]) -> ModelDraws:
+    nothing = np.empty(0)
+    values: dict[str, Any] = dict(arrays) | {"gain_stays": float(arrays["gain_stays"])}
+    return ModelDraws(
+        network=network,
+        member="",
+        share=1.0,
+        point=nothing,
+        mean=nothing,
+        covariance=nothing,
+        point_is_fan=False,
+        **values,
+    )

@@ -1,0 +1,90 @@
+"""The last fortnight of a zone with a set-point: what a thermostat was told, what it saw and what it did.
+
+A sample is remembered in the slot of its time, at most one every SLOT s, so that memory does not grow with time or with
+the rate of sampling. A zone that nobody tells a set-point remembers nothing and needs no memory.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array, Indices
+
+_DAY = 86400
+FORTNIGHT = 14 * _DAY
+SLOT = 600
+"""Slots are this long, in s, or as long as a period."""
+
+
+class Memory(NamedTuple):
+    """m slots of n_u inputs; m is 0 before the first set-point. NaN where a slot holds nothing."""
+
+    times: Array
+    """(m,): beginnings of the intervals, UTC s."""
+    setpoints: Array
+    """(m,): degC."""
+    temperatures: Array
+    """(m,): first output [degC]."""
+    inputs: Array
+    """(m, n_u)."""
+    before: Array
+    """(m, n_u): inputs of the interval before."""
+
+
+def no_memory(width: int) -> Memory:
+    """Nothing is remembered of a zone with `width` inputs."""
+    return Memory(np.empty(0), np.empty(0), np.empty(0), np.empty((0, width)), np.empty((0, width)))
+
+
+def remembered(
+    memory: Memory, time: int, period: int, setpoint: float, temperature: float, inputs: Array, before: Array
+) -> Memory:
+    """`memory` with the sample at `time` [UTC s] that stands for `period` s: set-point and temperature [degC], NaN
+    where nobody tells them, the `inputs` (n_u,) in force and those of the sample `before`."""
+    if not len(memory.times):
+        if np.isnan(setpoint):
+            return memory
+        slots, width = 14 * (_DAY // max(period, SLOT)), len(inputs)
+        memory = Memory(*(np.full(slots, np.nan) for _ in range(3)), *(np.full((slots, width), np.nan) for _ in "ib"))
+    place, length = int(places(memory, np.array([time]))[0]), slot(memory)
+    if time % _DAY % length >= period and time - memory.times[place] < length:
+        return memory
+    after = Memory(*(values.copy() for values in memory))
+    after.times[place], after.setpoints[place], after.temperatures[place] = time, setpoint, temperature
+    after.inputs[place], after.before[place] = inputs, before
+    return after
+
+
+def slot(memory: Memory) -> int:
+    """Length of a slot [s]; of what remembers something."""
+    return FORTNIGHT // len(memory.times)
+
+
+def places(memory: Memory, times: Array) -> Indices:
+    """(h,): the slots that hold, or will hold, the `times` (h,) [UTC s]."""
+    daily = len(memory.times) // 14
+    within = np.minimum(times % _DAY // slot(memory), daily - 1)
+    return np.asarray(times % FORTNIGHT // _DAY * daily + within, dtype=np.int64)
+
+
+def at(memory: Memory, values: Array, times: Array) -> Array:
+    """(h, ...): what `values` (m, ...) of the memory were at `times` (h,) [UTC s]; NaN where that is not remembered."""
+    found = places(memory, times)
+    known = np.abs(memory.times[found] - times) <= slot(memory)
+    rows = values[found].copy()
+    rows[~known] = np.nan
+    return rows
+
+
+def reaches_back(memory: Memory, time: float) -> bool:
+    """Whether something is remembered of a day before `time` [UTC s]."""
+    return bool((memory.times <= time - _DAY).any())
+
+
+def in_order(memory: Memory, until: float) -> Memory:
+    """The slots of the fortnight before `until` [UTC s], the oldest first."""
+    known = np.flatnonzero((memory.times > until - FORTNIGHT) & (memory.times <= until))
+    order = known[np.argsort(memory.times[known])]
+    return Memory(*(values[order] for values in memory))

@@ -1,0 +1,62 @@
+"""`thermogate learn`: history into the state of a daemon's zones, so that it starts as if it had been running."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from service.cli.arguments import AddCommand, instant, load_config, take_config, whole
+from service.errors import ConfigError
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add(
+        "learn",
+        _learn,
+        "Take recorded history into the state of the configured zones, so that the daemon starts as if it had been "
+        "running. Ctrl-C stops it at any time; called again, it goes on.",
+    )
+    take_config(parser)
+    parser.add_argument(
+        "--from",
+        dest="history",
+        type=Path,
+        metavar="FILE",
+        help="a file with [sources] that are recorded, and [[zones]] with id and channels "
+        "(default: the sources of CONFIG, which then must be recorded)",
+    )
+    parser.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")
+    parser.add_argument("--end", type=instant, metavar="T", help="time to stop before, RFC 3339")
+    parser.add_argument("--jobs", type=whole(1, 1024), metavar="N", help="processes (default: one for each core)")
+    parser.add_argument(
+        "--out", type=Path, default=Path(), metavar="DIR", help="folder for report.html (default: here)"
+    )
+    parser.add_argument("--language", choices=("en", "de"), default="en", help="language of the report (default: en)")
+
+
+def _learn(arguments: argparse.Namespace) -> int:
+    from replay.recorded.learning import learn, survey
+    from replay.reports.publish import publish_report
+    from service.config.load import load_history
+    from service.errors import ServiceError
+
+    if arguments.start is not None and arguments.end is not None and arguments.start >= arguments.end:
+        raise ConfigError(["--start is not before --end; swap or correct them"])
+    if arguments.history is None:
+        config = load_config(arguments)
+    else:
+        config = load_history(arguments.config, arguments.history, arguments.overrides)
+    histories = survey(config, arguments.start, arguments.end)
+    for zone, history in histories.items():
+        print("\n  ".join([history.described(zone), *history.doubts]))
+    if not any(history.samples for history in histories.values()):
+        raise ServiceError("there is nothing to learn from; look at timestamp, decimal and unit of the sources")
+    learned = learn(config, histories, arguments.start, arguments.end, jobs=arguments.jobs)
+    for zone, known in learned.known.items():
+        print(f"zone '{zone}': {known} samples are not later than what it knows already, and were passed over")
+    if not learned.traces:
+        print("nothing is new; the state is as it was")
+        return 0
+    return publish_report(config.site.id, learned.traces, arguments.out, sys.stderr.isatty(), arguments.language)

@@ -1,1 +1,0 @@
-"""`cost`: time and memory of one sample (Table 9)."""

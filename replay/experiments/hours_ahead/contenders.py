@@ -1,0 +1,108 @@
+"""Who makes forecasts: naive rules, direct regressions, a fit, and every estimator as a user gets it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
+from typing import NamedTuple
+
+from estimator import registry
+from replay.errors import ReplayError
+from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, DirectRun, lightgbm, run_direct
+from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, NaiveRun, run_naive
+from replay.experiments.hours_ahead.horizons import LATER, leads_of, windows_of
+from replay.experiments.hours_ahead.recordings import Recording
+from replay.experiments.hours_ahead.runs import STARTS, HoursRun, run_hours
+from replay.experiments.jobs import Job
+from replay.experiments.request import Request
+from replay.experiments.series.filtering import FilterRun
+from replay.experiments.series.least_squares import STEPS_A_START
+from replay.experiments.series.networks import zone_of
+
+NAIVE = (PERSISTENCE, YESTERDAY)
+LEAST_SQUARES = "least-squares"
+REGRESSIONS = ("arx", "daily", "direct", *DIRECT)
+"""Those that know no physics."""
+BANK = "bank"
+DRAWS_NOTHING = ("arx", "daily", "direct", "ekf", "ukf")
+_USUAL = (
+    *(*NAIVE, RIDGE, BLIND, BOOSTING, LEAST_SQUARES),
+    *("arx", "daily", "direct", "ekf", "ukf", "rbpf:preset='paper'", "rbpf", "mkf", BANK),
+)
+
+
+class Contender(NamedTuple):
+    """A way to forecast, and its options; `label` is how --contender names it."""
+
+    label: str
+    name: str
+    options: Mapping[str, object]
+
+    @property
+    def seeded(self) -> bool:
+        """Whether it draws random numbers, and so runs once for each seed."""
+        return self.name in registry.ESTIMATORS and self.name not in DRAWS_NOTHING
+
+
+def contenders(request: Request) -> list[Contender]:
+    """Those of --contender, or the usual ones and what the zone of --config has been given; with --particles if given.
+
+    A zone that leaves its estimator at the defaults adds none: it would be another name for the same.
+    """
+    if request.contender:
+        found = [_named(text) for text in request.contender]
+        if any(contender.name == BOOSTING for contender in found):
+            lightgbm()
+    else:
+        found = [_named(text) for text in _USUAL if text != BOOSTING or find_spec("lightgbm") is not None]
+        if request.config is not None:
+            zone = zone_of(request)
+            if (zone.estimator, zone.estimator_options) not in [(one.name, one.options) for one in found]:
+                label = f"as configured ({zone.estimator})"
+                found.append(Contender(label, zone.estimator, zone.estimator_options))
+    if request.particles is None:
+        return found
+    return [
+        one._replace(options={"particles": request.particles, **one.options}) if one.name == "rbpf" else one
+        for one in found
+    ]
+
+
+def _named(text: str) -> Contender:
+    """NAME, or NAME:OPTIONS with the options of an estimator as between the braces of a TOML table."""
+    name, _, given = text.partition(":")
+    known = (*NAIVE, *DIRECT, LEAST_SQUARES, *registry.ESTIMATORS)
+    if name not in known:
+        raise ReplayError(f"--contender {text}: there is no '{name}'; the contenders are {', '.join(known)}")
+    if given and name not in registry.ESTIMATORS:
+        raise ReplayError(f"--contender {text}: {name} has no options; leave them out")
+    try:
+        options = tomllib.loads(f"options = {{{given}}}")["options"]
+    except tomllib.TOMLDecodeError as error:
+        raise ReplayError(
+            f"--contender {text}: the options are not TOML ({error}); write them as in mkf:particles=64"
+        ) from None
+    return Contender(text, name, options)
+
+
+def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) -> Iterator[Job]:
+    """The runs of `contender` on `recording`, one for each seed that it makes a difference to.
+
+    Raises OptionsError where the estimator refuses its options.
+    """
+    leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
+    label, rows = f"{recording.name} {contender.label}", len(series.times)
+    if contender.name in NAIVE:
+        yield Job(label, seeds[0], run_naive, NaiveRun(contender.name, series, period, leads), rows)
+    elif contender.name in DIRECT:
+        yield Job(label, seeds[0], run_direct, DirectRun(contender.name, series, period, leads, seeds[0]), rows)
+    elif contender.name == LEAST_SQUARES:
+        fitted = windows_of(series)[LATER].begin
+        run = FilterRun("ekf", {}, recording.network, period, series, seeds[0])
+        yield Job(label, seeds[0], run_hours, HoursRun(run, leads, fitted), STARTS * STEPS_A_START + rows)
+    else:
+        registry.resolve(contender.name, recording.network, period, contender.options)
+        for seed in seeds if contender.seeded else seeds[:1]:
+            run = FilterRun(contender.name, contender.options, recording.network, period, series, seed)
+            yield Job(label, seed, run_hours, HoursRun(run, leads), rows)

@@ -1,0 +1,120 @@
+"""The figures of a run: scores of its forecasts, and what it has learned against what a simulator knows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.experiments.hours_ahead.forecasts import Forecasts
+from replay.experiments.hours_ahead.horizons import LATER, leads_of, windows_of
+from replay.experiments.hours_ahead.recordings import Known, Recording
+from replay.experiments.jobs import Arrays
+from replay.experiments.study import Figures
+from replay.localtime import DAY, HOUR, Seconds
+from replay.scores import interval_scores, rmse
+from replay.scores.learning import area_under_roc
+from replay.scores.windows import Window
+
+CRPS, COVERAGE, RMSE, WIDTH, WINKLER, LARGEST, COUNT = (
+    *("CRPS, K", "coverage", "RMSE, K", "width, K", "Winkler, K"),
+    *("largest error, K", "forecasts scored"),
+)
+SCORES = (COUNT, RMSE, CRPS, COVERAGE, WIDTH, WINKLER, LARGEST)
+
+LEARNING = 21 * DAY
+"""Time [s] after which what was learned is scored."""
+ON = 150.0
+"""W: a gain beyond this, in either direction, is one that acts; appliances on standby are not."""
+LOSS, GAIN, HOURLY, DARK, GAIN_COVERAGE, ROC = (
+    *("heat loss over the true one", "rms error of the gain over its rms", "the same of hourly means"),
+    *("the same without sun", "coverage of the gain's 95 % interval", "area under the ROC curve of P(on)"),
+)
+LEARNED = (LOSS, GAIN, HOURLY, DARK, GAIN_COVERAGE, ROC)
+
+
+def key(score: str, horizon: str, window: str = LATER) -> str:
+    """The name of a figure."""
+    return f"{score}, {horizon}, {window}"
+
+
+def weight(member: str, horizon: str) -> str:
+    """The name of what a member of a bank weighs, on average after three days."""
+    return f"weight of {member}, {horizon}"
+
+
+def figures(recording: Recording, arrays: Arrays) -> Figures:
+    """Every figure of a run with `arrays` on `recording`."""
+    found: dict[str, float] = {}
+    forecasts = Forecasts(*(arrays[name] for name in Forecasts._fields))
+    y, leads = recording.series.outputs[:, 0], leads_of(recording.period)
+    for window, rows in windows_of(recording.series).items():
+        for place, (horizon, lead) in enumerate(leads.items()):
+            for name, value in _scores(y, forecasts, place, Window(rows.begin + lead, rows.end)):
+                found[key(name, horizon, window)] = value
+    if "seconds" in arrays:
+        found["seconds"] = float(arrays["seconds"])
+    if recording.known is not None and "gain" in arrays:
+        found |= learned(recording.known, recording.series.times, arrays)
+    if len(arrays.get("weight_rows", ())):
+        later = arrays["weight_rows"] >= windows_of(recording.series)[LATER].begin
+        known = arrays["weight_leads"].tolist()
+        for horizon, lead in leads.items():
+            if later.any() and lead in known:
+                shares = arrays["weights"][later][:, :, known.index(lead)].mean(axis=0)
+                found |= {weight(str(m), horizon): float(s) for m, s in zip(arrays["members"], shares, strict=True)}
+    return found
+
+
+def _scores(y: Array, forecasts: Forecasts, place: int, window: Window) -> Iterator[tuple[str, float]]:
+    """Of the forecasts for the rows of `window`; nothing where there is none."""
+    mean, lower, upper, crps = (values[window.begin : window.end, place] for values in forecasts)
+    errors = mean - y[window.begin : window.end]
+    known = np.isfinite(errors)
+    if known.any():
+        intervals = interval_scores(y[window.begin : window.end], lower, upper)
+        yield COUNT, float(known.sum())
+        yield RMSE, rmse(errors)
+        yield CRPS, float(np.nanmean(crps))
+        yield LARGEST, float(np.abs(errors[known]).max())
+        if intervals.samples:
+            yield COVERAGE, intervals.coverage
+            yield WIDTH, intervals.width
+            yield WINKLER, intervals.winkler
+
+
+def learned(known: Known, times: Seconds, arrays: Arrays) -> Figures:
+    """What a run with `arrays` (see `run_hours`) over samples at `times` (K,) knew after LEARNING of what is `known`.
+
+    The error of the gain is its rms over the rms of the true gain: at every step, as means over an hour, and at the
+    steps without sun, where no aperture can be wrong. What was not known, or is longer than the recording, is left out.
+    """
+    since = times - times[0]
+    later = since >= LEARNING
+    gain, truth = arrays["gain"][later], known.gain[later]
+    lower, middle, upper = gain.T
+    reached = arrays["heat_loss"][since[arrays["heat_loss_rows"]] >= LEARNING]
+    an_hour = max(1, round(HOUR / float(times[1] - times[0])))
+    dark = later & known.dark
+    found = {
+        LOSS: float(reached[0]) / known.heat_loss if len(reached) else np.nan,
+        GAIN: _relative_error(middle, truth),
+        HOURLY: _relative_error(_means(middle, an_hour), _means(truth, an_hour)),
+        DARK: _relative_error(arrays["gain"][dark, 1], known.gain[dark]),
+        GAIN_COVERAGE: float(((lower <= truth) & (truth <= upper)).mean())
+        if later.any() and np.isfinite(middle).all()
+        else np.nan,
+        ROC: area_under_roc(arrays["on"][later], np.abs(truth) > ON) if later.any() else np.nan,
+    }
+    return {name: value for name, value in found.items() if np.isfinite(value)}
+
+
+def _relative_error(found: Array, truth: Array) -> float:
+    """Root mean square of the error over that of the truth; NaN where anything is missing."""
+    return float(np.sqrt(np.mean((found - truth) ** 2) / np.mean(truth**2))) if len(found) else np.nan
+
+
+def _means(values: Array, count: int) -> Array:
+    """Means of `count` values each; what is left over at the end counts for nothing."""
+    return np.asarray(values[: len(values) // count * count].reshape(-1, count).mean(axis=1))

@@ -1,1 +1,0 @@
-"""`sensitivity`: what the settings of the particle filter do (5.1.5)."""

@@ -1,0 +1,108 @@
+"""An experiment as data: contenders on recordings, named figures of every run, and tables of them over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from replay.experiments.jobs import Arrays, Job
+from replay.reports.kit.report import Report
+from replay.reports.kit.table import Cell, Spread, Table, spread
+
+Figures = Mapping[str, float]
+"""What a run came to, by name; NaN where a figure is not defined."""
+
+
+class Run(NamedTuple):
+    """One contender on one recording with one seed."""
+
+    recording: str
+    contender: str
+    job: Job
+
+
+class Results:
+    """The figures of every run, by recording and contender over seeds."""
+
+    def __init__(self, runs: Sequence[Run], figures: Sequence[Figures]) -> None:
+        self._figures: dict[tuple[str, str], list[Figures]] = {}
+        for run, found in zip(runs, figures, strict=True):
+            self._figures.setdefault((run.recording, run.contender), []).append(found)
+        self.recordings = list(dict.fromkeys(run.recording for run in runs))
+        self.contenders = list(dict.fromkeys(run.contender for run in runs))
+
+    def runs(self, recording: str, contender: str) -> Sequence[Figures]:
+        """The figures of every seed."""
+        return self._figures.get((recording, contender), ())
+
+    def values(self, recording: str, contender: str, figure: str) -> list[float]:
+        """One figure of every seed; empty where it was not found."""
+        return [found[figure] for found in self.runs(recording, contender) if figure in found]
+
+    def mean(self, recording: str, contender: str, figure: str) -> float:
+        """Its mean over seeds; NaN where it is not known."""
+        values = self.values(recording, contender, figure)
+        return float(np.mean(values)) if values else float("nan")
+
+    def spread(self, recording: str, contender: str, figure: str) -> Spread | None:
+        """Its mean and standard deviation over seeds; None where it is not known."""
+        values = self.values(recording, contender, figure)
+        return spread(values) if values and np.isfinite(values).all() else None
+
+    def table(
+        self,
+        name: str,
+        title: str,
+        columns: Mapping[str, str],
+        *,
+        recordings: Sequence[str] | None = None,
+        contenders: Sequence[str] | None = None,
+        quoted: Mapping[str, Sequence[Cell]] | None = None,
+        note: str = "",
+    ) -> Table:
+        """A row for every recording and contender that has any figure, a column for each figure of `columns`.
+
+        `columns` is by heading. `quoted` are published rows by label, below ours. Where there is one recording only,
+        its name has no column.
+        """
+        named = len(self.recordings) > 1
+        rows: list[tuple[Cell, ...]] = []
+        for recording in recordings or self.recordings:
+            for contender in contenders or self.contenders:
+                cells = [self.spread(recording, contender, figure) for figure in columns.values()]
+                if any(cell is not None for cell in cells):
+                    rows.append((*((recording,) if named else ()), contender, *cells))
+        rows += [(*(("",) if named else ()), label, *cells) for label, cells in (quoted or {}).items()]
+        heading = ("recording", "estimator") if named else ("estimator",)
+        return Table(name, title, (*heading, *columns), tuple(rows), note, len(quoted or {}))
+
+    def across(self, name: str, title: str, figures: Mapping[str, str], heading: str, note: str = "") -> Table:
+        """A row for every recording and figure, a column for each contender; `figures` is by the label of the row."""
+        rows: list[tuple[Cell, ...]] = []
+        for recording in self.recordings:
+            for label, figure in figures.items():
+                cells = [self.spread(recording, contender, figure) for contender in self.contenders]
+                if any(cell is not None for cell in cells):
+                    rows.append((recording, label, *cells))
+        return Table(name, title, ("recording", heading, *self.contenders), tuple(rows), note)
+
+
+@dataclass(frozen=True)
+class Study:
+    """An experiment: its runs, the figures of a run from its arrays, and the report of all figures."""
+
+    runs: tuple[Run, ...]
+    measure: Callable[[Run, Arrays], Figures]
+    written: Callable[[Results], Report]
+
+    def jobs(self) -> list[Job]:
+        """Every run, in order."""
+        return [run.job for run in self.runs]
+
+    def report(self, results: Sequence[Arrays]) -> Report:
+        """The report of the results, which come in the order of the jobs; each is measured and let go."""
+        figures = [self.measure(run, arrays) for run, arrays in zip(self.runs, results, strict=True)]
+        return self.written(Results(self.runs, figures))

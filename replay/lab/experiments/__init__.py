@@ -1,0 +1,1 @@
+"""The paper's experiments, and the recordings that forecasts and networks are compared on."""

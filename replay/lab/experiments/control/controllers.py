@@ -1,0 +1,222 @@
+"""Who heats: a thermostat with night setback, and planners over Thermogate's REST."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.energyplus.plant import STEP
+from replay.lab.experiments.control.cases import WARMEST, Scene, price, stuck_steps
+from replay.lab.experiments.control.customer import mpc
+from replay.lab.experiments.control.loop import Moment
+from replay.lab.experiments.control.site import HEATER, Site, adjacent, networks_of
+from replay.localtime import HOUR
+from replay.scores.intervals import Mask
+from service.records.sample import Sample
+
+DECISION = 1800.0
+"""s between two decisions, and the step of a plan."""
+HORIZON = 86400.0
+EVERY = round(DECISION / STEP)
+EARLY = HOUR
+"""s by which a thermostat is set up before a night setback ends, as its owner would."""
+_STUCK_AFTER = round(HOUR / 2 / STEP)
+"""Steps after which the source of a zone refuses a reading that has not changed (`stuck_after` = "15min": uncertain
+from then on, bad after twice as long)."""
+
+
+class Thermostat:
+    """A relay with hysteresis for each room, which keeps the lower end of the comfort band and `margin` K more, set up
+    `early` s before the night setback ends."""
+
+    def __init__(self, scene: Scene, margin: float = 0.0, early: float = EARLY) -> None:
+        self._life, self._early = scene.life(), early
+        self._settings = [settings_of(scene, index, margin) for index in range(len(scene.of.rooms))]
+        self._margin = margin
+        self._heating = np.zeros(len(self._settings))
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """By what is shown now."""
+        now, soon = (self._life.set_points(at) for at in (moment.local, moment.local + self._early))
+        wanted = np.maximum(now, soon) + self._margin
+        self._heating = np.array(
+            [
+                mpc().thermostat(settings, shown, heating > 0.0, low)
+                for settings, shown, heating, low in zip(
+                    self._settings, moment.shown, self._heating, wanted, strict=True
+                )
+            ]
+        )
+        return self._heating, np.zeros(len(wanted), dtype=np.bool_)
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """A thermostat learns nothing."""
+
+
+MakeSite = Callable[[Mapping[str, Sequence[Sample]]], Site]
+"""Thermogate for a building, from the samples of every room so far, which it has not yet taken."""
+
+
+class Planner:
+    """Every room is heated by the example `mpc.py` over Thermogate's REST, and by its thermostat between decisions.
+
+    Until step `begins` a thermostat heats. Everybody who plans is given the weather as it will be, and what the other
+    rooms have last planned: what is compared is the model of the building.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        make_site: MakeSite,
+        weather: tuple[Array, Array],
+        *,
+        begins: int,
+        trusting: bool,
+        margin: float = 0.0,
+    ) -> None:
+        """`weather` (outdoor and irradiance of every step and a day more); `trusting` takes every forecast for good."""
+        self._rooms = [room.name for room in scene.of.rooms]
+        self._beside = [[self._rooms[other] for other in scene.of.neighbours(i)] for i in range(len(self._rooms))]
+        self._life, self._margin, self._networks = scene.life(), margin, networks_of(scene.of)
+        self._settings = [settings_of(scene, index, margin) for index in range(len(self._rooms))]
+        self._make_site, self._weather, self._begins, self._trusting = make_site, weather, begins, trusting
+        self._thermostat = Thermostat(scene, margin)
+        self._stuck = stuck_steps(scene)
+        self._site: Site | None = None
+        self._open = ExitStack()
+        self._samples: dict[str, list[Sample]] = {room: [] for room in self._rooms}
+        self._heating = np.zeros(len(self._rooms))
+        self._memories = [mpc().Memory(settings) for settings in self._settings]
+        self._decisions: list[Any] = [None] * len(self._rooms)
+        """The last one of each room; None where it leaves the room to the plant's own thermostat."""
+        self._planned: dict[str, tuple[int, Array]] = {}
+        """By room: the step at which it was last planned, and the powers."""
+        self._unchanged = 0
+
+    def __enter__(self) -> Planner:
+        return self
+
+    def __exit__(self, *of: object) -> None:
+        self._open.close()
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """By plan where there is one, held at every moment; a thermostat looks at every moment."""
+        powers = self._thermostat.powers(moment)[0].copy()
+        by_plan = np.zeros(len(self._rooms), dtype=np.bool_)
+        if moment.step < self._begins:
+            return powers, by_plan
+        due = (moment.step - self._begins) % EVERY == 0
+        if due:
+            self._feed()
+        for index, settings in enumerate(self._settings):
+            if due or self._refused(index, moment.step):
+                self._decisions[index] = self._decision(index, moment)
+            decision = self._decisions[index]
+            if decision is not None and decision.by != "thermostat":
+                by_plan[index] = True
+                powers[index] = decision.power
+            if decision is not None and decision.by == "plan":
+                powers[index] = mpc().held(settings, decision, moment.time, moment.shown[index])
+        self._heating = powers
+        return powers, by_plan
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """Telemetry of the step."""
+        for index, room in enumerate(self._rooms):
+            shown, refused = moment.shown[index], self._refused(index, moment.step)
+            if moment.step >= self._begins:
+                self._memories[index].heated(moment.time, heating[index], not refused)
+            told = {"T_out": outdoor, HEATER: heating[index], "I_sol": irradiance}
+            told |= {adjacent(name): moment.shown[self._rooms.index(name)] for name in self._beside[index]}
+            if self._refused(0, moment.step) and self._rooms[0] in self._beside[index]:
+                told[adjacent(self._rooms[0])] = np.nan
+            inputs = np.array([told[channel] for channel in self._networks[room].inputs])
+            output = np.array([np.nan if refused else shown])
+            self._samples[room].append(Sample.measured(moment.time, output, inputs))
+        self._unchanged = self._unchanged + 1 if self._stuck[moment.step] else 0
+
+    def _refused(self, room: int, step: int) -> bool:
+        """Whether the source refuses what the thermometer of a room shows in `step`."""
+        return room == 0 and bool(self._stuck[step]) and self._unchanged >= _STUCK_AFTER
+
+    def _feed(self) -> None:
+        if self._site is None:
+            self._site = self._open.enter_context(self._make_site(self._samples))
+        self._site.feed(self._samples)
+        self._samples = {room: [] for room in self._rooms}
+
+    def _decision(self, room: int, moment: Moment) -> Any:
+        memory = self._memories[room]
+        if self._refused(room, moment.step):
+            try:
+                return memory.blind(moment.time)
+            except ValueError:
+                return None
+        decision = mpc().decide(
+            self._ask,
+            self._settings[room],
+            float(moment.shown[room]),
+            bool(self._heating[room] > 0.0),
+            lambda steps: [price(moment.local + (k + 0.5) * DECISION) for k in range(steps)],
+            lambda steps: self._lowest(moment.local, room, steps),
+            lambda steps: self._known(moment.step, room, steps),
+            memory.left(moment.time),
+        )
+        if decision.by == "plan":
+            memory.planned(moment.time, decision.plan)
+            self._planned[self._rooms[room]] = (moment.step, decision.plan)
+        return decision
+
+    def _ask(self, method: str, path: str, body: Any) -> Any:
+        assert self._site is not None
+        answer = self._site.ask(method, path, body)
+        if self._trusting and path.endswith("/trust"):
+            answer["horizons"] = [one | {"trust": "trusted", "planned": "trusted"} for one in answer["horizons"]]
+        return answer
+
+    def _lowest(self, local: float, room: int, steps: int) -> list[float]:
+        return lowest(self._life, local, room, steps, self._margin)
+
+    def _known(self, index: int, room: int, steps: int) -> dict[str, dict[str, list[float]]]:
+        """The weather of all rooms, and what the others have planned."""
+        outdoor, sun = (_steps(series, index, steps) for series in self._weather)
+        known = {name: {"T_out": outdoor, "I_sol": sun} for name in (self._rooms[room], *self._beside[room])}
+        for other in self._beside[room]:
+            decision = self._decisions[self._rooms.index(other)]
+            if other in self._planned and decision is not None and decision.by != "thermostat":
+                planned, powers = self._planned[other]
+                # Beyond its plan a room is heated as it was on the whole.
+                rest = powers[(index - planned) // EVERY :]
+                known[other][HEATER] = [*rest, *[float(powers.mean())] * steps][:steps]
+        return known
+
+
+def settings_of(scene: Scene, room: int, margin: float) -> Any:
+    """`mpc.Settings` of a room."""
+    one = scene.of.rooms[room]
+    return mpc().Settings(
+        one.name,
+        HEATER,
+        power=one.heater,
+        low=one.use.by_night + margin,
+        high=WARMEST,
+        step=DECISION,
+        horizon=HORIZON,
+    )
+
+
+def lowest(life: Any, local: float, room: int, steps: int, margin: float) -> list[float]:
+    """The lower end of comfort after each step of a plan, and during it, and `margin` K more."""
+    ends = [float(life.set_points(local + k * DECISION)[room]) + margin for k in range(steps + 1)]
+    return [max(pair) for pair in pairwise(ends)]
+
+
+def _steps(series: Array, index: int, steps: int) -> list[float]:
+    """Means over the steps of a plan."""
+    part = series[index : index + steps * EVERY]
+    return [float(value) for value in part.reshape(-1, EVERY).mean(axis=1)]

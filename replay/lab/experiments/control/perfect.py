@@ -1,0 +1,167 @@
+"""Perfect knowledge: the same programme, planned against the plant itself.
+
+EnergyPlus is deterministic, so a period can be lived again. Each pass plans with what the pass before it really did,
+corrected for what it heats otherwise. What a watt does is measured on the plant: heat pulses on top of that pass, and
+the difference that they make. So the planner knows weather, people, windows and the response of the building, and what
+its correction misses, because a building is not quite linear, the next pass knows.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import toeplitz
+from scipy.optimize import linprog
+
+from estimator.arrays import Array
+from replay.experiments.jobs import Tick
+from replay.lab.experiments.control.cases import WARMEST, Scene, price
+from replay.lab.experiments.control.controllers import DECISION, EVERY, HORIZON, Thermostat, lowest
+from replay.lab.experiments.control.customer import mpc
+from replay.lab.experiments.control.loop import Lived, Moment, close
+from replay.localtime import HOUR
+from replay.scores.intervals import Mask
+
+PASSES = 3
+_PULSE = 0.15
+"""Of a heater's power."""
+_AHEAD = round(HORIZON / DECISION)
+_REMEMBERED = 4 * _AHEAD
+"""Steps of a plan after which a pulse is forgotten."""
+
+
+class Responses(NamedTuple):
+    """(N, N, L): K of each room (first) at the end of each step of a plan after one W in a room (second) over the
+    first."""
+
+    kelvin: Array
+
+
+class Replayed:
+    """Heats as in an earlier life, and `extra` (K, N) W more."""
+
+    def __init__(self, before: Lived, extra: Array) -> None:
+        self._heating = before.heating + extra
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """Of that step."""
+        powers = self._heating[moment.step]
+        return powers, np.ones(len(powers), dtype=np.bool_)
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """Nothing is learned."""
+
+
+def responses(scene: Scene, before: Lived, tick: Tick) -> Responses:
+    """Measured on the plant by pulses on top of the life `before`, one every _REMEMBERED steps of a plan."""
+    rooms = len(scene.of.rooms)
+    apart = _REMEMBERED * EVERY
+    starts = np.arange(0, scene.steps - apart, apart) + EVERY
+    if not len(starts):
+        starts = np.array([0])
+    kelvin = np.zeros((rooms, rooms, _REMEMBERED))
+    # A heater at its limit could not give a pulse.
+    free = np.minimum(before.heating, [(1.0 - _PULSE) * room.heater for room in scene.of.rooms])
+    base = close(scene, Replayed(before._replace(heating=free), np.zeros_like(free)), tick)
+    for room, one in enumerate(scene.of.rooms):
+        extra = np.zeros_like(free)
+        for start in starts:
+            extra[start : start + EVERY, room] = _PULSE * one.heater
+        pulsed = close(scene, Replayed(base, extra), tick)
+        moved = (pulsed.air - base.air) / (_PULSE * one.heater)
+        seen = [moved[start + EVERY : start + apart + 1 : EVERY] for start in starts]
+        length = min(map(len, seen))
+        kelvin[:, room, :length] = np.mean([each[:length] for each in seen], axis=0).T
+    return Responses(kelvin)
+
+
+class Foreseeing:
+    """Plans all rooms together from the life `before`, by the same costs, horizon, step and limits as `mpc.py`."""
+
+    def __init__(self, scene: Scene, before: Lived, response: Responses, margin: float) -> None:
+        self._scene, self._before, self._margin = scene, before, margin
+        self._kelvin, self._life = response.kelvin, scene.life()
+        self._thermostat = Thermostat(scene, margin)
+        rooms = len(scene.of.rooms)
+        self._rated = [room.heater for room in scene.of.rooms]
+        self._planned_before = _by_plan_step(before.heating)
+        self._extra = np.zeros((len(self._planned_before), rooms))
+        """What was heated otherwise than before, by the steps of a plan [W]."""
+        self._heating = np.zeros(rooms)
+        first = self._kelvin[:, :, :_AHEAD]
+        self._moved = np.block([[toeplitz(first[i, j], np.zeros(_AHEAD)) for j in range(rooms)] for i in range(rooms)])
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """A plan every EVERY steps, once the controlled days have begun."""
+        begins = self._scene.controlled_from
+        if moment.step < begins:
+            return self._thermostat.powers(moment)
+        if (moment.step - begins) % EVERY == 0:
+            self._plan(moment)
+        return self._heating, np.ones(len(self._heating), dtype=np.bool_)
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """What was heated otherwise than before."""
+        step = moment.step // EVERY
+        self._extra[step] += (heating - self._before.heating[moment.step]) / EVERY
+
+    def _plan(self, moment: Moment) -> None:
+        now, rooms = moment.step // EVERY, len(self._rated)
+        ahead = min(_AHEAD, len(self._before.air[moment.step :: EVERY]) - 1)
+        if ahead < 1:
+            return
+        was = self._before.air[moment.step :: EVERY][1 : ahead + 1].T
+        change = self._extra[max(0, now - _REMEMBERED) : now]
+        # Without heating from now on, and with what is heated otherwise until now.
+        extra = np.concatenate([change, -self._planned_before[now : now + ahead]])
+        free = was + self._response_to(extra, len(change), ahead)
+        low = np.array([lowest(self._life, moment.local, room, ahead, self._margin) for room in range(rooms)])
+        prices = np.array([price(moment.local + (k + 0.5) * DECISION) for k in range(ahead)])
+        take = np.concatenate([np.arange(ahead) + room * _AHEAD for room in range(rooms)])
+        moved = self._moved[np.ix_(take, take)]
+        self._heating = planned(moved, free.ravel(), low.ravel(), prices, self._rated)[:, 0]
+
+    def _response_to(self, extra: Array, past: int, ahead: int) -> Array:
+        """(N, ahead): K at the ends of the steps to come, of `extra` (past + ahead, N) W."""
+        rooms = len(self._rated)
+        moved = np.zeros((rooms, past + ahead))
+        for i in range(rooms):
+            for j in range(rooms):
+                moved[i] += np.convolve(extra[:, j], self._kelvin[i, j])[: past + ahead]
+        return moved[:, past:]
+
+
+def planned(moved: Array, free: Array, low: Array, prices: Array, rated: list[float]) -> Array:
+    """(N, n): the powers [W] of least cost for N rooms together; for one room that of `mpc.plan`.
+
+    `moved` (N n, N n) is what a W in each room and step (column) does to each room after each step (row) [K]; `free`
+    and `low` (N n,) [degC], room after room.
+    """
+    count, steps, hours = len(free), len(prices), DECISION / HOUR
+    cost = np.concatenate([np.tile(prices * hours / 1000.0, len(rated)), np.full(2 * count, mpc().DISCOMFORT * hours)])
+    nothing, slack = np.zeros((count, count)), np.eye(count)
+    sides = np.block([[-moved, -slack, nothing], [moved, nothing, -slack]])
+    margins = np.concatenate([free - low, WARMEST - free])
+    bounds = [(0.0, power) for power in rated for _ in range(steps)] + [(0.0, None)] * (2 * count)
+    solved = linprog(cost, A_ub=sides, b_ub=margins, bounds=bounds, method="highs")
+    return np.asarray(solved.x[:count], dtype=np.float64).reshape(len(rated), steps)
+
+
+def foreseen(scene: Scene, margin: float, tick: Tick) -> Lived:
+    """The life of `scene` under perfect knowledge: the last of PASSES passes."""
+    lived = close(scene, Thermostat(scene, margin), tick)
+    response = responses(scene, lived, tick)
+    for _ in range(PASSES):
+        lived = close(scene, Foreseeing(scene, lived, response, margin), tick)
+    return lived
+
+
+def lives(scene: Scene) -> int:
+    """How often `foreseen` lives the scene."""
+    return 2 + len(scene.of.rooms) + PASSES
+
+
+def _by_plan_step(heating: Array) -> Array:
+    """(K / EVERY, N): means over the steps of a plan."""
+    return np.asarray(heating.reshape(-1, EVERY, heating.shape[1]).mean(axis=1))

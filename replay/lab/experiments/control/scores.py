@@ -1,0 +1,67 @@
+"""What a controlled period cost, and how comfortable it was."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from replay.energyplus.plant import STEP
+from replay.lab.experiments.control.cases import STEPS_A_DAY, WARMEST, Scene, price
+from replay.lab.experiments.control.loop import Lived
+from replay.localtime import HOUR
+
+_QUARTER = 3
+"""Steps over which the peak is a mean, as in a bill."""
+_ON = 1.0
+"""W above which a heater counts as on."""
+
+
+class Scores(NamedTuple):
+    """Of the controlled days, over all rooms."""
+
+    energy: float
+    """kWh."""
+    cost: float
+    cold: float
+    """K h below the comfort band."""
+    warm: float
+    """K h above it."""
+    peak: float
+    """kW, mean over 15 min."""
+    switches: float
+    """How often a heater is switched on, per room and day."""
+    fallback: float
+    """Share of the time in which a thermostat heats."""
+
+    @property
+    def discomfort(self) -> float:
+        """K h outside the band."""
+        return self.cold + self.warm
+
+
+def scores(scene: Scene, lived: Lived) -> Scores:
+    """The scores of `lived`."""
+    since = scene.controlled_from
+    local, air, heating = lived.local[since:], lived.air[since:], lived.heating[since:]
+    life, hours = scene.life(), STEP / HOUR
+    low = np.array([life.set_points(at) for at in local])
+    power = heating.sum(axis=1)
+    prices = np.array([price(at) for at in local])
+    on = heating > _ON
+    days = len(local) / STEPS_A_DAY
+    quarters = power[: len(power) // _QUARTER * _QUARTER].reshape(-1, _QUARTER).mean(axis=1)
+    return Scores(
+        energy=float(power.sum() * hours / 1000.0),
+        cost=float(prices @ power * hours / 1000.0),
+        cold=_kelvin_hours(low - air),
+        warm=_kelvin_hours(air - WARMEST),
+        peak=float(quarters.max() / 1000.0),
+        switches=float((on[1:] & ~on[:-1]).sum() / days / heating.shape[1]),
+        fallback=float(1.0 - lived.planned[since:].mean()),
+    )
+
+
+def _kelvin_hours(beyond: Array) -> float:
+    return float(np.maximum(beyond, 0.0).sum() * STEP / HOUR)

@@ -1,0 +1,131 @@
+"""Measured rooms that anybody can have, as tidy CSV files: read where they lie, for they belong to others.
+
+docs/benchmark.md says where each is had, under which licence, and what its columns are.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.network import presets
+from replay.errors import ReplayError
+from replay.experiments.hours_ahead.recordings import Recording
+from replay.experiments.series.recorded_zone import ZoneRecord, bridged
+from replay.localtime import HOUR
+
+_HELD = 2 * HOUR
+"""How long a missing input keeps its last value [s]."""
+_BRIDGED = 12
+"""`max_gap` of a zone that does not set it."""
+
+
+class Room(NamedTuple):
+    """One room of a file: by channel the column and what it is multiplied with; "" is a channel that nobody measured,
+    and is 0 throughout. `room` chooses the rows of a file that has several rooms, by its column `room`."""
+
+    file: str
+    what: str
+    period: int
+    channels: Mapping[str, tuple[str, float]]
+    room: str | None = None
+
+
+def _twin_house(room: str) -> Room:
+    neighbours = {f"T_adj_{other}": (f"T_{other}", 1.0) for other in ("corridor", "attic", "cellar")}
+    return Room(
+        "rooms/twinhouse_n2.csv",
+        f"the room '{room}' of the Fraunhofer twin house N2, where nobody lives, under a pseudo-random heating",
+        600,
+        {"T_i": (f"T_{room}", 1.0), "T_out": ("T_out", 1.0), "u_heat": (f"P_{room}", 1.0), "I_sol": ("GHI", 1.0)}
+        | neighbours,
+    )
+
+
+def _flat(room: str) -> Room:
+    return Room(
+        "rooms/opensmarthome.csv",
+        f"the room '{room}' of a flat that people live in, without power and sun",
+        900,
+        {"T_i": ("T_room", 1.0), "T_out": ("T_out", 1.0), "u_heat": ("", 0.0)},
+        room,
+    )
+
+
+def _university(room: str) -> Room:
+    return Room(
+        "rooms/ou44.csv",
+        f"the room '{room}' of the university building OU44; the heating is the opening of its valve times 1 kW",
+        600,
+        {"T_i": ("T_room", 1.0), "T_out": ("T_out", 1.0), "u_heat": ("valve_pct", 10.0), "I_sol": ("GHI", 1.0)},
+        room,
+    )
+
+
+ROOMS: Mapping[str, Room] = {
+    **{
+        f"twin house {room}": _twin_house(room) for room in ("living", "bath", "child", "kitchen", "doorway", "bedroom")
+    },
+    **{f"flat {room}": _flat(room) for room in ("Bathroom", "Kitchen", "Room1", "Room2", "Room3", "Toilet")},
+    **{f"OU44 {room}": _university(room) for room in ("22-508-1", "22-511-2")},
+    "housetemp": Room(
+        "rooms/housetemp.csv",
+        "a house with a heat pump, whose thermometer has steps of 0.56 K; the heating is the share of time in which "
+        "the pump ran times 5 kW",
+        600,
+        {"T_i": ("T_room", 1.0), "T_out": ("T_out", 1.0), "u_heat": ("heating", 5000.0)},
+    ),
+}
+"""By the name of the recording."""
+
+FILES = tuple(dict.fromkeys(room.file for room in ROOMS.values()))
+
+
+def read_room(name: str, folder: Path | None) -> Recording | None:
+    """The recording of that name below `folder`, with the network `auto` of its channels; None where its file is not
+    there, ReplayError where it is not what it should be."""
+    room = ROOMS[name]
+    path = folder and folder / room.file
+    if path is None or not path.exists():
+        return None
+    times, columns = _columns(path, room)
+    network = presets.automatic(room.channels).validate()
+    series = bridged(ZoneRecord(times, room.period, columns), network, _BRIDGED)
+    return Recording(name, f"{room.what}; the network auto", True, network, room.period, series)
+
+
+def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
+    """UTC s (K,) and channels (K,), inputs held; a time without a zone counts as UTC."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if room.room is None or row["room"] == room.room]
+        times = np.array([round(_utc(row["time"]).timestamp()) for row in rows], dtype=np.int64)
+        table = {
+            channel: factor * np.array([float(row[column] or "nan") for row in rows]) if column else np.zeros(len(rows))
+            for channel, (column, factor) in room.channels.items()
+        }
+    except OSError as error:
+        raise ReplayError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    except (KeyError, ValueError) as error:
+        raise ReplayError(f"{path}: {error} is not what docs/benchmark.md says of its columns; look there") from error
+    if not rows:
+        raise ReplayError(f"{path}: it has no rows of the room; look at docs/benchmark.md")
+    inputs = {channel: _held(times, values) for channel, values in table.items() if channel != "T_i"}
+    return times, {"T_i": table["T_i"], **inputs}
+
+
+def _utc(text: str) -> datetime:
+    found = datetime.fromisoformat(text)
+    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
+
+
+def _held(times: np.ndarray, values: Array) -> Array:
+    """`values` (K,) with the last one in place of a missing one, for as long as _HELD."""
+    last = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), 0))
+    return np.where(times - times[last] <= _HELD, values[last], np.nan)

@@ -1,0 +1,1 @@
+"""Measuring from outside: speed, memory, load, soak, overload."""

@@ -1,0 +1,202 @@
+"""`make overload`: ten times what the daemon was set up for, readings and samples; is anything lost?
+
+Two runs on the real daemon. In one the devices of the simulated building are polled ten times as often as configured:
+the readings are aggregated, and memory must stay level. In the other a recording brings samples more than ten times
+faster than the estimator takes them: it has to wait, every sample must be used, in order, and REST must answer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import httpx
+import tomli_w
+
+from estimator.network.presets import network
+from replay.errors import MeasurementError, ReplayError
+from replay.lab.measuring.fleet.clients import ENDPOINTS, Clients
+from replay.lab.measuring.fleet.measures import summary
+from replay.lab.measuring.processes import DaemonProcess
+from replay.lab.measuring.soak.run import Soak, run
+from replay.recorded.tables import cells, utc_stamps, write_table
+from replay.simulated import semi_synthetic
+from service.fields.durations import format_duration
+from service.zone.mailbox import ROOM
+
+FACTOR = 10.0
+MOST_GROWTH_MB = 10.0
+"""What memory may grow by from the first third of a run to its end, in MB."""
+
+_PACE = 600.0
+_POLL = 0.2
+"""s between two polls in the configuration of the simulated building at that pace."""
+
+_ZONE = "fast"
+
+
+def readings(folder: Path, seconds: float, particles: int = 3000) -> dict[str, Any]:
+    """Poll the simulated building FACTOR times as often as configured for `seconds`."""
+    soak = Soak(
+        hours=seconds * _PACE / 3600.0,
+        pace=_PACE,
+        zones=4,
+        particles=particles,
+        every=max(0.5, seconds / 300.0),
+        polls=_POLL / FACTOR,
+        faults=False,
+    )
+    found, observations, _ = run(soak, folder)
+    early = observations[len(observations) // 3]
+    return {
+        "seconds": seconds,
+        "poll_s": soak.polls,
+        "samples": found["last"]["samples"],
+        "expected_samples": int(seconds) * soak.zones,
+        "overruns": found["last"]["overruns"],
+        "requests_without_answer": found["company"]["not_answered"],
+        "growth_mb": found["last"]["resident_mb"] - early.resident_mb,
+        "cores": found["cores_used"],
+    }
+
+
+def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.001) -> dict[str, Any]:
+    """Play `count` samples, one each `every` s, to one zone; what became of them.
+
+    Raises MeasurementError where the daemon ends, or does not come to the end of the recording.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    times = _write(folder, count, particles, every)
+    with DaemonProcess(folder / "overload.toml", folder / "daemon.log") as daemon:
+        url = daemon.url()
+        memory: list[int] = []
+        while not _status(url)["samples"]:
+            daemon.check()
+            time.sleep(0.1)
+        with Clients(url, [_ZONE], 2, pause=0.05) as clients:
+            began, status = time.monotonic(), _status(url)
+            # While the clients came up, the first samples were taken.
+            taken_before = int(status["samples"])
+            while "come to an end" not in status["reason"]:
+                daemon.check()
+                memory.append(daemon.memory())
+                if time.monotonic() > began + 60.0 + count:
+                    raise MeasurementError(f"after {count + 60} s the recording is not over; its status is {status}")
+                time.sleep(0.1)
+                status = _status(url)
+            took, answers = time.monotonic() - began, clients.finish()
+        rows = httpx.get(f"{url}/zones/{_ZONE}/history", params={"limit": 20_000}, timeout=60.0).json()["rows"]
+        stopped = daemon.stop()
+    return {
+        **rates(count - taken_before, took, every),
+        "seconds": took,
+        "samples": count,
+        "lost": len(set(times) - {row["time"] for row in rows}),
+        "out_of_order": sum(a["time"] >= b["time"] for a, b in pairwise(rows)),
+        "overruns": status["overruns"],
+        "mailbox": ROOM,
+        "rest": summary([answer for answer in answers if answer.endpoint in ENDPOINTS]),
+        "growth_mb": (memory[-1] - memory[len(memory) // 3]) / 1e6,
+        "stop_s": stopped,
+    }
+
+
+def rates(taken: int, seconds: float, every: float) -> dict[str, float]:
+    """Samples a second that were offered, one each `every` s, and that were `taken` within `seconds`; and how many
+    times more the first are."""
+    offered, served = 1.0 / every, max(taken, 1) / seconds
+    return {"offered_per_s": offered, "served_per_s": served, "factor": offered / served}
+
+
+def _write(folder: Path, count: int, particles: int, every: float) -> list[str]:
+    """Recording and configuration; the times of its samples."""
+    house, recording = network("building-67"), semi_synthetic.generate(None, seed=1)
+    if count > len(recording.times):
+        raise MeasurementError(f"the recording has {len(recording.times)} samples; ask for no more")
+    stamps = utc_stamps(recording.times[:count])
+    columns = [cells(recording.columns[channel][:count], 4) for channel in house.channels]
+    write_table(folder / "overload.csv", ["timestamp", *house.channels], [stamps, *columns])
+    source = {"kind": "csv", "files": ["overload.csv"], "timestamp": {"column": "timestamp"}}
+    channels = {
+        channel: {"source": "recording", "column": channel, "unit": house.channel_unit(channel)}
+        for channel in house.channels
+    }
+    zone = {
+        "id": _ZONE,
+        "period": format_duration(semi_synthetic.PERIOD),
+        "network": "building-67",
+        "estimator_options": {"particles": particles},
+        "channels": channels,
+    }
+    configuration = {
+        "site": {"id": "overload", "state_dir": "state"},
+        "http": {"port": 0},
+        "zenoh": {"enabled": False},
+        "sources": {"recording": source | {"pace": semi_synthetic.PERIOD / every}},
+        "zones": [zone],
+    }
+    (folder / "overload.toml").write_text(tomli_w.dumps(configuration), encoding="utf-8")
+    return list(stamps)
+
+
+def _status(url: str) -> dict[str, Any]:
+    answer = httpx.get(f"{url}/zones/{_ZONE}", timeout=60.0).raise_for_status().json()
+    status: dict[str, Any] = answer["status"]
+    return status
+
+
+def lines(found: dict[str, Any]) -> list[str]:
+    """For a terminal."""
+    r, s = found["readings"], found["samples"]
+    return [
+        f"readings at {FACTOR:g} times the rate for {r['seconds']:.0f} s: {r['samples']} samples of about "
+        f"{r['expected_samples']}, {r['overruns']:.0f} overruns, memory {r['growth_mb']:+.1f} MB, "
+        f"{r['cores']:.2f} cores",
+        f"samples offered {s['factor']:.1f} times faster than they were taken, for {s['seconds']:.0f} s: "
+        f"{s['samples']} samples, {s['lost']} lost, {s['out_of_order']} out of order, {s['overruns']} overruns; memory "
+        f"{s['growth_mb']:+.1f} MB; REST {s['rest']['requests']} requests, {s['rest']['not_ok']} not ok, "
+        f"p99 {1e3 * s['rest']['p99_s']:.0f} ms",
+    ]
+
+
+def held(found: dict[str, Any]) -> bool:
+    """Whether nothing was lost and memory stayed level."""
+    r, s = found["readings"], found["samples"]
+    return bool(
+        max(r["growth_mb"], s["growth_mb"]) < MOST_GROWTH_MB
+        and r["requests_without_answer"] == s["lost"] == s["out_of_order"] == 0
+        and r["samples"] >= 0.9 * r["expected_samples"]
+    )
+
+
+def main() -> int:
+    """Run both; 0 if nothing was lost and memory stayed level."""
+    parser = argparse.ArgumentParser(prog="python -m replay.lab.measuring.overload", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600.0, help="of readings (default 600)")
+    parser.add_argument("--samples", type=int, default=20_000, help="of the recording, to 22,176 (default 20000)")
+    parser.add_argument("--out", type=Path, default=Path("var/overload"), help="folder, emptied first")
+    given = parser.parse_args()
+    if given.seconds <= 0 or given.samples < 2:
+        parser.error("seconds are above 0, samples 2 at least")
+    shutil.rmtree(given.out, ignore_errors=True)
+    try:
+        found = {
+            "samples": samples(given.out / "samples", given.samples),
+            "readings": readings(given.out / "readings", given.seconds),
+        }
+    except ReplayError as error:
+        print(f"overload: {error}", file=sys.stderr)
+        return 1
+    (given.out / "overload.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print("\n".join(lines(found)))
+    return 0 if held(found) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

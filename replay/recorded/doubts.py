@@ -1,0 +1,75 @@
+"""What looks wrong with telemetry before anything is learned from it: units, swaps, values that never move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from estimator.arrays import Array
+from service.config.site import ZoneConfig
+from service.config.usual import usual
+
+_FEW_DAYS = 3.0
+"""Days below which a history is too short to learn walls from."""
+
+_SMALL_POWER = 40.0
+"""W that the heating of a zone does not stay below: such numbers are in kW."""
+
+_RESTLESS = 1.5
+"""How much more a room may vary than the outdoors before the two look swapped."""
+
+_FEW_VALUES = 100
+"""Values of a channel below which nothing is said of it."""
+
+_TEMPERATURES = {"degF": (5 / 9, -160 / 9), "K": (1.0, -273.15)}
+"""Units that are taken for degC by mistake: scale and offset to it."""
+
+
+def doubts(zone: ZoneConfig, times: Array, values: Array) -> list[str]:
+    """One sentence with a remedy for each thing that looks wrong.
+
+    `times` (L,) are the UTC s of the samples of `zone`, `values` (L, n) their channels in the network's order and unit,
+    NaN where nothing was measured.
+    """
+    return [*_of_length(times), *_of_channels(zone, values), *_of_swaps(zone, values)]
+
+
+def _of_length(times: Array) -> Iterator[str]:
+    days = (times[-1] - times[0]) / 86400 if len(times) else 0.0
+    if days < _FEW_DAYS:
+        yield f"it covers {days:.1f} days; the walls of a building show after about a week, so give more if you can"
+
+
+def _of_channels(zone: ZoneConfig, values: Array) -> Iterator[str]:
+    network = zone.network
+    for name, column in zip(network.channels, values.T, strict=True):
+        known, unit = column[np.isfinite(column)], network.channel_unit(name)
+        if len(known) < _FEW_VALUES:
+            continue
+        lower, upper = usual(network, name, zone.channels[name])
+        middle = float(np.median(known))
+        if known.min() == known.max() and name not in network.heat_channels:
+            yield f"{name} is {middle:g} {unit} all the time; is its sensor connected?"
+        elif unit == "degC" and not lower <= middle <= upper:
+            scaled = {one: scale * middle + offset for one, (scale, offset) in _TEMPERATURES.items()}
+            meant = [one for one, value in scaled.items() if lower <= value <= upper]
+            remedy = f'write unit = "{meant[0]}" if it is in {meant[0]}' if meant else "look at its unit and scale"
+            yield f"{name} is {middle:.1f} degC in the middle, usual are {lower:g} to {upper:g}; {remedy}"
+        elif unit == "W" and known.max() == known.min() == 0.0:
+            yield f"{name} is 0 W all the time: a model then does not learn what heating does"
+        elif unit == "W" and 0.0 < np.abs(known).max() < _SMALL_POWER:
+            yield f'{name} is {np.abs(known).max():g} W at most; write unit = "kW" if it is in kW'
+
+
+def _of_swaps(zone: ZoneConfig, values: Array) -> Iterator[str]:
+    """The room and the outdoors in each other's place: outdoors the temperature varies more."""
+    network = zone.network
+    outdoors = [name for name in network.boundaries if name.startswith("T_out")]
+    if not outdoors:
+        return
+    room, outside = values[:, 0], values[:, network.channels.index(outdoors[0])]
+    both = np.isfinite(room) & np.isfinite(outside)
+    if both.sum() >= _FEW_VALUES and room[both].std() > _RESTLESS * outside[both].std() > 0.0:
+        inner, outer = room[both].std(), outside[both].std()
+        yield f"{network.measured[0]} varies by {inner:.1f} K and {outdoors[0]} by {outer:.1f} K; are the two swapped?"

@@ -1,0 +1,300 @@
+"""`thermogate learn`: recorded history into the state of a daemon's zones, as if the daemon had been running.
+
+Every sample goes the way that it goes in the daemon: it is in the journal before a worker of its zone takes it, its
+update becomes a row of the history, and checkpoints follow. So a run that was interrupted goes on where it stopped,
+and a second run over the same history finds nothing new. Each zone learns in one process, several zones on all cores.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import os
+import signal
+from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import asynccontextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from replay.localtime import DAY
+from replay.recorded.doubts import doubts
+from replay.recorded.runner import SLOW, aligned
+from replay.recorded.trace import Trace, Tracer
+from service.config.fitting import fingerprint, make_alignment, make_worker
+from service.config.recording import recorded
+from service.config.site import Config, ZoneConfig
+from service.daemon.kernel_cache import guard_kernel_cache
+from service.errors import ServiceError
+from service.fields.durations import format_duration
+from service.fields.times import written_time
+from service.records.sample import Sample
+from service.records.update import Update
+from service.store.checkpoint import Checkpoint
+from service.store.store import Store
+from service.zone import snapshot
+from service.zone.alignment import Alignment
+from service.zone.worker import ZoneWorker
+
+_CHUNK = 500
+"""Samples that a zone takes between two checkpoints."""
+
+_ENDED = (
+    "a process that learned ended by itself, perhaps for want of memory; run the command again with --jobs 1: it goes "
+    "on where it stopped"
+)
+
+_AHEAD = 2
+"""Chunks of a zone that wait for its process at most."""
+
+
+class History(NamedTuple):
+    """What a recording holds of one zone, by the zone's own grid."""
+
+    samples: int
+    first: int
+    """UTC s; meaningless where there is no sample."""
+    last: int
+    measured: float
+    """Share of the samples in which the zone's first output was measured."""
+    complete: float
+    """Share of the samples in which every input was measured."""
+    longest_gap: int
+    """s without a measured output at most, within the history."""
+    refused: Mapping[str, int]
+    """Refused readings by kind."""
+    doubts: Sequence[str] = ()
+    """What looks wrong with it, one sentence each."""
+
+    def described(self, zone: str) -> str:
+        """One line about the history of `zone`."""
+        if not self.samples:
+            return f"zone '{zone}': nothing usable{_refusals(self.refused)}"
+        days = (self.last - self.first) / DAY
+        gap = f"longest gap {format_duration(self.longest_gap)}" if self.longest_gap else "no gap"
+        return (
+            f"zone '{zone}': {self.samples} samples from {written_time(self.first)} to {written_time(self.last)} "
+            f"({days:.1f} days), measured in {100 * self.measured:.0f} %, every input in {100 * self.complete:.0f} %, "
+            f"{gap}{_refusals(self.refused)}"
+        )
+
+
+class Learned(NamedTuple):
+    """What a run did."""
+
+    traces: list[Trace]
+    """Of the zones that learned something in this run."""
+    known: Mapping[str, int]
+    """Samples of each zone that its state had already, and that were passed over."""
+
+
+def survey(config: Config, start: float | None, end: float | None) -> dict[str, History]:
+    """What the recording of `config` holds of each of its zones from UTC time `start` up to `end`.
+
+    Raises ServiceError where a source is live or cannot be read.
+    """
+    return asyncio.run(_survey(config, start, end))
+
+
+def learn(
+    config: Config, histories: Mapping[str, History], start: float | None, end: float | None, *, jobs: int | None = None
+) -> Learned:
+    """Take the recording of `config`, of which `survey` has told the `histories`, into the state of its zones.
+
+    `jobs` processes learn, by default one for each core. Raises ServiceError where the state cannot be written, a
+    daemon runs on it, or it belongs to another configuration.
+    """
+    return asyncio.run(_Run(config, histories, jobs or os.cpu_count() or 1).learned(start, end))
+
+
+async def _survey(config: Config, start: float | None, end: float | None) -> dict[str, History]:
+    alignments = {zone.id: make_alignment(zone) for zone in config.zones}
+    samples: dict[str, list[Sample]] = {zone.id: [] for zone in config.zones}
+    with tqdm(unit=" samples", delay=SLOW, desc="reading", disable=None) as bar:
+        async for part in recorded(config, alignments, start, end):
+            found = [sample for sample in aligned(alignments[part.zone], part) if _within(sample, start, end)]
+            samples[part.zone] += found
+            bar.update(len(found))
+    return {zone.id: _history(zone, samples[zone.id], alignments[zone.id]) for zone in config.zones}
+
+
+def _history(zone: ZoneConfig, samples: Sequence[Sample], alignment: Alignment) -> History:
+    refused = {str(fault): count for fault, count in alignment.faults.items()}
+    if not samples:
+        return History(0, 0, 0, 0.0, 0.0, 0, refused)
+    times = np.array([sample.time for sample in samples], dtype=np.float64)
+    values = np.array([np.concatenate([sample.outputs, sample.inputs]) for sample in samples])
+    known, outputs = np.isfinite(values), len(zone.network.measured)
+    return History(
+        samples=len(samples),
+        first=samples[0].time,
+        last=samples[-1].time,
+        measured=float(known[:, 0].mean()),
+        complete=float(known[:, outputs:].all(axis=1).mean()),
+        longest_gap=int(np.diff(times[known[:, 0]]).max(initial=zone.period) - zone.period),
+        refused=refused,
+        doubts=doubts(zone, times, values),
+    )
+
+
+def _refusals(refused: Mapping[str, int]) -> str:
+    return "; refused: " + ", ".join(f"{count} {fault}" for fault, count in refused.items()) if refused else ""
+
+
+def _within(sample: Sample, start: float | None, end: float | None) -> bool:
+    return (start is None or sample.time >= start) and (end is None or sample.time < end)
+
+
+class _Run:
+    """One run of `learn`."""
+
+    def __init__(self, config: Config, histories: Mapping[str, History], jobs: int) -> None:
+        self._config, self._histories = config, histories
+        self._zones = {zone.id: zone for zone in config.zones if histories[zone.id].samples}
+        self._jobs = max(1, min(jobs, len(self._zones)))
+        self._known: dict[str, int] = {}
+
+    async def learned(self, start: float | None, end: float | None) -> Learned:
+        store = Store(self._config.site.state_dir)
+        try:
+            async with _processes(self._jobs) as processes:
+                owners = {zone: processes[place % self._jobs] for place, zone in enumerate(self._zones)}
+                total = sum(history.samples for history in self._histories.values())
+                with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
+                    await self._fed(store, owners, start, end, bar)
+                loop = asyncio.get_running_loop()
+                traces = [
+                    await loop.run_in_executor(owner, _trace, zone, self._histories[zone].refused)
+                    for zone, owner in owners.items()
+                ]
+        except ExceptionGroup as group:
+            # The first failure of a zone has ended the others.
+            first = group.exceptions[0]
+            if isinstance(first, BrokenProcessPool):
+                raise ServiceError(_ENDED) from group
+            raise first from None
+        finally:
+            store.close()
+        return Learned([trace for trace in traces if trace is not None], self._known)
+
+    async def _fed(
+        self, store: Store, owners: Mapping[str, ProcessPoolExecutor], start: float | None, end: float | None, bar: Any
+    ) -> None:
+        """Read the recording, and let every zone learn from what is new."""
+        alignments: dict[str, Alignment] = {}
+        waiting: dict[str, asyncio.Queue[list[Sample] | None]] = {}
+        async with asyncio.TaskGroup() as tasks:
+            for name, zone in self._zones.items():
+                student = _Student(store, zone, owners[name], bar)
+                alignments[name] = make_alignment(zone, resume_after=await student.resume())
+                waiting[name] = asyncio.Queue(_AHEAD)
+                tasks.create_task(student.learn(waiting[name]))
+            chunks: dict[str, list[Sample]] = {name: [] for name in self._zones}
+            taken = dict.fromkeys(self._zones, 0)
+            async for part in recorded(self._config, alignments, start, end):
+                for sample in aligned(alignments[part.zone], part):
+                    if _within(sample, start, end):
+                        chunks[part.zone].append(sample)
+                        taken[part.zone] += 1
+                if len(chunks[part.zone]) >= _CHUNK:
+                    await waiting[part.zone].put(chunks[part.zone])
+                    chunks[part.zone] = []
+            for name, chunk in chunks.items():
+                if chunk:
+                    await waiting[name].put(chunk)
+                await waiting[name].put(None)
+        self._known = {
+            name: known for name in self._zones if (known := self._histories[name].samples - taken[name]) > 0
+        }
+        bar.update(sum(self._known.values()))
+
+
+class _Student:
+    """A zone that learns in the process `owner`; what it learns is written to `store`."""
+
+    def __init__(self, store: Store, zone: ZoneConfig, owner: ProcessPoolExecutor, bar: Any) -> None:
+        self._store, self._zone, self._owner, self._bar = store, zone, owner, bar
+        self._fingerprint = fingerprint(zone)
+
+    async def resume(self) -> int | None:
+        """Put the zone where its state stands; the time [UTC s] of the last sample that it has, None if it has none."""
+        name = self._zone.id
+        await self._store.claim(name, self._fingerprint)
+        checkpoint = await asyncio.to_thread(self._store.checkpoints.load, name, self._fingerprint)
+        await self._there(_begin, self._zone, self._fingerprint, checkpoint)
+        step = None if checkpoint is None else checkpoint.step
+        last = await self._store.resume_after(name, step)
+        while samples := await self._store.samples_after(name, step):
+            await self._learned(samples)
+            step = samples[-1].time
+        return last
+
+    async def learn(self, chunks: asyncio.Queue[list[Sample] | None]) -> None:
+        """Take `chunks` of samples until there is None; each is in the journal before it is learned from."""
+        while (samples := await chunks.get()) is not None:
+            await asyncio.gather(*(self._store.append(self._zone.id, sample) for sample in samples))
+            await self._learned(samples)
+            self._bar.update(len(samples))
+
+    async def _learned(self, samples: Sequence[Sample]) -> None:
+        updates, checkpoint = await self._there(_take, self._zone.id, samples)
+        for update in updates:
+            self._store.record(self._zone.id, update)
+        await self._store.flush()
+        if checkpoint is not None:
+            await asyncio.to_thread(self._store.checkpoints.save, self._zone.id, checkpoint)
+
+    async def _there(self, function: Any, *arguments: Any) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._owner, function, *arguments)
+
+
+@asynccontextmanager
+async def _processes(count: int) -> AsyncIterator[list[ProcessPoolExecutor]]:
+    """Pools of one process each, so that a zone stays in the process that knows it."""
+    context = multiprocessing.get_context("spawn")
+    pools = [ProcessPoolExecutor(1, context, _begun) for _ in range(count)]
+    try:
+        yield pools
+    except BaseException:
+        # Nobody waits for minutes of work that are not wanted any more; what was learned is on disk.
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
+    finally:
+        for pool in pools:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+_students: dict[str, tuple[ZoneWorker, Tracer, ZoneConfig, str]] = {}
+"""In a process that learns: its zones."""
+
+
+def _begun() -> None:
+    """In a new process: the parent alone answers Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    guard_kernel_cache()
+
+
+def _begin(zone: ZoneConfig, mark: str, checkpoint: Checkpoint | None) -> None:
+    worker = make_worker(zone)
+    if checkpoint is not None:
+        snapshot.restore(worker, checkpoint)
+    _students[zone.id] = worker, Tracer(zone, worker), zone, mark
+
+
+def _take(name: str, samples: Iterable[Sample]) -> tuple[list[Update], Checkpoint | None]:
+    """The updates of `samples`, and the checkpoint after them."""
+    worker, tracer, zone, mark = _students[name]
+    updates = [update for sample in samples if (update := worker.step(sample)) is not None]
+    for update in updates:
+        tracer.note(update)
+    return updates, snapshot.take(worker, mark, zone.estimator)
+
+
+def _trace(name: str, refused: Mapping[str, int]) -> Trace | None:
+    """What a zone went through in this run, with the readings that were `refused`; None where it learned nothing."""
+    tracer = _students[name][1]
+    return tracer.trace(refused) if tracer.rows else None

@@ -1,0 +1,29 @@
+"""`thermogate verify`: whether a state folder or a backup is whole."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from service.cli.arguments import AddCommand
+
+
+def add_to(add: AddCommand) -> None:
+    """Add the command by `add(name, command, text)`."""
+    parser = add("verify", _verify, "Look through a state folder or a backup; exit code 1 if anything is damaged.")
+    parser.add_argument("path", type=Path, metavar="PATH", help="the folder that site.state_dir names, or a backup")
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from service.store.verifying import verify
+
+    found = verify(arguments.path)
+    for problem in found.problems:
+        print(problem, file=sys.stderr)
+    verdict = "damaged" if found.problems else "sound"
+    print(
+        f"{arguments.path}: {verdict}; zones: {found.zones}, samples: {found.samples}, rows of history: {found.rows}, "
+        f"checkpoints: {found.checkpoints}"
+    )
+    return 1 if found.problems else 0

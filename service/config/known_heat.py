@@ -1,0 +1,68 @@
+"""Which heat of a zone is known up to coefficients: sun and habits, as its table and the site say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from estimator.errors import NetworkError
+from estimator.heat.terms import sun_channel, with_known_heat
+from estimator.network.boxes import TYPICAL_AREA
+from estimator.network.network import Network
+from estimator.network.presets import AUTO
+from estimator.registry import ESTIMATORS
+from service.config.network_tables import PresetConfig
+from service.config.site import Whereabouts, ZoneTable
+from service.fields.problems import Place, Problems
+
+
+def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: Place, problems: Problems) -> Network:
+    """`network` of the `zone` at `place` with the terms that its table asks for; what is wrong is noted in `problems`.
+
+    A network of the preset "auto" has habits, and the sun if it is measured, unless the table says otherwise. A network
+    that has terms already keeps them.
+    """
+    try:
+        network.validate()
+    except NetworkError:
+        # What is wrong with it has been said.
+        return network
+    if network.terms:
+        return network
+    area = zone.floor_area or _area_of_the_box(zone)
+    if network.name == AUTO and zone.floor_area is not None and isinstance(zone.network, PresetConfig):
+        network = _typical_for(network, zone.floor_area)
+    kind = ESTIMATORS.get(zone.estimator)
+    place_for_terms = kind is not None and kind.terms
+    for key, asked in (("habits", zone.habits), ("sun", zone.sun)):
+        if asked and not place_for_terms:
+            sentence = f'has no place in the estimator "{zone.estimator}"; choose "bank" or "mkf", or remove {key}'
+            problems.add((*place, key), sentence)
+            return network
+    auto = network.name == AUTO and place_for_terms
+    habits = auto if zone.habits is None else zone.habits
+    sun = zone.sun if isinstance(zone.sun, str) else None
+    if zone.sun is None and auto and sun_channel(network) is not None:
+        sun = "hours" if whereabouts.location is None else "facades"
+    try:
+        return with_known_heat(network, habits=habits, sun=sun, location=whereabouts.location, floor_area=area)
+    except NetworkError as error:
+        problems.add((*place, "sun"), str(error).removeprefix(f'sun = "{sun}" '))
+        return network
+
+
+def _area_of_the_box(zone: ZoneTable) -> float | None:
+    """The floor area that the bounds of the network follow from, if it is one."""
+    box = zone.network.box if isinstance(zone.network, PresetConfig) else None
+    return box.floor_area[0] if box is not None and box.floor_area[0] == box.floor_area[1] else None
+
+
+def _typical_for(network: Network, floor_area: float) -> Network:
+    """`network` with typical values for another floor area [m2] than that of a zone whose area nobody knows."""
+    share = floor_area / TYPICAL_AREA
+    return replace(
+        network,
+        parameters=tuple(
+            p if p.typical is None else replace(p, typical=min(max(p.typical * share, p.lower), p.upper))
+            for p in network.parameters
+        ),
+    )

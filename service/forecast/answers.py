@@ -1,0 +1,91 @@
+"""Answers about the heating of a zone, by futures that run its thermostat."""
+
+from __future__ import annotations
+
+from service.records.record import Moment, Number, record, shown
+
+
+@record
+class Range:
+    """A mean and the interval that holds 95 % of the futures."""
+
+    mean: Number
+    lower: Number
+    upper: Number
+
+
+@record
+class Preheat:
+    """When to raise the set-point so that the zone is warm in time."""
+
+    issue_time: Moment = shown("time of the newest forecast, from which all futures start")
+    trust: str = shown("trust in forecasts so far ahead: learning, trusted or doubtful")
+    target: Number = shown("degC")
+    by: Moment = shown("when the zone shall be warm")
+    tolerance: Number = shown("K below the target at which it counts as reached")
+    probability: Number = shown("what was asked for, 0 to 1")
+    start: Moment | None = shown("latest time to raise the set-point; null: not even now is early enough")
+    minutes: Number = shown("from start to by, min; null without start")
+    reached: Number = shown("probability of being warm in time with this start, or, without one, when starting now")
+    temperature: Range = shown("at `by`, degC")
+    energy: Range = shown("from issue_time to `by`, kWh")
+    setpoint_before: Number = shown("set-point until the start, degC")
+
+
+@record
+class Hour:
+    """The energy of one hour, or of the part of it that is asked for."""
+
+    begin: Moment
+    energy: Range = shown("kWh")
+
+
+@record
+class Demand:
+    """The energy that a zone's thermostat will call for."""
+
+    issue_time: Moment = shown("time of the newest forecast, from which all futures start")
+    trust: str = shown("trust in forecasts so far ahead: learning, trusted or doubtful")
+    horizon_s: Number
+    planned: bool = shown("whether set-points were planned; otherwise they are foreseen, as several futures")
+    total: Range = shown("kWh over the horizon")
+    hours: list[Hour] = shown("whole hours of UTC; the first and the last may be a part of one")
+
+
+@record
+class ZoneTotal:
+    """A zone's share of the site's demand."""
+
+    zone: str
+    total: Range | None = shown("kWh over the horizon; null where there is none, and `reason` says why")
+    reason: str = ""
+
+
+@record
+class SiteDemand:
+    """The energy that the thermostats of several zones will call for; errors of zones are taken to be independent."""
+
+    horizon_s: Number
+    total: Range = shown("kWh over the horizon, of the zones that have a total")
+    zones: list[ZoneTotal]
+
+
+@record
+class PlanOutcome:
+    """What a plan of set-points comes to, or how much more that is than under the first plan, future by future."""
+
+    name: str
+    energy: Range = shown("kWh over the horizon")
+    cost: Range | None = shown("in the currency of the price; null without a price")
+    hours_below: Range = shown("h in which the zone is colder than the set-points of the first plan by more than 0.5 K")
+
+
+@record
+class Comparison:
+    """Plans of set-points against the first of them."""
+
+    issue_time: Moment = shown("time of the newest forecast, from which all futures start")
+    trust: str = shown("trust in forecasts so far ahead: learning, trusted or doubtful")
+    horizon_s: Number
+    plans: list[PlanOutcome]
+    differences: list[PlanOutcome] = shown("of every other plan; the interval is of the difference itself")

@@ -1,0 +1,227 @@
+"""The engine behind every forecast over several steps: one zone under one plan, from the state that its worker has.
+
+A question is answered whole from one state, so that a sample that comes meanwhile changes nothing in the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from adapters.reading import Quality
+from estimator.arrays import Array
+from estimator.bank.bank import answering_plan
+from estimator.statespace.matrices import of_draws
+from estimator.statespace.simulate import Room, Simulation, sampled_paths
+from estimator.thermostat.live import Fan as LiveFan
+from estimator.types import Mixtures
+from estimator.verification.one_step import one_step
+from estimator.verification.summaries import Summary, summary
+from service.errors import ServiceError
+from service.forecast.learned import model_draws
+from service.forecast.plan import Grid, Inputs, column
+from service.forecast.request import Detail
+from service.forecast.setpoints import law_room, obedient, with_law
+from service.records.fan import Fan, FanColumns
+from service.records.outlook import InputOrigin, Outlook, Weather
+from service.records.update import Update
+from service.zone.worker import Standing, ZoneWorker
+
+GIVEN_UP = "the forecast was given up because the daemon is stopping, or nobody waits for it"
+
+ROOM_DRAWS = 32
+"""Draws whose mean stands for a room that is simulated with its neighbours."""
+
+_AT_ONCE = 100
+"""Steps between two looks at whether anybody still waits for the forecast."""
+
+
+class Neighbour(NamedTuple):
+    """What a neighbour is forecast to do: the values (h,) of an input over the periods from UTC s `start` on."""
+
+    start: float
+    values: Array
+    origin: InputOrigin
+
+
+class FanQuestion(NamedTuple):
+    """Asks a zone for its forecast over `steps` steps. See `service.records.view.Question`."""
+
+    steps: int
+    planned: Inputs
+    """By channel; what is not planned is foreseen."""
+    levels: tuple[float, ...]
+    scenarios: int
+    detail: Detail
+    neighbours: Mapping[str, Neighbour] = {}
+    """By channel."""
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Fan | None:
+        """The forecast; None where there is none now. ServiceError once `given_up`, NoModel for scenarios of an
+        estimator without physics."""
+        standing = worker.unstalled
+        if standing is None:
+            return None
+        outlook = _inputs(worker, standing, weather, self)
+        rows = _driving(worker, standing, outlook)
+        lawful = with_law(worker, standing, rows, self.planned, _grid(worker, standing, self))
+        futures = _futures(worker, standing, rows, self) if lawful is None else lawful.outputs
+        found = _summaries(worker, standing, futures, self, given_up)
+        paths, origins = _paths(worker, standing, rows, self.scenarios, lawful), outlook.origins
+        if lawful is not None:
+            obeys = obedient(worker.network, standing, self.planned)
+            origins = tuple(_by_thermostat(one) if one.channel in obeys else one for one in origins)
+        return Fan(standing.update, self.levels, _columns(worker, found, len(self.levels)), paths, origins)
+
+
+class Part(NamedTuple):
+    """A zone that is simulated with its neighbours: its inputs as far as they are known without them, and its room."""
+
+    update: Update
+    outlook: Outlook
+    room: Room
+
+
+class PartQuestion(NamedTuple):
+    """Asks a zone for what its neighbours have to know; `fan` is what it is asked afterwards."""
+
+    fan: FanQuestion
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Part | None:
+        """The part; None where there is no forecast now."""
+        standing = worker.unstalled
+        if standing is None:
+            return None
+        outlook = _inputs(worker, standing, weather, self.fan)
+        draws = worker.estimator.draws(standing.state, ROOM_DRAWS)
+        if draws is not None:
+            driving, grid = partial(_row, worker, standing), _grid(worker, standing, self.fan)
+            lawful = law_room(worker, standing, draws, self.fan.planned, grid, driving)
+            return Part(standing.update, outlook, lawful or Simulation(of_draws(draws, worker.period, 1), driving))
+        futures = _futures(worker, standing, _driving(worker, standing, outlook), self.fan)
+        path = np.einsum("ln,lyn->ly", futures.weights, futures.means) / futures.weights.sum(axis=1, keepdims=True)
+        return Part(standing.update, outlook, FixedRoom(path))
+
+
+class FixedRoom:
+    """A room without physics: its forecast as it is, whatever its neighbours do."""
+
+    def __init__(self, path: Array) -> None:
+        """`path` (h + 1, n_y): means of its outputs."""
+        self._path, self._step = path, 0
+
+    def outputs(self) -> Array:
+        """(n_y,) [degC] now."""
+        row: Array = self._path[min(self._step, len(self._path) - 1)]
+        return row
+
+    def step(self, inputs: Array) -> None:
+        """One step on."""
+        self._step += 1
+
+    def anew(self) -> FixedRoom:
+        """The same at its beginning."""
+        return FixedRoom(self._path)
+
+
+def _inputs(worker: ZoneWorker, standing: Standing, weather: Weather, asked: FanQuestion) -> Outlook:
+    """The inputs of the steps: as planned, otherwise those of the neighbours, otherwise as foreseen."""
+    forecast, network = standing.update.forecast, worker.network
+    foreseen = worker.foresight.outlook(forecast, standing.day, asked.steps, weather)
+    rows, origins = foreseen.rows.copy(), list(foreseen.origins)
+    grid = _grid(worker, standing, asked)
+    for place, channel in enumerate(network.inputs):
+        if channel in asked.planned:
+            values = column(asked.planned[channel], grid)
+            known = ~np.isnan(values)
+            rows[known, place] = values[known]
+            quality = Quality.GOOD if known.all() else Quality.UNCERTAIN
+            origins[place] = InputOrigin(channel, "plan", "", float("nan"), quality)
+        elif channel in asked.neighbours:
+            start, values, origin = asked.neighbours[channel]
+            # A sample may have come since the rooms were simulated together, or this room is behind the others.
+            index = np.arange(asked.steps) + round((grid.start - start) / grid.period)
+            known = index >= 0
+            if known.any():
+                rows[known, place] = values[np.minimum(index[known], len(values) - 1)]
+                origins[place] = origin
+    return Outlook(rows, tuple(origins))
+
+
+def _grid(worker: ZoneWorker, standing: Standing, asked: FanQuestion) -> Grid:
+    return Grid(standing.update.forecast.valid_time, worker.period, asked.steps)
+
+
+def _by_thermostat(one: InputOrigin) -> InputOrigin:
+    return replace(one, origin="thermostat", age=float("nan"), quality=Quality.GOOD)
+
+
+def _driving(worker: ZoneWorker, standing: Standing, outlook: Outlook) -> Array:
+    """What drives the estimator under the inputs of `outlook`."""
+    ahead = np.arange(len(outlook.rows), dtype=np.float64)
+    return worker.loop.driving(standing.update.forecast.valid_time + worker.period * ahead, outlook.rows)
+
+
+def _row(worker: ZoneWorker, standing: Standing, step: int, inputs: Array) -> Array:
+    """The same at one step from the valid time on, under inputs (n_u,)."""
+    time = float(standing.update.forecast.valid_time + step * worker.period)
+    row: Array = worker.loop.driving(np.array([time]), inputs[None])[0]
+    return row
+
+
+def _futures(worker: ZoneWorker, standing: Standing, rows: Array, asked: FanQuestion) -> Mixtures:
+    """What the zone will do under `rows` (h, n_u): the only place that asks an estimator for futures."""
+    estimator, network, state = worker.estimator, worker.network, standing.state
+    if any(channel in asked.planned and network.channel_unit(channel) == "W" for channel in network.heat_channels):
+        state = answering_plan(estimator, state)
+    return estimator.unfold(estimator.issue(state, min(asked.detail.draws, estimator.forecast_draws)), rows)
+
+
+def _summaries(
+    worker: ZoneWorker, standing: Standing, futures: Mixtures, asked: FanQuestion, given_up: Callable[[], bool]
+) -> Summary:
+    """Moments, and the median and bounds of every output at every step."""
+    estimator, levels = worker.estimator, asked.levels
+    tails = np.array([0.5, *(0.5 - level / 2 for level in levels), *(0.5 + level / 2 for level in levels)])
+    # The first step is the published forecast, to the last digit.
+    now = one_step(estimator, estimator.predictive(standing.state), levels)
+    quantiles = np.hstack([now.median[:, None], now.lower, now.upper])
+    found = [Summary(now.mean[None], now.sd[None], quantiles[None])]
+    for first in range(1, len(futures.means), _AT_ONCE):
+        if given_up():
+            raise ServiceError(GIVEN_UP)
+        found.append(summary(futures.during(slice(first, first + _AT_ONCE)), tails, asked.detail.exact))
+    return Summary(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _columns(worker: ZoneWorker, found: Summary, count: int) -> tuple[FanColumns, ...]:
+    return tuple(
+        FanColumns(
+            name,
+            found.means[:, place],
+            found.quantiles[:, place, 0],
+            found.sds[:, place],
+            found.quantiles[:, place, 1 : 1 + count].T,
+            found.quantiles[:, place, 1 + count :].T,
+        )
+        for place, name in enumerate(worker.network.measured)
+    )
+
+
+def _paths(worker: ZoneWorker, standing: Standing, rows: Array, count: int, lawful: LiveFan | None) -> Array:
+    """(count, h + 1, n_y): sampled futures under `rows` (h, n_u), or of the forecast with the law."""
+    if count == 0:
+        return np.empty((0, len(rows) + 1, len(worker.network.measured)))
+    if lawful is not None:
+        return lawful.paths(count)
+    own = getattr(worker.estimator, "scenarios", None)
+    if own is not None:
+        paths: Array = own(standing.state, rows, count)
+        return paths
+    draws = model_draws(worker, standing, count)
+    origin = standing.update.time // worker.period
+    return sampled_paths(draws, worker.period, rows, worker.settings.seed, origin)

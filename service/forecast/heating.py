@@ -1,0 +1,247 @@
+"""Questions about a zone's heating: when to start it, what it will take, what another plan of set-points changes.
+
+Each is answered from one state, by the futures that run the thermostat (`estimator.thermostat.live`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.thermostat import answers
+from estimator.thermostat.answers import Amounts
+from estimator.thermostat.live import Fan
+from estimator.types import Mixtures
+from estimator.verification.summaries import summary
+from service.errors import NoLaw, ServiceError
+from service.forecast.answers import Comparison, Demand, Hour, PlanOutcome, Preheat, Range
+from service.forecast.engine import GIVEN_UP
+from service.forecast.plan import Grid, Inputs, Values, column
+from service.forecast.setpoints import why_no_law, with_law
+from service.records.outlook import SET_POINTS, Weather
+from service.records.trust import LEARNING
+from service.zone.worker import Standing, ZoneWorker
+
+COLD = 0.5
+"""K below a set-point from which on a room counts as too cold."""
+
+_LEVELS = np.array([0.025, 0.975])
+_HOUR = 3600.0
+_PAIRED = 4000
+"""Sums of zones that are drawn for the interval of their total."""
+
+
+class PreheatQuestion(NamedTuple):
+    """Asks when to raise the set-point to `target` [degC], for the room to be no more than `tolerance` [K] below it
+    `by` UTC s with a probability."""
+
+    target: float
+    by: float
+    probability: float
+    tolerance: float
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Preheat | None:
+        """The answer; None where there is no forecast now. NoLaw for a zone whose heat obeys no set-point."""
+        standing = worker.unstalled
+        if standing is None:
+            return None
+        start, period = float(standing.update.forecast.valid_time), worker.period
+        steps = max(1, int(np.ceil((self.by - start) / period)))
+        futures = _Futures(worker, standing, weather, steps, given_up)
+        before = futures.setpoint
+        fans: dict[int, Fan] = {}
+
+        def reached(step: int) -> float:
+            setpoints = np.full(steps, before)
+            setpoints[step:] = max(self.target, before)
+            fans[step] = futures.under(setpoints)
+            return answers.probability_above(fans[step].outputs.at(steps), self.target - self.tolerance)
+
+        found = answers.latest(reached, steps - 1, self.probability)
+        fan = fans[0 if found is None else found]
+        last = fan.outputs.at(steps)
+        lower, upper = summary(Mixtures.of_one(last), _LEVELS, exact=True).quantiles[0, 0].tolist()
+        begin = None if found is None else start + found * period
+        spans = np.zeros(steps, dtype=np.int64)
+        return Preheat(
+            issue_time=standing.update.forecast.issue_time,
+            trust=_trust(worker, futures.grid),
+            target=self.target,
+            by=self.by,
+            tolerance=self.tolerance,
+            probability=self.probability,
+            start=begin,
+            minutes=float("nan") if begin is None else (self.by - begin) / 60.0,
+            reached=answers.probability_above(last, self.target - self.tolerance),
+            temperature=Range(float(last.mean()[0]), lower, upper),
+            energy=_range(answers.energy(fan.heat, fan.weights, period, spans)),
+            setpoint_before=before,
+        )
+
+
+class Called(NamedTuple):
+    """What a zone's thermostat will call for: the answer, and the sum of each future behind it."""
+
+    demand: Demand
+    total: Amounts
+
+
+class DemandQuestion(NamedTuple):
+    """Asks for the energy of `steps` steps, under planned set-points [degC] or (None) those that are foreseen."""
+
+    steps: int
+    setpoints: Values | None
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Called | None:
+        """As `PreheatQuestion`; PlanError for set-points that do not fit the steps."""
+        standing = worker.unstalled
+        if standing is None:
+            return None
+        start, period = float(standing.update.forecast.valid_time), worker.period
+        futures = _Futures(worker, standing, weather, self.steps, given_up)
+        fan = futures.foreseen() if self.setpoints is None else futures.under(futures.planned(self.setpoints))
+        hours = ((start + period * np.arange(self.steps)) // _HOUR).astype(np.int64)
+        amounts = answers.energy(fan.heat, fan.weights, period, hours - hours[0])
+        total = answers.total(amounts)
+        means, quantiles = amounts.mean(), amounts.quantiles(_LEVELS)
+        demand = Demand(
+            issue_time=standing.update.forecast.issue_time,
+            trust=_trust(worker, futures.grid),
+            horizon_s=float(self.steps * period),
+            planned=self.setpoints is not None,
+            total=_range(total),
+            hours=[
+                Hour(max(start, (hours[0] + place) * _HOUR), Range(float(mean), *bounds))
+                for place, (mean, bounds) in enumerate(zip(means, quantiles.tolist(), strict=True))
+            ],
+        )
+        return Called(demand, total)
+
+
+class Course(NamedTuple):
+    """A plan of set-points [degC] that is compared with others."""
+
+    name: str
+    setpoints: Values
+
+
+class CompareQuestion(NamedTuple):
+    """Asks what plans of set-points over `steps` steps come to, and differ from the first of them; `price` is that of a
+    kWh."""
+
+    steps: int
+    courses: Sequence[Course]
+    price: Values | None = None
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Comparison | None:
+        """As `DemandQuestion`."""
+        standing = worker.unstalled
+        if standing is None:
+            return None
+        futures = _Futures(worker, standing, weather, self.steps, given_up)
+        planned = [futures.planned(course.setpoints) for course in self.courses]
+        price = None if self.price is None else column(self.price, futures.grid)
+        found = [_Outcome.of(futures.under(setpoints), planned[0], worker.period, price) for setpoints in planned]
+        named = list(zip(self.courses, found, strict=True))
+        return Comparison(
+            issue_time=standing.update.forecast.issue_time,
+            trust=_trust(worker, futures.grid),
+            horizon_s=float(self.steps * worker.period),
+            plans=[PlanOutcome(course.name, *one.ranges()) for course, one in named],
+            differences=[PlanOutcome(course.name, *one.less(found[0]).ranges()) for course, one in named[1:]],
+        )
+
+
+class _Outcome(NamedTuple):
+    """What one plan comes to, future by future."""
+
+    energy: Amounts
+    cost: Amounts | None
+    hours_below: Amounts
+
+    @classmethod
+    def of(cls, fan: Fan, setpoints: Array, period: float, price: Array | None) -> _Outcome:
+        spans = np.zeros(len(setpoints), dtype=np.int64)
+        return cls(
+            answers.energy(fan.heat, fan.weights, period, spans),
+            None if price is None else answers.energy(fan.heat, fan.weights, period, spans, price),
+            # The means of the mixtures after the first are the temperatures of the futures.
+            answers.below(fan.outputs.means[1:, 0].T, setpoints, fan.outputs.weights[1:], period, COLD),
+        )
+
+    def less(self, other: _Outcome) -> _Outcome:
+        """The difference to `other`, of the same futures under another plan."""
+        cost = None
+        if self.cost is not None and other.cost is not None:
+            cost = answers.difference(self.cost, other.cost)
+        return _Outcome(
+            answers.difference(self.energy, other.energy), cost, answers.difference(self.hours_below, other.hours_below)
+        )
+
+    def ranges(self) -> tuple[Range, Range | None, Range]:
+        """Energy, cost and hours."""
+        return _range(self.energy), None if self.cost is None else _range(self.cost), _range(self.hours_below)
+
+
+class _Futures:
+    """The futures of one zone from one state on."""
+
+    def __init__(
+        self, worker: ZoneWorker, standing: Standing, weather: Weather, steps: int, given_up: Callable[[], bool]
+    ) -> None:
+        thermostat = standing.carried.thermostat
+        if thermostat is None or not worker.loop.live.obeyed(thermostat):
+            raise NoLaw(why_no_law(worker.network, standing))
+        forecast = standing.update.forecast
+        self.setpoint = float(thermostat.setpoint)
+        """The set-point now [degC]."""
+        self.grid = Grid(forecast.valid_time, worker.period, steps)
+        times = forecast.valid_time + worker.period * np.arange(steps, dtype=np.float64)
+        inputs = worker.foresight.outlook(forecast, standing.day, steps, weather).rows
+        self._rows = worker.loop.driving(times, inputs)
+        self._worker, self._standing, self._given_up = worker, standing, given_up
+
+    def planned(self, setpoints: Values) -> Array:
+        """(h,): set-points [degC]; the present one where none is planned yet."""
+        found = column(setpoints, self.grid)
+        return np.where(np.isnan(found), self.setpoint, found)
+
+    def under(self, setpoints: Array) -> Fan:
+        """The futures under `setpoints` (h,) [degC]."""
+        return self._told({SET_POINTS: setpoints})
+
+    def foreseen(self) -> Fan:
+        """The futures under the set-points that are foreseen."""
+        return self._told({})
+
+    def _told(self, planned: Inputs) -> Fan:
+        if self._given_up():
+            raise ServiceError(GIVEN_UP)
+        fan = with_law(self._worker, self._standing, self._rows, planned, self.grid)
+        assert fan is not None, "a law is known"
+        return fan
+
+
+def _trust(worker: ZoneWorker, grid: Grid) -> str:
+    """How far forecasts over the whole grid are trusted."""
+    horizon = worker.trust.at(grid.steps * grid.period)
+    return LEARNING if horizon is None else horizon.level
+
+
+def _range(amounts: Amounts) -> Range:
+    """Of one span."""
+    lower, upper = amounts.quantiles(_LEVELS)[0].tolist()
+    return Range(float(amounts.mean()[0]), lower, upper)
+
+
+def together(totals: Sequence[Amounts]) -> Range:
+    """The sum of what zones call for, whose errors are taken to be independent."""
+    if not totals:
+        return Range(0.0, 0.0, 0.0)
+    draws = np.random.default_rng(0)
+    sums = sum(draws.choice(one.values[:, 0], _PAIRED, p=one.weights[:, 0]) for one in totals)
+    lower, upper = np.quantile(sums, _LEVELS).tolist()
+    return Range(float(sum(one.mean()[0] for one in totals)), lower, upper)

@@ -1,0 +1,88 @@
+"""Questions about what a zone has learned: its model, its parameters, and what its forecasts were worth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.statespace.matrices import of_draws, of_point
+from estimator.statespace.simulate import gain_forecast
+from estimator.types import ModelDraws, ParameterSummary
+from service.errors import NoModel
+from service.records.model import ZoneModel
+from service.records.outlook import Weather
+from service.records.skill import Skill
+from service.zone.worker import Standing, ZoneWorker
+
+_DAY = 86400
+
+
+class ModelQuestion(NamedTuple):
+    """Asks for state-space matrices at a step of `periods` periods: at the posterior mean, and of at most `most`
+    draws."""
+
+    periods: int
+    most: int
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> ZoneModel | None:
+        """The model; None where there is no forecast now. NoModel for an estimator without physics."""
+        standing = worker.unstalled
+        if standing is None:
+            return None
+        drawn, step = model_draws(worker, standing, self.most), worker.period * self.periods
+        draws, mean = (of(drawn, worker.period, self.periods) for of in (of_draws, of_point))
+        measured = len(worker.network.inputs)
+        return ZoneModel(
+            update=standing.update,
+            step=step,
+            member=drawn.member,
+            share=drawn.share,
+            fan_is="mean" if drawn.point_is_fan else "draws",
+            mean=mean._replace(b=mean.b[:, :, :measured]),
+            draws=draws._replace(b=draws.b[:, :, :measured]),
+            covariance=drawn.covariance,
+            known_heat=_known_heat(worker, standing, weather, mean.b[0, :, measured:], self.periods),
+            gain=gain_forecast(draws, _DAY // step),
+        )
+
+
+class ParametersQuestion(NamedTuple):
+    """Asks for posterior quantiles of the parameters."""
+
+    levels: tuple[float, ...]
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> ParameterSummary | None:
+        """The quantiles; None before the first sample."""
+        return worker.parameters(self.levels)
+
+
+class SkillQuestion(NamedTuple):
+    """Asks what the zone's forecasts have been worth."""
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Skill | None:
+        """The scores; None before the first sample."""
+        return worker.skill()
+
+
+def _known_heat(worker: ZoneWorker, standing: Standing, weather: Weather, response: Array, periods: int) -> Array:
+    """(h, n_x + G): what known heat adds over each step of `periods` periods of a day, by the `response` (n_x + G, m)
+    to the mean of the known part of each term; h is 0 without terms."""
+    steps = _DAY // (worker.period * periods)
+    if not response.shape[1]:
+        return np.empty((0, len(response)))
+    forecast = standing.update.forecast
+    rows = worker.foresight.outlook(forecast, standing.day, steps * periods, weather).rows
+    times = forecast.valid_time + worker.period * np.arange(len(rows), dtype=np.float64)
+    known = worker.loop.driving(times, rows)[:, rows.shape[1] :].reshape(steps, periods, -1).mean(axis=1)
+    return np.asarray(known @ response.T, dtype=np.float64)
+
+
+def model_draws(worker: ZoneWorker, standing: Standing, count: int) -> ModelDraws:
+    """At most `count` linear models; NoModel for an estimator without physics."""
+    draws = worker.estimator.draws(standing.state, count)
+    if draws is None:
+        raise NoModel("it knows no physics, so it has no state-space model and no scenarios; its forecasts it has")
+    return draws

@@ -1,0 +1,94 @@
+"""Folders that another account can change: whom to trust, and root at work where links may lie that lead anywhere."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sqlite3
+import stat
+from collections.abc import Collection, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def as_owner_of(folder: Path) -> Iterator[Path]:
+    """Act with the rights of the account that owns `folder`, if this is root: no link in it then leads to what that
+    account may not reach itself, and what is made belongs to it. For anybody else nothing changes.
+
+    Gives the path by which to reach the folder meanwhile, since the account may not pass the folders above it.
+    """
+    owner = folder.stat()
+    if os.geteuid() != 0 or owner.st_uid == 0:
+        yield folder
+        return
+    here = os.open(".", os.O_RDONLY | os.O_DIRECTORY)
+    group, groups = os.getegid(), os.getgroups()
+    try:
+        os.chdir(folder)
+        os.setgroups([])
+        os.setegid(owner.st_gid)
+        os.seteuid(owner.st_uid)
+        yield Path()
+    finally:
+        os.seteuid(0)
+        os.setegid(group)
+        os.setgroups(groups)
+        os.fchdir(here)
+        os.close(here)
+
+
+def others_can_change(folder: os.stat_result, trusted: Collection[int]) -> bool:
+    """Whether an account beside the `trusted` ones (user ids) can put files into `folder`, or others in their place.
+
+    The groups of this process are trusted, and a folder such as /tmp, where each account replaces its own files alone.
+    """
+    own_group = folder.st_gid in (os.getegid(), *os.getgroups())
+    writable = folder.st_mode & (stat.S_IWOTH if own_group else stat.S_IWGRP | stat.S_IWOTH)
+    return bool(writable and not folder.st_mode & stat.S_ISVTX) or folder.st_uid not in trusted
+
+
+def open_plain(path: Path, flags: int = os.O_RDONLY, mode: int = 0o600) -> int:
+    """A descriptor of the plain file at `path`; OSError for a link, and at once for a pipe or a device."""
+    try:
+        descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, mode)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO):
+            raise _no_plain_file(path) from None
+        raise
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise _no_plain_file(path)
+    return descriptor
+
+
+@contextmanager
+def database(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
+    """A connection to the SQLite file at `path`, opened in `mode` ("ro" or "rw"); OSError for a link.
+
+    SQLite follows links, and there may be one by the time that it opens the file. So what it has opened is compared.
+    """
+    expected = path.lstat()
+    if not stat.S_ISREG(expected.st_mode):
+        raise _no_plain_file(path)
+    before = _open_files()
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode={mode}", uri=True)) as connection:
+        after = _open_files()
+        if (expected.st_dev, expected.st_ino) not in [after[number] for number in after.keys() - before.keys()]:
+            raise _no_plain_file(path)
+        yield connection
+
+
+def _no_plain_file(path: Path) -> OSError:
+    return OSError(errno.EINVAL, f"{path.name} is a link or another kind of file; look who has put it there")
+
+
+def _open_files() -> dict[str, tuple[int, int]]:
+    """What the descriptors of this process lead to, as device and inode."""
+    found = {}
+    for number in os.listdir("/proc/self/fd"):
+        # The descriptor of this listing is closed by now.
+        with suppress(OSError):
+            status = os.stat(f"/proc/self/fd/{number}")
+            found[number] = status.st_dev, status.st_ino
+    return found

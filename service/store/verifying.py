@@ -1,0 +1,93 @@
+"""Everything that is stored looked through: whether journal, checkpoints and backups are whole."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from service.errors import CheckpointError, JournalError, ServiceError
+from service.fields.values import IDENTIFIER
+from service.store.backup import unpacked_backup
+from service.store.checkpoint import DAMAGE, CheckpointStore, decode
+from service.store.journal import Journal
+from service.store.journal_file import schema_problem, translated
+from service.store.ownership import database
+from service.store.store import CHECKPOINTS, JOURNAL
+
+_PAGE = 1000
+
+
+class Verified(NamedTuple):
+    """What was looked through, and what is wrong with it, a sentence each."""
+
+    zones: int
+    samples: int
+    rows: int
+    """Of the history."""
+    checkpoints: int
+    problems: tuple[str, ...]
+
+
+def verify(path: Path) -> Verified:
+    """Look through the state folder or the backup at `path`; nothing in it is changed, and a daemon may run meanwhile.
+
+    Raises ServiceError where there is neither, or a backup is not whole.
+    """
+    if path.is_dir():
+        return _verify_state(path)
+    with tempfile.TemporaryDirectory(prefix=".thermogate-", dir=path.parent) as work:
+        unpacked_backup(path, Path(work) / "state")
+        return _verify_state(Path(work) / "state")
+
+
+def _verify_state(folder: Path) -> Verified:
+    path = folder / JOURNAL
+    if not path.exists():
+        raise ServiceError(f"there is no state in {folder}; name the folder that site.state_dir names, or a backup")
+    problems: list[str] = []
+    samples = rows = 0
+    with translated(path), database(path, "ro") as connection:
+        problems += [f"the journal {path}: {row[0]}" for row in connection.execute("PRAGMA quick_check(5)")]
+        problems = [problem for problem in problems if not problem.endswith(": ok")]
+        if (strange := schema_problem(connection)) is not None:
+            problems.append(f"the journal {path} {strange}")
+        journal = Journal.over(connection, path)
+        # What was set aside is no longer a chain.
+        zones = [zone for (zone,) in journal.read("SELECT zone FROM zones ORDER BY zone") if "@" not in zone]
+        for zone in zones:
+            try:
+                samples += sum(1 for _ in journal.samples_after(zone, None))
+            except JournalError as error:
+                problems.append(str(error))
+            there = journal.read("SELECT count(*) FROM history WHERE zone = ?", zone)[0][0]
+            sound = _sound_rows(journal, zone)
+            rows += sound
+            if sound < there:
+                problems.append(f"the journal {path}: {there - sound} rows of the history of zone '{zone}' are damaged")
+    checkpoints = 0
+    store = CheckpointStore(folder / CHECKPOINTS)
+    names = sorted(one.name for one in store.path.iterdir()) if store.path.is_dir() else []
+    for zone in filter(re.compile(IDENTIFIER).fullmatch, names):
+        for file in store.files(zone):
+            checkpoints += 1
+            try:
+                if decode(file.read_bytes(), file).zone not in ("", zone):
+                    problems.append(f"the checkpoint {file} is of another zone")
+            except FileNotFoundError:
+                checkpoints -= 1  # the daemon has removed it, for it has written a newer one
+            except (*DAMAGE, CheckpointError) as error:
+                problems.append(f"the checkpoint {file} is damaged: {error}")
+    return Verified(len(zones), samples, rows, checkpoints, tuple(problems))
+
+
+def _sound_rows(journal: Journal, zone: str) -> int:
+    """How many rows of the history of `zone` have their right checksum."""
+    count, end = 0, None
+    while times := journal.read(
+        "SELECT time FROM history WHERE zone = ? AND time < ? ORDER BY time DESC LIMIT ?", zone, end or 2**62, _PAGE
+    ):
+        count += len(journal.history(zone, times[-1][0], end, _PAGE))
+        end = times[-1][0]
+    return count

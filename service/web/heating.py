@@ -1,0 +1,261 @@
+"""Questions about heating: GET /zones/{zone}/preheat, and POST .../demand, .../what-if and /demand."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from datetime import UTC, datetime, time, timedelta, tzinfo
+from http import HTTPStatus
+from typing import Annotated
+from zoneinfo import ZoneInfo
+
+from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.errors import Away, NoLaw, PlanError
+from service.fields.durations import format_duration
+from service.fields.times import ZoneMissing, parse_time, utc, written_time
+from service.forecast.answers import Comparison, Demand, Preheat, SiteDemand, ZoneTotal
+from service.forecast.heating import (
+    Called,
+    CompareQuestion,
+    Course,
+    DemandQuestion,
+    PreheatQuestion,
+    together,
+)
+from service.forecast.plan import Plan
+from service.forecast.request import MAX_STEPS, ForecastRequest, bound, steps_of
+from service.records.record import document, document_of
+from service.records.trust import UNTRUSTED
+from service.records.view import Answer, Question, ZoneView
+from service.web.access import Asking, find_zone
+from service.web.models import Finite, Horizon
+from service.web.models import Query as Parameters
+from service.web.planned import PlannedInput, values_of
+from service.web.problems import documented, invalid
+from service.web.server.refusal import RequestRefused
+from service.web.zones import no_forecast
+
+_LOWEST, _HIGHEST = 5.0, 35.0
+"""degC between which a set-point of a room lies."""
+
+_AT_ONCE = 4
+"""Zones of a site's demand that are asked at once."""
+
+SetPoint = Annotated[Finite, Field(ge=_LOWEST, le=_HIGHEST)]
+
+
+class PreheatQuery(Parameters):
+    """Query of GET /zones/{zone}/preheat."""
+
+    target: SetPoint = Field(description="temperature to reach, degC")
+    by: str = Field(
+        max_length=40,
+        description="when: the next time of day in the site's time zone, such as 06:30, or RFC 3339 with zone",
+        examples=["06:30"],
+    )
+    probability: float = Field(default=0.9, gt=0.0, lt=1.0, description="of being warm in time")
+    tolerance: float = Field(
+        default=0.5,
+        ge=0.1,
+        le=3.0,
+        description="K below the target at which the zone counts as warm: most thermostats stop short of it",
+    )
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class DemandBody(_Body):
+    """Body of POST /zones/{zone}/demand."""
+
+    horizon: Horizon = Field(description="from valid_time on; a whole number of periods")
+    T_set: PlannedInput | None = Field(
+        default=None, description="planned set-points, degC, as inputs are planned; by default they are foreseen"
+    )
+
+
+class SiteDemandBody(DemandBody):
+    """Body of POST /demand."""
+
+    zones: list[str] = Field(default_factory=list, max_length=2000, description="default: all")
+
+
+class CourseBody(_Body):
+    """A plan of set-points."""
+
+    name: str = Field(max_length=64)
+    T_set: PlannedInput = Field(description="degC, as inputs are planned")
+
+
+class WhatIfBody(_Body):
+    """Body of POST /zones/{zone}/what-if."""
+
+    horizon: Horizon = Field(description="from valid_time on; a whole number of periods")
+    plans: list[CourseBody] = Field(
+        min_length=2, max_length=20, description="each other one is compared with the first"
+    )
+    price: PlannedInput | None = Field(default=None, description="of a kWh, in any currency, as inputs are planned")
+
+
+def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView]) -> APIRouter:
+    """Routes over `zones`, whichever there are when a request comes; times of day are in the `time_zone` (IANA) of the
+    site, or in UTC."""
+    router = APIRouter(tags=["heating"])
+    local: tzinfo = UTC if time_zone is None else ZoneInfo(time_zone)
+
+    @router.get(
+        "/zones/{zone}/preheat",
+        response_model=document_of(Preheat),
+        responses=documented(404, 409, 422, 500, 503),
+        summary="The latest time to raise the set-point for the zone to be warm in time",
+    )
+    async def preheat(zone: str, caller: Asking, query: Annotated[PreheatQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
+        start = _start(view)
+        by = _moment(query.by, start, local)
+        steps = (by - start) / view.period
+        if steps <= 0.0:
+            raise invalid(
+                [f"query parameter 'by' is {written_time(by)}, which is over; give a time after {written_time(start)}"]
+            )
+        if steps > MAX_STEPS:
+            longest = format_duration(MAX_STEPS * view.period)
+            raise invalid([f"query parameter 'by' lies more than {longest} ahead, which is as far as is forecast"])
+        question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
+        return _json(await _answer(view, by - start, question), site, zone)
+
+    @router.post(
+        "/zones/{zone}/demand",
+        response_model=document_of(Demand),
+        responses=documented(400, 404, 409, 422, 500, 503),
+        summary="The energy that the zone's thermostat will call for, hour by hour",
+    )
+    async def demand(zone: str, caller: Asking, body: DemandBody) -> Response:
+        view = find_zone(zones, zone, caller)
+        called = await _answer(view, body.horizon, _demand(view, body))
+        return _json(called.demand, site, zone)
+
+    @router.post(
+        "/demand",
+        response_model=document_of(SiteDemand, of_a_zone=False),
+        responses=documented(400, 404, 422, 500, 503),
+        summary="The energy that the thermostats of several zones will call for, and its sum",
+    )
+    async def site_demand(caller: Asking, body: SiteDemandBody) -> Response:
+        seen = [zone for zone in zones if caller.sees(zone)]
+        asked = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones or seen)]
+        turns = asyncio.Semaphore(_AT_ONCE)
+
+        async def called(view: ZoneView) -> Called | str:
+            async with turns:
+                try:
+                    return await _answer(view, body.horizon, _demand(view, body))
+                except RequestRefused as refused:
+                    if refused.status == HTTPStatus.UNPROCESSABLE_ENTITY:
+                        raise
+                    return str(refused)
+                except Away as error:
+                    return str(error)
+
+        found = dict(zip((view.id for view in asked), await asyncio.gather(*map(called, asked)), strict=True))
+        totals = [one.total for one in found.values() if isinstance(one, Called)]
+        summed = await asyncio.to_thread(together, totals)
+        rows = [
+            ZoneTotal(zone, None, one) if isinstance(one, str) else ZoneTotal(zone, one.demand.total)
+            for zone, one in found.items()
+        ]
+        return _json(SiteDemand(body.horizon, summed, rows), site)
+
+    @router.post(
+        "/zones/{zone}/what-if",
+        response_model=document_of(Comparison),
+        responses=documented(400, 404, 409, 422, 500, 503),
+        summary="What other plans of set-points change: energy, cost, hours below the set-point",
+    )
+    async def what_if(zone: str, caller: Asking, body: WhatIfBody) -> Response:
+        view = find_zone(zones, zone, caller)
+        steps = _steps(view, body.horizon, len(body.plans))
+        courses = [
+            Course(one.name, _setpoints(one.T_set, f"plans[{place}].T_set")) for place, one in enumerate(body.plans)
+        ]
+        price = None if body.price is None else values_of(body.price)
+        return _json(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site, zone)
+
+    return router
+
+
+def _json(record: object, site: str, zone: str | None = None) -> Response:
+    return Response(document(record, site, zone), media_type="application/json")
+
+
+def _start(view: ZoneView) -> float:
+    """UTC s of the standing forecast."""
+    update = view.latest()
+    if update is None:
+        raise no_forecast(view)
+    return update.forecast.valid_time
+
+
+def _demand(view: ZoneView, body: DemandBody) -> DemandQuestion:
+    steps = _steps(view, body.horizon, 1)
+    return DemandQuestion(steps, None if body.T_set is None else _setpoints(body.T_set, "T_set"))
+
+
+def _steps(view: ZoneView, horizon: float, plans: int) -> int:
+    request = ForecastRequest([view], horizon, [], [Plan()] * plans)
+    bound(request)
+    return steps_of(request, view)
+
+
+def _setpoints(given: PlannedInput, place: str):  # type: ignore[no-untyped-def]
+    """Planned set-points; RequestRefused for those that no room has."""
+    values = values_of(given)
+    numbers = [values] if isinstance(values, int | float) else list(getattr(values, "values", values))
+    wrong = [number for number in numbers if not _LOWEST <= number <= _HIGHEST]
+    if wrong:
+        sentence = (
+            f"field '{place}' plans {wrong[0]:g} degC; set-points of rooms lie between {_LOWEST:g} and {_HIGHEST:g}"
+        )
+        raise invalid([sentence])
+    return values
+
+
+async def _answer(view: ZoneView, lead: float, question: Question[Answer | None]) -> Answer:
+    """The answer to a question over `lead` s; RequestRefused where there is none to rely on."""
+    horizon = view.trust().at(lead)
+    if horizon is not None and horizon.level == UNTRUSTED:
+        sentence = f"zone '{view.id}' is not trusted {format_duration(horizon.lead)} ahead: {horizon.reason}"
+        raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
+    try:
+        found = await view.ask(question)
+    except NoLaw as error:
+        raise RequestRefused(HTTPStatus.CONFLICT, [f"zone '{view.id}' cannot say: {error}"]) from None
+    except PlanError as error:
+        raise invalid([f"field 'T_set' {error}"]) from None
+    if found is None:
+        raise no_forecast(view)
+    return found
+
+
+def _moment(text: str, start: float, local: tzinfo) -> float:
+    """UTC s of `text`: RFC 3339, or the next such time of day after UTC s `start`."""
+    try:
+        clock = time.fromisoformat(text)
+    except ValueError:
+        clock = None
+    if clock is not None and clock.tzinfo is None:
+        now = utc(start).astimezone(local)
+        when = datetime.combine(now.date(), clock, local)
+        return (when if when > now else datetime.combine(now.date() + timedelta(days=1), clock, local)).timestamp()
+    try:
+        return parse_time(text).timestamp()
+    except ZoneMissing:
+        raise invalid(
+            ["query parameter 'by' has no time zone; end it with Z for UTC or an offset such as +02:00"]
+        ) from None
+    except ValueError:
+        sentence = "query parameter 'by' is no time; write it as 06:30, or as 2026-01-31T06:30:00+01:00"
+        raise invalid([sentence]) from None

@@ -1,0 +1,99 @@
+"""What a plan may say of an input in JSON, for one zone and for many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
+from pydantic_core.core_schema import ValidatorFunctionWrapHandler
+
+from service.forecast.plan import Inputs, Stepped, Timed, Values
+from service.forecast.request import MAX_STEPS
+from service.web.models import Finite, Horizon, Instant, Levels
+
+MAX_INPUTS = 64
+
+
+class TimedValue(BaseModel):
+    """A value that holds from a time on."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    time: Instant = Field(description="RFC 3339 with zone")
+    value: Finite
+
+
+class SteppedValues(BaseModel):
+    """One value for each step of a coarser grid than the zone's."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    step: Horizon = Field(description="a whole number of the zone's periods, counted from valid_time")
+    values: Annotated[list[Finite], Field(min_length=1, max_length=MAX_STEPS)]
+
+
+def _one_sentence(value: object, read: ValidatorFunctionWrapHandler) -> object:
+    # Every arm of the union would complain.
+    if isinstance(value, list) and len(value) > MAX_STEPS:
+        raise ValueError(f"at most {MAX_STEPS} values of an input, not {len(value)}")
+    try:
+        return read(value)
+    except ValidationError as error:
+        # A mistake inside a value is worth more than that none of the forms fits.
+        told = next((one["msg"] for one in error.errors() if one["type"] == "value_error"), None)
+        forms = (
+            "give a finite number, one number per period, a list of {time, value}, or {step, values}, in the network's "
+            "unit"
+        )
+        raise ValueError(forms if told is None else f"{told.removeprefix('Value error, ')}; {forms}") from None
+
+
+PlannedInput = Annotated[
+    Finite
+    | Annotated[list[Finite], Field(max_length=MAX_STEPS)]
+    | Annotated[list[TimedValue], Field(min_length=1, max_length=MAX_STEPS)]
+    | SteppedValues,
+    WrapValidator(_one_sentence),
+]
+
+
+class ForecastRequest(BaseModel):
+    """Body of POST /zones/{zone}/forecast: a forecast under planned inputs."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        strict=True,
+        json_schema_extra={
+            "examples": [{"horizon": "1h", "levels": [0.5, 0.95], "inputs": {"u_heat": 2000.0, "T_out": 5.5}}]
+        },
+    )
+
+    horizon: Horizon = Field(description="how far beyond valid_time to forecast; a whole number of periods")
+    levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")
+    inputs: dict[str, PlannedInput] = Field(
+        default_factory=dict,
+        max_length=MAX_INPUTS,
+        description=(
+            "planned values per input channel, in the network's unit: one number for the whole horizon, one per step, "
+            "of which the first holds from valid_time to valid_time + period_s, {step, values} on a coarser grid, or "
+            "values with times; channels not named are foreseen"
+        ),
+    )
+
+
+def inputs_of(given: Mapping[str, PlannedInput]) -> Inputs:
+    """The same as the grammar of plans has it."""
+    return {channel: values_of(value) for channel, value in given.items()}
+
+
+def values_of(value: PlannedInput) -> Values:
+    if isinstance(value, SteppedValues):
+        return Stepped(value.step, np.array(value.values))
+    if isinstance(value, list):
+        timed = [one for one in value if isinstance(one, TimedValue)]
+        if timed:
+            return Timed(np.array([one.time.timestamp() for one in timed]), np.array([one.value for one in timed]))
+        return np.array(value, dtype=np.float64)
+    return value

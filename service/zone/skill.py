@@ -1,0 +1,35 @@
+"""The skill of a zone, from what its loop has verified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from estimator.arrays import Array
+from estimator.loop import Loop, Standing
+from estimator.verification.verification import LEVEL
+from service.records.skill import HorizonSkill, IssuedSkill, MemberWeights, Skill, SkillWindow
+
+WINDOWS = (1, 7, 30)
+"""Days that a skill looks back."""
+
+
+def skill_of(loop: Loop, standing: Standing, time: int) -> Skill:
+    """What the forecasts up to the sample at `time` [UTC s] were worth, after which the loop left `standing`."""
+    assert standing.verified is not None, "a zone verifies its forecasts"
+    windows = []
+    for days in WINDOWS:
+        known = _rows(loop.verification.leads, loop.verification.scores(standing.verified, time, days))
+        issued = _rows(loop.as_issued.leads, loop.as_issued.scores(standing.issued, time, days))
+        horizons = tuple(HorizonSkill.of(*row) for row in known)
+        windows.append(SkillWindow(days, horizons, tuple(IssuedSkill(*row) for row in issued)))
+    weights = loop.estimator.member_weights(standing.state)
+    members = tuple(MemberWeights(name, tuple(map(float, each))) for name, each in weights.items())
+    return Skill(time, LEVEL, tuple(windows), members)
+
+
+def _rows(leads: Sequence[int], scores: Sequence[Array]) -> Iterator[Sequence[Any]]:
+    """Of each horizon the lead, the number of forecasts, and what the other `scores` (H,) say."""
+    counts, *values = (column.tolist() for column in scores)
+    for lead, count, *rest in zip(leads, counts, *values, strict=True):
+        yield [lead, int(count), *rest]

@@ -1,0 +1,159 @@
+"""The history of Home Assistant, from databases of its schema."""
+
+import asyncio
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from adapters.edge import Edge
+from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.home_assistant.database import Entity
+from adapters.home_assistant.source import RecorderChannel, RecorderSource
+from adapters.units import conversion
+
+BEGIN = 1_760_000_000 // 3600 * 3600
+"""UTC s of a whole hour."""
+
+SCHEMA = """
+CREATE TABLE states_meta (metadata_id INTEGER PRIMARY KEY, entity_id TEXT);
+CREATE TABLE state_attributes (attributes_id INTEGER PRIMARY KEY, shared_attrs TEXT);
+CREATE TABLE states (state_id INTEGER PRIMARY KEY, entity_id TEXT, metadata_id INTEGER, attributes_id INTEGER,
+                     state TEXT, last_updated_ts FLOAT);
+CREATE TABLE recorder_runs (run_id INTEGER PRIMARY KEY, start TEXT, "end" TEXT);
+CREATE TABLE statistics_meta (id INTEGER PRIMARY KEY, statistic_id TEXT, source TEXT, unit_of_measurement TEXT);
+CREATE TABLE statistics (id INTEGER PRIMARY KEY, metadata_id INTEGER, start_ts FLOAT, mean FLOAT, state FLOAT);
+"""
+
+ROOM = Entity("sensor.room")
+
+
+def database(path, rows, runs=((0, None),), attributes='{"unit_of_measurement": "°C"}', statistics=()):
+    """`rows`: seconds since BEGIN, entity, state or (state, attributes); `statistics`: hours, entity, mean, state."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.executescript(SCHEMA)
+        entities = list(dict.fromkeys([row[1] for row in rows] + [row[1] for row in statistics]))
+        connection.executemany("INSERT INTO states_meta VALUES (?, ?)", enumerate(entities))
+        connection.executemany("INSERT INTO statistics_meta VALUES (?, ?, 'recorder', '°C')", list(enumerate(entities)))
+        for number, (seconds, entity, told) in enumerate(rows):
+            state, own = told if isinstance(told, tuple) else (told, attributes)
+            connection.execute("INSERT INTO state_attributes VALUES (?, ?)", (number, own))
+            values = (number, entities.index(entity), number, state, BEGIN + seconds)
+            connection.execute("INSERT INTO states VALUES (?, NULL, ?, ?, ?, ?)", values)
+        for begin, end in runs:
+            stamps = [
+                None
+                if moment is None
+                else connection.execute("SELECT datetime(?, 'unixepoch')", (BEGIN + moment,)).fetchone()[0]
+                for moment in (begin, end)
+            ]
+            connection.execute('INSERT INTO recorder_runs (start, "end") VALUES (?, ?)', stamps)
+        for hours, entity, mean, state in statistics:
+            values = (entities.index(entity), BEGIN + 3600 * hours, mean, state)
+            connection.execute(
+                "INSERT INTO statistics (metadata_id, start_ts, mean, state) VALUES (?, ?, ?, ?)", values
+            )
+        connection.commit()
+    return path
+
+
+def source(path, *entities, unit="degC", edge=None, data="states"):
+    channels = [RecorderChannel(entity.id, entity, unit, edge or Edge()) for entity in entities]
+    return RecorderSource("home", path, channels, data)
+
+
+def readings(path, *entities, start=None, **settings):
+    """Seconds since BEGIN and value of every reading."""
+
+    async def run():
+        found = []
+        async for batch in source(path, *entities, **settings).batches(start):
+            assert all(reading.time <= batch.now for reading in batch.readings)
+            found += [(reading.time - BEGIN, reading.value) for reading in batch.readings]
+        return found
+
+    return asyncio.run(run())
+
+
+def test_a_state_holds_until_the_next_one_and_is_read_again_every_minute(tmp_path):
+    path = database(
+        tmp_path / "db", [(10, "sensor.room", "20.5"), (130, "sensor.room", "21"), (200, "sensor.sun", "1")]
+    )
+    assert readings(path, ROOM) == [(10, 20.5), (60, 20.5), (120, 20.5), (130, 21.0), (180, 21.0)]
+    assert readings(path, ROOM, start=BEGIN + 125) == [(130, 21.0), (180, 21.0)]
+
+
+def test_what_is_no_number_is_missing_and_ends_what_held(tmp_path):
+    rows = [(0, "sensor.room", "20"), (60, "sensor.room", "unavailable"), (300, "sensor.room", "19"), (310, "a.b", "1")]
+    assert readings(database(tmp_path / "db", rows), ROOM) == [(0, 20.0), (300, 19.0)]
+
+
+def test_nothing_holds_while_the_recorder_did_not_run(tmp_path):
+    rows = [(0, "sensor.room", "20"), (7200, "sensor.room", "18"), (7260, "a.b", "1")]
+    path = database(tmp_path / "db", rows, runs=((0, 100), (7200, None)))
+    assert readings(path, ROOM) == [(0, 20.0), (60, 20.0), (7200, 18.0)]
+
+
+def test_attributes_and_words(tmp_path):
+    rows = [
+        (0, "climate.room", ("heat", '{"current_temperature": 19.5, "hvac_action": "heating"}')),
+        (60, "climate.room", ("heat", '{"current_temperature": 20.0, "hvac_action": "idle"}')),
+        (90, "a.b", "1"),
+    ]
+    path = database(tmp_path / "db", rows)
+    assert readings(path, Entity("climate.room", "current_temperature")) == [(0, 19.5), (60, 20.0)]
+    assert readings(path, Entity("climate.room", "hvac_action")) == [(0, 1.0), (60, 0.0)]
+    assert readings(path, Entity("climate.room", "swing_mode")) == []
+
+
+def test_a_meter_becomes_power_from_one_change_to_the_next(tmp_path):
+    rows = [(0, "sensor.energy", "10.0"), (3600, "sensor.energy", "10.5"), (7200, "sensor.energy", "12.5")]
+    path = database(tmp_path / "db", rows)
+    edge = Edge(conversion=conversion("kWh", "W"), counter=True)
+    found = readings(path, Entity("sensor.energy"), unit="kWh", edge=edge)
+    assert found == [(0, pytest.approx(500.0)), (3600, pytest.approx(2000.0))]
+
+
+def test_hourly_statistics_hold_for_their_hour(tmp_path):
+    path = database(tmp_path / "db", [], statistics=[(0, "sensor.room", 20.25, None), (2, "sensor.room", 21.0, None)])
+    found = readings(path, ROOM, data="statistics")
+    assert len(found) == 120
+    assert found[0] == (0, 20.25)
+    assert found[59:61] == [(3540, 20.25), (7200, 21.0)]
+
+
+def test_check_names_what_is_missing_and_what_is_in_another_unit(tmp_path):
+    path = database(tmp_path / "db", [(0, "sensor.room", "68")], attributes='{"unit_of_measurement": "°F"}')
+    assert source(path, ROOM, unit="degF").check() == []
+    assert source(path, ROOM).check() == [
+        'sources.home: \'sensor.room\' is in °F; write unit = "degF" instead of "degC"'
+    ]
+    (problem,) = source(path, Entity("sensor.rom")).check()
+    assert problem.endswith("has no states of 'sensor.rom'; did you mean sensor.room?")
+
+
+def test_what_is_no_database_of_home_assistant_is_refused_in_a_sentence(tmp_path):
+    (tmp_path / "text").write_text("no database at all, but long enough to be taken for one")
+    with closing(sqlite3.connect(tmp_path / "other")) as connection:
+        connection.execute("CREATE TABLE states (a)")
+    for name, error, sentence in (
+        ("missing", SourceUnavailable, "is not there"),
+        ("text", SourceUnavailable, "cannot be read as a database"),
+        ("other", SourceConfigError, "has no table states_meta"),
+    ):
+        (problem,) = source(tmp_path / name, ROOM).check()
+        assert sentence in problem
+        with pytest.raises(error, match=sentence):
+            readings(tmp_path / name, ROOM)
+
+
+def test_probe_shows_the_newest_value(tmp_path):
+    path = database(tmp_path / "db", [(0, "sensor.room", "20"), (60, "sensor.room", "21.5"), (70, "a.b", "1")])
+    (probe,) = asyncio.run(source(path, ROOM).probe(1.0))
+    assert (probe.place, probe.raw, probe.value, probe.time, probe.verdict) == (
+        "sensor.room",
+        "21.5",
+        21.5,
+        BEGIN + 60,
+        "good",
+    )

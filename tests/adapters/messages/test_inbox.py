@@ -1,0 +1,145 @@
+"""What waits between a client library and the event loop: bounded in number and bytes, read in turns, and fair."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import pytest
+
+from adapters.messages import inbox as module
+from adapters.messages import takings
+from adapters.messages.inbox import LONGEST_PAYLOAD, MOST_BYTES, MOST_BYTES_OF_ONE, Inbox, Incoming
+from adapters.messages.points import Channels, Dating, MessageChannel
+from adapters.messages.takings import Takings
+from adapters.payload import senml
+from adapters.payload.payload import PayloadFormat
+
+NOW = 1_772_000_000.0
+
+
+def came(key: str, payload: bytes = b"20") -> Incoming:
+    return Incoming(key, payload, len(payload), None, NOW)
+
+
+def taken(inbox: Inbox) -> list[str]:
+    return [one.key for one in inbox.waiting()]
+
+
+def test_a_flood_of_bytes_drops_its_own_oldest_samples() -> None:
+    async def run() -> None:
+        inbox = Inbox(["flood", "calm"], 1000)
+        inbox.put("calm", came("calm"))
+        for _ in range(1000):
+            inbox.put("flood", came("flood", bytes(LONGEST_PAYLOAD)))
+        found = list(inbox.waiting())
+        assert sum(one.incoming.size for one in found if one.key == "flood") == MOST_BYTES_OF_ONE
+        assert [(one.key, one.dropped) for one in found if one.dropped] == [("flood", 984)]
+        assert [one.key for one in found].count("calm") == 1
+
+    asyncio.run(run())
+
+
+def test_floods_on_many_keys_have_a_bound_together_and_drop_where_most_waits() -> None:
+    async def run() -> None:
+        keys = [f"flood-{number}" for number in range(100)]
+        inbox = Inbox(["calm", *keys], 1000)
+        inbox.put("calm", came("calm"))
+        for _ in range(16):
+            for key in keys:
+                inbox.put(key, came(key, bytes(LONGEST_PAYLOAD)))
+        found = list(inbox.waiting())
+        assert sum(one.incoming.size for one in found) <= MOST_BYTES
+        assert {one.key for one in found} == {"calm", *keys}
+        assert next(one for one in found if one.key == "calm").dropped == 0
+
+    asyncio.run(run())
+
+
+def test_a_sample_waits_for_one_of_each_flood_at_most() -> None:
+    async def run() -> None:
+        inbox = Inbox(["a", "b", "calm"], 1000)
+        for _ in range(500):
+            inbox.put("a", came("a", bytes(2000)))
+            inbox.put("b", came("b", bytes(2000)))
+        for _ in range(100):
+            assert inbox.take() is not None
+        inbox.put("calm", came("calm"))
+        assert "calm" in [one.key for one in (inbox.take(), inbox.take(), inbox.take()) if one is not None]
+        rest = taken(inbox)
+        assert len(rest) == 1000 - 100 - 2
+        assert abs(rest.count("a") - rest.count("b")) <= 2, "both floods have the same share"
+
+    asyncio.run(run())
+
+
+def test_those_of_one_key_stay_in_order_and_a_key_that_is_given_up_is_forgotten() -> None:
+    async def run() -> None:
+        inbox = Inbox(["a", "b"], 1000)
+        for number in range(50):
+            inbox.put("a", came("a", str(number).encode()))
+            inbox.put("b", came("b"))
+        inbox.listen_to(["a"])
+        assert [one.incoming.payload for one in inbox.waiting()] == [str(number).encode() for number in range(50)]
+        assert inbox.take() is None
+        assert not await inbox.wait(0.01)
+        inbox.put("a", came("a"))
+        assert await inbox.wait(60.0)
+        assert await inbox.wait(60.0), "it is still there"
+        assert taken(inbox) == ["a"]
+
+    asyncio.run(run())
+
+
+def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    parsed: list[int] = []
+    records = senml.records
+    monkeypatch.setattr(senml, "records", lambda document: parsed.append(1) or records(document))
+    names = [f"T{number}" for number in range(200)]
+    listed = [MessageChannel(f"room/{name}", "k", PayloadFormat("senml", record=name)) for name in names]
+    channels = Channels(listed, Dating(("arrival",)), 900.0)
+    sound = json.dumps([{"n": name, "v": 20} for name in names]).encode()
+    for payload, count in ((sound, 200), (b'[{"n": 1}]', 200)):
+        parsed.clear()
+        assert len(list(channels.readings("k", [came("k", payload)]))) == count
+        assert len(parsed) == 1
+
+
+def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(takings, "SLICE_SECONDS", 0.0)
+    monkeypatch.setattr(takings, "TOGETHER_SECONDS", float("inf"))
+    monkeypatch.setattr(takings, "MOST_TOGETHER", 100)
+
+    async def run() -> None:
+        inbox = Inbox(["k"], 1000)
+        for _ in range(250):
+            inbox.put("k", came("k"))
+        taking = Takings("bms", Channels([MessageChannel("room/T", "k")], Dating(("arrival",)), 900.0))
+        turns = 0
+
+        async def other() -> None:
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0)
+
+        beside = asyncio.create_task(other())
+        assert [len(await taking.readings(inbox)) for _ in range(4)] == [100, 100, 50, 0]
+        beside.cancel()
+        assert turns >= 240
+
+    asyncio.run(run())
+
+
+def test_the_readings_of_one_message_are_delivered_in_pieces() -> None:
+    payload = json.dumps([{"n": "T", "v": 20}] * 1800).encode()
+    channels = Channels([MessageChannel("room/T", "k", PayloadFormat("senml"))], Dating(("arrival",)), 900.0)
+    found = list(channels.readings("k", [came("k", payload)]))
+    assert [len(piece) for piece in takings.pieces(found)] == [500, 500, 500, 300]
+    assert [list(piece) for piece in takings.pieces([])] == [[]]
+
+
+def test_the_longest_payload_fits() -> None:
+    assert LONGEST_PAYLOAD <= module.MOST_BYTES_OF_ONE <= MOST_BYTES

@@ -1,0 +1,238 @@
+"""Histories in databases of time series, read from a real Prometheus and a real InfluxDB."""
+
+import asyncio
+import http.server
+import shutil
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from contextlib import contextmanager
+
+import pytest
+from support.harness import free_port
+from support.waiting import PATIENCE
+
+from adapters.edge import Edge
+from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.series.database import InfluxDB, Prometheus, Server, parts
+from adapters.series.source import SeriesChannel, SeriesSource
+from adapters.units import conversion
+
+BEGIN = int(time.time() - 2 * 86400) // 7200 * 7200
+"""UTC s: Prometheus keeps blocks of two hours, and two weeks of them."""
+
+MINUTES = 180
+
+
+def readings(database, query, *, edge=None, start=None, minutes=MINUTES, step=60.0):
+    """Minutes since BEGIN and value of every reading."""
+    channel = SeriesChannel("room/T", query, edge or Edge())
+    source = SeriesSource("past", database, [channel], (BEGIN, BEGIN + 60.0 * minutes), step)
+
+    async def run():
+        found = []
+        async for batch in source.batches(start):
+            assert all(reading.time <= batch.now for reading in batch.readings)
+            found += [((reading.time - BEGIN) / 60, reading.value) for reading in batch.readings]
+        return found
+
+    return asyncio.run(run())
+
+
+def answered(process, url):
+    """Wait until there is an answer at `url`."""
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            with urllib.request.urlopen(url, timeout=PATIENCE):
+                return
+        except OSError as error:
+            if isinstance(error, urllib.error.HTTPError):
+                error.close()
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+
+
+@contextmanager
+def serving(command, url):
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        answered(process, url)
+        yield
+    finally:
+        process.terminate()
+        process.wait(timeout=PATIENCE)
+
+
+@pytest.fixture(scope="module")
+def prometheus(tmp_path_factory):
+    if shutil.which("promtool") is None or shutil.which("prometheus") is None:
+        pytest.skip("Prometheus is not installed here (Debian: prometheus)")
+    folder, port = tmp_path_factory.mktemp("prometheus"), free_port()
+    lines = ["# TYPE room_temperature gauge"]
+    for room, level in (("101", 20.0), ("102", 22.0)):
+        lines += [
+            f'room_temperature{{room="{room}"}} {level + 0.01 * minute:.2f} {BEGIN + 60 * minute}'
+            for minute in range(MINUTES)
+            if not 60 <= minute < 90
+        ]
+    lines += ["# TYPE meter counter"]
+    lines += [f"meter_total {0.01 * minute:.2f} {BEGIN + 60 * minute}" for minute in range(MINUTES)]
+    (folder / "past.txt").write_text("\n".join([*lines, "# EOF", ""]))
+    (folder / "prometheus.yml").write_text("global: {}\n")
+    made = ["promtool", "tsdb", "create-blocks-from", "openmetrics", folder / "past.txt", folder / "data"]
+    subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
+    command = ["prometheus", f"--config.file={folder / 'prometheus.yml'}", f"--storage.tsdb.path={folder / 'data'}"]
+    with serving([*command, f"--web.listen-address=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/-/ready"):
+        yield Prometheus(Server(f"http://127.0.0.1:{port}"))
+
+
+@pytest.fixture(scope="module")
+def influxdb(tmp_path_factory):
+    if shutil.which("influxd") is None:
+        pytest.skip("InfluxDB is not installed here (Debian: influxdb)")
+    folder, port, other = tmp_path_factory.mktemp("influxdb"), free_port(), free_port()
+    (folder / "influxdb.conf").write_text(
+        f"""
+        reporting-disabled = true
+        bind-address = "127.0.0.1:{other}"
+        [meta]
+        dir = "{folder}/meta"
+        [data]
+        dir = "{folder}/data"
+        wal-dir = "{folder}/wal"
+        [monitor]
+        store-enabled = false
+        [http]
+        bind-address = "127.0.0.1:{port}"
+        auth-enabled = true
+        """
+    )
+    url = f"http://127.0.0.1:{port}"
+    with serving(["influxd", "-config", str(folder / "influxdb.conf")], f"{url}/ping"):
+        post(f"{url}/query", {"q": "CREATE USER reader WITH PASSWORD 'test-only' WITH ALL PRIVILEGES"})
+        login = {"u": "reader", "p": "test-only"}
+        post(f"{url}/query", {"q": "CREATE DATABASE house", **login})
+        lines = [
+            f"degC,room={room} value={level + 0.01 * minute:.2f} {BEGIN + 60 * minute}"
+            for room, level in (("101", 20.0), ("102", 22.0))
+            for minute in range(MINUTES)
+            if not 60 <= minute < 90
+        ]
+        post(f"{url}/write", {"db": "house", "precision": "s", **login}, "\n".join(lines).encode(), within=PATIENCE)
+        (folder / "password").write_text("test-only\n")
+        yield InfluxDB(Server(url, "reader", folder / "password"), "house")
+
+
+def post(url, parameters, body=b"", *, within=0.0):
+    """Post, again for `within` seconds while refused: a busy InfluxDB may not know at once a database it has made."""
+    request = urllib.request.Request(f"{url}?{urllib.parse.urlencode(parameters)}", body, method="POST")
+    deadline = time.monotonic() + within
+    while True:
+        try:
+            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
+                said = answer.read().decode()
+                assert "error" not in said, said
+                return
+        except urllib.error.HTTPError as refused:
+            with refused:
+                said = refused.read().decode()
+            if time.monotonic() > deadline:
+                raise AssertionError(f"{refused.code}: {said}") from None
+            time.sleep(0.1)
+
+
+def expected(first=0):
+    return [(minute, round(20 + 0.01 * minute, 2)) for minute in range(first, MINUTES) if not 60 <= minute < 90]
+
+
+def test_prometheus_gives_every_step_and_what_is_older_than_five_minutes_is_missing(prometheus):
+    found = readings(prometheus, 'room_temperature{room="101"}')
+    # A value counts for the five minutes after it, and no longer.
+    held = [(minute, 20.59) for minute in range(60, 65)]
+    assert [pair for pair in found if pair not in held] == [(float(m), v) for m, v in expected()]
+    assert readings(prometheus, 'room_temperature{room="101"}', start=BEGIN + 6000.0) == [
+        (float(minute), value) for minute, value in expected(100)
+    ]
+    assert readings(prometheus, 'room_temperature{room="303"}') == []
+
+
+def test_a_counter_in_prometheus_becomes_power(prometheus):
+    edge = Edge(conversion=conversion("kWh", "W"), counter=True)
+    found = readings(prometheus, "meter_total", edge=edge, minutes=5)
+    assert found == [(float(minute), pytest.approx(600.0)) for minute in range(4)]
+
+
+def test_several_series_and_wrong_expressions_are_refused_in_a_sentence(prometheus):
+    with pytest.raises(SourceConfigError, match=r"^sources\.past: .* gives 2 series .*add labels"):
+        readings(prometheus, "room_temperature")
+    with pytest.raises(SourceConfigError, match="refuses the question"):
+        readings(prometheus, "room_temperature{")
+
+
+def test_influxdb_gives_the_means_of_every_step(influxdb):
+    query = '"value" FROM "degC" WHERE "room" = \'101\''
+    assert readings(influxdb, query) == [(float(minute), pytest.approx(value)) for minute, value in expected()]
+    assert readings(influxdb, query, step=600.0)[0] == (0.0, pytest.approx(20.045))
+    assert readings(influxdb, '"value" FROM "degC" WHERE "room" = \'303\'') == []
+
+
+def test_influxdb_refuses_in_a_sentence(influxdb, tmp_path):
+    (tmp_path / "wrong").write_text("not it")
+    stranger = InfluxDB(Server(influxdb.server.url, "reader", tmp_path / "wrong"), "house")
+    with pytest.raises(SourceConfigError, match="check user and password"):
+        readings(stranger, '"value" FROM "degC"')
+    elsewhere = InfluxDB(influxdb.server, "castle")
+    with pytest.raises(SourceError, match="database not found"):
+        readings(elsewhere, '"value" FROM "degC"')
+
+
+def test_probe_shows_the_newest_value(prometheus):
+    channel = SeriesChannel("room/T", 'room_temperature{room="101"}', Edge())
+    (probe,) = asyncio.run(SeriesSource("past", prometheus, [channel], (BEGIN, BEGIN + 600.0), 60.0).probe(1.0))
+    assert (probe.value, probe.time, probe.verdict) == (20.09, BEGIN + 540, "good")
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "",
+        '"value"',
+        '"value" FROM ',
+        ' FROM "degC"',
+        '"value" FROM "degC"; DROP DATABASE house',
+        '"value") into "copy" FROM "degC"',
+    ],
+)
+def test_a_query_of_another_form_is_refused(query):
+    with pytest.raises(ValueError, match="must be of the form"):
+        parts(query)
+
+
+def test_a_server_that_is_not_there_or_is_another_one(tmp_path):
+    with pytest.raises(SourceUnavailable, match=r"cannot be reached .*check url"):
+        readings(Prometheus(Server(f"http://127.0.0.1:{free_port()}")), "up")
+
+    class Page(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            body = b"<html>" if "query_range" in self.path else b'{"results": 1}'
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *arguments):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Page) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        other = Server(f"http://127.0.0.1:{server.server_port}")
+        with pytest.raises(SourceUnavailable, match="does not answer in JSON"):
+            readings(Prometheus(other), "up")
+        with pytest.raises(SourceUnavailable, match="something else than it documents"):
+            readings(InfluxDB(other, "house"), '"value" FROM "degC"')
+        server.shutdown()

@@ -1,0 +1,85 @@
+"""The loop of a zone: nothing that is carried is changed, and single steps are those of the whole loop."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from estimator.loop import VANISHED_LIMIT, Loop
+from estimator.network.presets import network
+from estimator.registry import build
+
+PERIOD = 600
+KINDS = {
+    "ekf": {},
+    "rbpf": {"particles": 60},
+    "mkf": {"particles": 8},
+    "bank": {"members": {"steady": {"estimator": "ekf"}, "arx": {"estimator": "arx"}}},
+}
+
+
+def loop_of(name, **settings):
+    return Loop(build(name, network("tite"), PERIOD, KINDS[name]), 5, (0.95, 0.5), **settings)
+
+
+def taken(loop, carried, k, y=None, continues=True):
+    outputs = np.array([20.0 + 0.3 * np.sin(k / 9) if y is None else y])
+    return loop.step(carried, k * PERIOD, outputs, np.array([5.0, 600.0 * (k % 5 < 2)]), continues and k > 0)
+
+
+def bits(part):
+    """Every number in a nest of tuples, dictionaries and arrays."""
+    if isinstance(part, np.ndarray):
+        return part.tobytes()
+    if isinstance(part, tuple | list):
+        return tuple(map(bits, part))
+    return tuple((name, bits(value)) for name, value in part.items()) if isinstance(part, dict) else repr(part)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_step_changes_nothing_of_what_it_is_given(name):
+    loop = loop_of(name)
+    carried = loop.begin()
+    for k in range(40):
+        before = copy.deepcopy(carried)
+        step = taken(loop, carried, k)
+        again = taken(loop, carried, k)
+        assert bits(carried) == bits(before)
+        assert bits(again.carried) == bits(step.carried)
+        carried = step.carried
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_single_steps_are_those_of_the_whole_loop(name):
+    whole, single = loop_of(name), loop_of(name, single_steps=True)
+    left, right = whole.begin(), single.begin()
+    for k in range(60):
+        y = 60.0 if 40 <= k < 40 + VANISHED_LIMIT + 2 else None
+        one, other = taken(whole, left, k, y, k != 20), taken(single, right, k, y, k != 20)
+        left, right = one.carried, other.carried
+        assert bits(left.standing.forecast) == bits(right.standing.forecast)
+        assert (one.started, left.vanished) == (other.started, right.vanished)
+    assert right.standing.verified is None
+
+
+def test_what_stood_is_scored_where_the_series_goes_on_and_nowhere_else():
+    loop = loop_of("ekf")
+    first = taken(loop, loop.begin(), 0)
+    assert first.started
+    assert first.scored is None
+    second = taken(loop, first.carried, 1)
+    assert second.scored is first.carried.standing.forecast
+    assert second.scored.mean[0] == first.ahead.mean()[0]
+    after_a_gap = taken(loop, second.carried, 9, continues=False)
+    assert after_a_gap.started
+    assert after_a_gap.scored is None
+
+
+def test_a_missing_input_is_held_and_one_that_never_came_is_not_a_number():
+    loop = loop_of("ekf")
+    carried = loop.hold(loop.begin(), 0, np.array([5.0, np.nan]))
+    assert carried.held.values[0] == 5.0
+    assert np.isnan(carried.held.values[1])
+    carried = loop.hold(carried, PERIOD, np.array([np.nan, 700.0]))
+    assert carried.held.values.tolist() == [5.0, 700.0]
+    assert carried.held.times.tolist() == [PERIOD, 2 * PERIOD]

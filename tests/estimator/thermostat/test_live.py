@@ -1,0 +1,226 @@
+"""Live forecasts of a thermostat's house: under planned set-points, and where nobody plans."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+from support.forecasts import unfolded
+from support.thermostat_house import recorded
+
+from estimator.kernels.quantiles import mixture_quantiles
+from estimator.network.presets import network
+from estimator.registry import build
+from estimator.thermostat.futures import GUESSES, guesses
+from estimator.thermostat.live import FUTURES, PLANNED, UNPLANNED, LiveForecasts
+from estimator.thermostat.memory import no_memory, remembered
+from estimator.thermostat.thermostat import no_thermostat, with_sample
+
+HOUSE = network("tite")
+PERIOD = 1800
+DAILY = 48
+SEED = 5
+TAILS = np.array([0.025, 0.975])
+
+
+class Zone:
+    """A zone's loop as far as its thermostat needs it."""
+
+    def __init__(self, name="ekf", options=None):
+        self.estimator = build(name, HOUSE, float(PERIOD), options or {})
+        self.forecasts = LiveForecasts(self.estimator, SEED)
+        self.thermostat, self.live = no_thermostat(2), self.forecasts.begin()
+        self.state, self.told, self.before, self.time = None, [], np.full(2, np.nan), 0
+
+    def step(self, k, outputs, inputs, setpoint):
+        if self.state is None:
+            self.state = self.estimator.start(SEED, outputs, inputs)
+        else:
+            self.state = self.estimator.update(self.state, outputs).state
+            self.live, told = self.forecasts.learned(self.live, self.thermostat, outputs)
+            self.told += [(k, outputs[0], one) for one in told]
+        self.thermostat = with_sample(
+            self.thermostat,
+            HOUSE,
+            k * PERIOD,
+            PERIOD,
+            setpoint=setpoint,
+            temperature=outputs[0],
+            inputs=inputs,
+            seed=SEED,
+        )
+        self.state, self.before, self.time = self.estimator.predict(self.state, inputs), inputs, (k + 1) * PERIOD
+        self.live = self.forecasts.advanced(
+            self.live,
+            self.state,
+            self.thermostat,
+            inputs,
+            inputs,
+            self.time,
+            lambda steps: np.tile(inputs, (steps, 1)),
+        )
+
+    def run(self, data, begin, end):
+        for k in range(begin, end):
+            self.step(k, *(rows[k] for rows in data))
+        return self
+
+
+@cache
+def lived():
+    """A zone that has lived in its house for some days, and what follows."""
+    data, days = recorded(16, PERIOD), 14
+    return Zone().run(data, 0, days * DAILY), data, days * DAILY
+
+
+def after(data, begin, steps=DAILY):
+    outputs, inputs, wanted = (rows[begin : begin + steps] for rows in data)
+    return outputs[:, 0], inputs, wanted
+
+
+def test_under_a_plan_of_set_points_the_forecast_is_right_to_tenths_of_a_kelvin():
+    zone, data, now = lived()
+    outputs, rows, wanted = after(data, now)
+    blind = rows.copy()
+    blind[:, 1] = zone.before[1]
+    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, blind, zone.before, zone.time)
+    means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
+    assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.3
+    heat = (fan.heat[:, :, 0].T * fan.weights).sum(axis=1)
+    assert abs(heat.sum() / rows[:, 1].sum() - 1.0) < 0.1
+    assert fan.chances.shape[1] == 0
+
+
+def test_where_nobody_plans_a_regular_schedule_is_found_and_the_interval_is_honest():
+    zone, data, now = lived()
+    outputs, rows, _ = after(data, now)
+    blind = rows.copy()
+    blind[:, 1] = zone.before[1]
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, blind, zone.before, zone.time)
+    means = (fan.outputs.means[:-1, 0] * fan.outputs.weights[:-1]).sum(axis=1)
+    held = unfolded(zone.estimator, zone.state, blind)
+    assert np.sqrt(np.mean((means - outputs) ** 2)) < 0.4
+    assert np.sqrt(np.mean([(held[k].mean()[0] - outputs[k]) ** 2 for k in range(DAILY)])) > 1.5
+    chances = dict(zip(FUTURES, fan.chances[-1], strict=True))
+    assert chances["as-yesterday"] + chances["as-usual"] + chances["as-last-week"] > 0.8
+    assert fan.chances.sum(axis=1) == pytest.approx(np.ones(DAILY))
+    assert fan.weights.sum(axis=1) == pytest.approx(np.ones(DAILY))
+
+
+def test_sampled_futures_stand_for_the_forecast():
+    zone, data, now = lived()
+    _, rows, wanted = after(data, now)
+    fan = zone.forecasts.planned(zone.live, zone.state, zone.thermostat, wanted, rows, zone.before, zone.time)
+    paths = fan.paths(40)
+    assert paths.shape == (40, DAILY + 1, 1)
+    means = (fan.outputs.means[:, 0] * fan.outputs.weights).sum(axis=1)
+    assert np.abs(paths[:, :, 0].mean(axis=0) - means).max() < 0.15
+
+
+def test_the_likely_set_points_are_those_of_the_guess_that_proved_best():
+    zone, data, now = lived()
+    likely = zone.forecasts.likely(zone.live, zone.thermostat, zone.time + PERIOD * np.arange(float(DAILY)))
+    assert np.mean(likely == after(data, now)[2]) > 0.9
+
+
+@pytest.mark.parametrize("question", [PLANNED, UNPLANNED])
+def test_the_interval_of_what_was_told_covers_as_it_claims(question):
+    zone, _, now = lived()
+    told = [
+        (value, one.mixture)
+        for k, value, one in zone.told
+        if one.question == question and one.lead == DAILY and k > now - 7 * DAILY
+    ]
+    assert len(told) > 100
+    inside = [
+        lower <= value <= upper
+        for value, mixture in told
+        for lower, upper in [mixture_quantiles(TAILS, ndtri(TAILS), mixture.weights, mixture.means[0], mixture.sds[0])]
+    ]
+    assert 0.88 <= np.mean(inside) <= 1.0
+
+
+def test_before_a_law_is_known_the_heat_is_held_or_as_the_day_before():
+    data = recorded(1, PERIOD)
+    zone = Zone().run(data, 0, 10)
+    rows = np.tile(zone.before, (DAILY, 1))
+    assert zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0], rows, zone.before, 0) is None
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, zone.before, zone.time)
+    assert fan.chances[:, : len(GUESSES)].max() == 0.0
+
+
+def test_a_black_box_has_no_answer_to_a_plan_of_set_points():
+    data = recorded(3, PERIOD)
+    zone = Zone("arx").run(data, 0, 3 * DAILY)
+    assert len(zone.thermostat.laws.column) == 1
+    rows = np.tile(zone.before, (DAILY, 1))
+    plan = np.full(DAILY, 20.0)
+    assert zone.forecasts.planned(zone.live, zone.state, zone.thermostat, plan, rows, zone.before, zone.time) is None
+    fan = zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, zone.before, zone.time)
+    assert len(fan.outputs.means) == DAILY + 1
+
+
+BANK = {
+    "members": {
+        "jump": {"estimator": "mkf", "particles": 24, "scenarios": 64},
+        "ekf": {"estimator": "ekf"},
+        "arx": {"estimator": "arx"},
+    },
+    "scenarios": 16,
+}
+
+
+def test_a_bank_goes_on_from_a_checkpoint_with_the_same_bits_and_asking_changes_nothing():
+    data = recorded(3, PERIOD)
+    zone = Zone("bank", BANK).run(data, 0, 2 * DAILY)
+    other = Zone("bank", BANK)
+    other.state = other.estimator.unpack(zone.estimator.pack(zone.state))
+    other.live = other.forecasts.unpack(zone.forecasts.pack(zone.live))
+    other.thermostat, other.before = zone.thermostat, zone.before
+    rows = np.tile(zone.before, (DAILY, 1))
+    for _ in range(2):
+        zone.forecasts.unplanned(zone.live, zone.state, zone.thermostat, rows, zone.before, zone.time)
+        zone.forecasts.planned(zone.live, zone.state, zone.thermostat, rows[:, 0] + 15.0, rows, zone.before, zone.time)
+    for each in (zone, other):
+        each.run(data, 2 * DAILY, 2 * DAILY + 30)
+    first, second = (each.forecasts.pack(each.live) for each in (zone, other))
+    assert first.keys() == second.keys()
+    for name, values in first.items():
+        assert values.tobytes() == second[name].tobytes(), name
+
+
+def test_what_was_stored_before_there_was_any_begins_anew():
+    forecasts = Zone("bank", BANK).forecasts
+    assert forecasts.unpack({}).step == 0
+    assert forecasts.unpack(Zone().forecasts.pack(Zone().live)).members.excess.shape[0] == 2
+
+
+def told_every_hour(days, setpoint):
+    memory = no_memory(2)
+    for moment in range(0, days * 86400, 3600):
+        memory = remembered(memory, moment, 3600, setpoint(moment), 20.0, np.zeros(2), np.zeros(2))
+    return memory
+
+
+def test_guesses_are_as_now_yesterday_last_week_and_usual_by_kind_of_day():
+    # 1970 began on a Thursday; the set-point is the day's number, and on Saturdays and Sundays 100 more.
+    def setpoint(moment):
+        day = moment // 86400
+        return float(day) + 100.0 * ((day + 3) % 7 >= 5)
+
+    memory = told_every_hour(11, setpoint)
+    begin = 11 * 86400
+    found = guesses(memory, 33.0, begin + 3600.0 * np.arange(48))
+    assert (found[0] == 33.0).all()
+    assert set(found[1]) == {setpoint(10 * 86400)}
+    assert found[2].tolist() == [setpoint(4 * 86400)] * 24 + [setpoint(5 * 86400)] * 24
+    working = [setpoint(day * 86400) for day in range(11) if (day + 3) % 7 < 5]
+    assert set(found[3]) == {sorted(working)[(len(working) - 1) // 2]}
+
+
+def test_a_guess_is_as_now_where_nothing_is_remembered():
+    memory = told_every_hour(2, lambda moment: 18.0)
+    found = guesses(memory, 21.0, 2 * 86400 + 3600.0 * np.arange(24))
+    assert (found[GUESSES.index("as-last-week")] == 21.0).all()
+    assert (found[GUESSES.index("as-yesterday")] == 18.0).all()
+    assert (guesses(no_memory(2), 21.0, np.arange(3.0)) == 21.0).all()

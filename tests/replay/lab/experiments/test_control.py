@@ -1,0 +1,226 @@
+"""The closed loop in short: two days of a timber house, and the parts of which its judgement is made."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.energyplus import needs_energyplus
+
+from replay.energyplus import library
+from replay.energyplus.recording import record
+from replay.errors import ReplayError
+from replay.experiments.jobs import Arrays
+from replay.experiments.request import Request
+from replay.experiments.study import Results, Run
+from replay.lab.experiments.control import customer
+from replay.lab.experiments.control.cases import (
+    CASES,
+    PARTIES,
+    STEPS_A_DAY,
+    STUCK,
+    UNDISTURBED,
+    Scene,
+    price,
+    stuck_steps,
+)
+from replay.lab.experiments.control.experiment import prepare
+from replay.lab.experiments.control.front import cost_at, share_of_the_way
+from replay.lab.experiments.control.loop import BEGIN, weather_of
+from replay.lab.experiments.control.perfect import planned
+from replay.lab.experiments.control.report import figures, report
+from replay.lab.experiments.control.runs import (
+    PERFECT,
+    THERMOGATE,
+    THERMOSTAT,
+    UNTRUSTING,
+    ControlRun,
+    control_job,
+    run_control,
+)
+from replay.lab.experiments.control.scores import Scores
+from replay.reports.kit.report import write_report
+from service.cli.main import main
+
+SHORT = Scene("timber", "denver", UNDISTURBED, seed=1, days=2, controlled=1)
+
+
+def scored(arrays: Arrays) -> Scores:
+    return Scores(*arrays["scores"].tolist())
+
+
+def lived(controller: str, **settings: object) -> Arrays:
+    ticks: list[int] = []
+    return run_control(ControlRun(SHORT, controller, **settings), ticks.append)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def runs() -> Mapping[str, Arrays]:
+    """A day of every kind of controller. The EKF is a Thermogate that learns quickly."""
+    found = {name: lived(name, estimator="ekf") for name in (THERMOSTAT, UNTRUSTING, THERMOGATE)}
+    return {**found, PERFECT: lived(PERFECT)}
+
+
+@needs_energyplus
+def test_a_customer_plans_over_rest_and_is_warm(runs: Mapping[str, Arrays]) -> None:
+    untrusting = scored(runs[UNTRUSTING])
+    assert untrusting.fallback == 0.0
+    assert runs[UNTRUSTING]["planned"][-STEPS_A_DAY:].all()
+    assert not runs[UNTRUSTING]["planned"][:-STEPS_A_DAY].any(), "history is heated by a thermostat"
+    assert untrusting.cold < 10.0, "after a day it keeps a room about as warm as it should be"
+    assert (runs[UNTRUSTING]["heating"] <= 6000.0 + 1e-6).all()
+
+
+@needs_energyplus
+def test_where_the_trust_does_not_reach_the_thermostat_heats(runs: Mapping[str, Arrays]) -> None:
+    thermogate = scored(runs[THERMOGATE])
+    planned_share = runs[THERMOGATE]["planned"][-STEPS_A_DAY:].mean()
+    assert thermogate.fallback == pytest.approx(1.0 - planned_share)
+    assert thermogate.fallback > 0.5, "a day is too little to be trusted"
+
+
+@needs_energyplus
+def test_a_thermometer_that_is_stuck_is_not_believed() -> None:
+    scene, ticks = SHORT._replace(case=STUCK, days=3, controlled=2), list[int]()
+    thermostat, thermogate = (
+        scored(run_control(ControlRun(scene, name, estimator="ekf"), ticks.append)) for name in (THERMOSTAT, THERMOGATE)
+    )
+    assert thermostat.discomfort > 100.0, "who believes it heats all day, or not at all"
+    assert thermogate.discomfort < 0.5 * thermostat.discomfort
+
+
+@needs_energyplus
+def test_everybody_lives_the_same_weather_and_the_same_history(runs: Mapping[str, Arrays]) -> None:
+    first = runs[THERMOSTAT]
+    for name, arrays in runs.items():
+        assert np.array_equal(arrays["outdoor"], first["outdoor"]), name
+        history = slice(0, STEPS_A_DAY)
+        assert np.allclose(arrays["air"][history], first["air"][history], atol=1e-9), name
+
+
+@needs_energyplus
+def test_what_is_told_of_the_weather_is_that_of_the_step(runs: Mapping[str, Arrays]) -> None:
+    recorded = record(SHORT.of, SHORT.weather, begin=BEGIN, days=SHORT.days, heating="planned", seed=1)
+    outdoor, sun = weather_of(SHORT)
+    assert len(outdoor) == len(sun) == SHORT.steps + STEPS_A_DAY
+    for told in (sun[: SHORT.steps], runs[THERMOGATE]["irradiance"]):
+        np.testing.assert_allclose(told, recorded.facade)
+    np.testing.assert_array_equal(outdoor[: SHORT.steps], runs[THERMOGATE]["outdoor"])
+
+
+@needs_energyplus
+def test_nobody_does_better_than_perfect_knowledge(runs: Mapping[str, Arrays]) -> None:
+    perfect, others = scored(runs[PERFECT]), [scored(runs[name]) for name in (THERMOSTAT, UNTRUSTING, THERMOGATE)]
+    # A kelvin hour at what the others pay per kelvin hour of the margin is a matter of taste; nobody is better in both.
+    assert all(other.cost > perfect.cost or other.discomfort > perfect.discomfort for other in others)
+    assert perfect.cost < scored(runs[THERMOSTAT]).cost
+    assert perfect.cold < scored(runs[UNTRUSTING]).cold + 1.0
+
+
+@needs_energyplus
+def test_the_report_shows_every_controller(runs: Mapping[str, Arrays], tmp_path: Path) -> None:
+    found = {name: scored(arrays) for name, arrays in runs.items()}
+    dearer = scored(runs[THERMOSTAT])._replace(cost=99.0, cold=0.0, warm=0.0)
+    cheaper = scored(runs[PERFECT])._replace(cost=0.1, cold=50.0)
+    found |= {f"{THERMOSTAT} +0.30 K 60 min": dearer, f"{PERFECT} -0.30 K 60 min": cheaper}
+    scenes = {"timber, undisturbed": SHORT, "timber, parties": SHORT._replace(case=PARTIES)}
+    planned = [
+        Run(name, label, control_job(ControlRun(scene, THERMOSTAT)))
+        for name, scene in scenes.items()
+        for label in found
+    ]
+    results = Results(planned, [figures(scores) for _ in scenes for scores in found.values()])
+    write_report(report(results, scenes, list(scenes.values())), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "What was done" in page
+    with (tmp_path / "timber-undisturbed.csv").open(encoding="utf-8", newline="") as file:
+        table = {row["controller"]: row for row in csv.DictReader(file)}
+    assert set(table) == set(runs)
+    assert float(table[THERMOSTAT]["cost"]) == scored(runs[THERMOSTAT]).cost, (
+        "the first of several settings is the usual"
+    )
+    assert table[THERMOSTAT]["share of the way"] == ""
+    assert float(table[THERMOGATE]["share of the way"]) < 1.0
+    with (tmp_path / "verdicts.csv").open(encoding="utf-8", newline="") as file:
+        targets = {row["target"]: row["verdict"] for row in csv.DictReader(file)}
+    ratio = scored(runs[THERMOGATE]).discomfort / scored(runs[THERMOSTAT]).discomfort
+    assert targets["timber, parties: discomfort over that of the thermostat"] == ("met" if ratio <= 1.0 else "missed")
+
+
+@needs_energyplus
+def test_every_run_has_a_file_of_its_own() -> None:
+    made = prepare(Request(days=3, building=("timber", "house")))
+    labels = [job.label for job in made.jobs()]
+    assert len(labels) == len(set(labels))
+    scenes = [job.payload.scene for job in made.jobs()]
+    assert {scene.case for scene in scenes} == set(CASES)
+    assert {(scene.days, scene.controlled) for scene in scenes} == {(3, 2), (2, 2)}
+
+
+@needs_energyplus
+@pytest.mark.parametrize(
+    ("arguments", "gist"),
+    [
+        (["--case", "flood"], "there is no case 'flood'; the cases are undisturbed"),
+        (["--building", "castle"], "there is no building 'castle'"),
+        (["--days", "2"], "--days 2: a third of them is history"),
+        (["--particles", "60"], "--particles means nothing to this experiment"),
+    ],
+)
+def test_mistakes_are_one_sentence(
+    arguments: list[str], gist: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["experiment", "control", "--out", str(tmp_path), *arguments]) == 1
+    said = capsys.readouterr().err
+    assert gist in said
+    assert len(said.splitlines()) == 1
+
+
+def test_without_the_extra_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    library.library.cache_clear()
+    with monkeypatch.context() as patched:
+        patched.setattr(library.importlib.util, "find_spec", lambda name: None)
+        with pytest.raises(ReplayError, match="install the extra with pip install"):
+            prepare(Request())
+    library.library.cache_clear()
+
+
+def test_the_joint_plan_of_one_room_is_that_of_the_example() -> None:
+    mpc, steps = customer.mpc(), 24
+    response = 1e-3 * 0.95 ** np.arange(steps)
+    free = 21.0 - 0.2 * np.arange(steps + 1)
+    prices = np.where(np.arange(steps) % 8 < 3, 0.2, 0.4) + 1e-4 * np.arange(steps)
+    low = np.full(steps, 20.0)
+    settings = mpc.Settings("room", power=1500.0, high=24.0, step=1800.0)
+    alone = mpc.plan(settings, free, response, prices, low, np.full(steps, 24.0))
+    moved = np.array([[response[k - j] if j <= k else 0.0 for j in range(steps)] for k in range(steps)])
+    together = planned(moved, free[1:], low, prices, [1500.0])
+    assert together.shape == (1, steps)
+    assert prices @ together[0] == pytest.approx(prices @ alone, rel=1e-9)
+    assert (free[1:] + moved @ together[0] >= 20.0 - 1e-6).all()
+
+
+def test_cost_at_equal_discomfort_lies_between_settings_that_nobody_beats() -> None:
+    def point(discomfort: float, cost: float) -> Scores:
+        return Scores(0.0, cost, discomfort, 0.0, 0.0, 0.0, 0.0)
+
+    swept = [point(1.0, 100.0), point(3.0, 90.0), point(2.0, 110.0), point(9.0, 95.0)]
+    assert cost_at(swept, 2.0) == pytest.approx(95.0)
+    assert cost_at(swept, 0.5) == 100.0
+    assert cost_at(swept, 20.0) == 90.0, "who is less comfortable pays no more"
+    perfect = [point(1.0, 80.0), point(3.0, 70.0)]
+    assert share_of_the_way(point(2.0, 79.0), swept, perfect) == pytest.approx(0.8)
+    assert share_of_the_way(point(3.0, 90.0), swept, perfect) == pytest.approx(0.0)
+    assert np.isnan(share_of_the_way(point(2.0, 79.0), perfect, perfect))
+
+
+def test_what_happens_is_part_of_the_controlled_days_alone() -> None:
+    scene = Scene("timber", "denver", STUCK, seed=1, days=21, controlled=14)
+    stuck = stuck_steps(scene)
+    assert stuck.sum() == 2 * STEPS_A_DAY, "a day in each of two weeks"
+    assert not stuck[: scene.controlled_from].any()
+    assert not stuck_steps(scene._replace(case=PARTIES)).any()
+    assert [price(hour * 3600.0) for hour in (3, 12, 18, 23)] == [0.20, 0.32, 0.48, 0.20]

@@ -1,0 +1,210 @@
+"""Every experiment in short: few particles, few days, from the command line to its report."""
+
+from __future__ import annotations
+
+import csv
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from estimator.network.presets import titeth
+from replay.errors import ReplayError
+from replay.experiments.request import Request
+from replay.experiments.series.networks import network_of, zone_of
+from service.cli.main import main
+
+ROOT = Path(__file__).parents[4]
+SHORT = ["--days", "2", "--particles", "60", "--seeds", "2", "--jobs", "2"]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def run(name: str, out: Path, *options: str, short: Sequence[str] = SHORT) -> Path:
+    assert main(["experiment", name, "--out", str(out), *short, *options]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for heading in ("What was done", "What to set"):
+        assert heading in page
+    assert "nan" not in page.split("</head>")[1].replace("nanm", "").lower().split("<script")[0]
+    return out
+
+
+@pytest.fixture(scope="module")
+def semi_synthetic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run("semi-synthetic", tmp_path_factory.mktemp("semi"))
+
+
+def test_the_floor_of_the_semi_synthetic_building_is_below_everyone(semi_synthetic: Path) -> None:
+    table = rows(semi_synthetic / "calibration-one-step.csv")
+    winkler = {row["estimator"]: float(row["Winkler, K"]) for row in table if row["Winkler, K (sd)"]}
+    floor = winkler.pop("floor: true parameters, gain known")
+    assert 0.65 < floor < 0.9
+    assert {"RBPF default, 10 free", "RBPF paper, 6 free", "EKF paper, 10 free", "UKF paper, 6 free"} <= set(winkler)
+    assert all(floor < other for other in winkler.values())
+    assert any(row["estimator"].startswith("RBPF, authors' runs") for row in table)
+
+
+def test_the_two_conventions_are_two_tables(semi_synthetic: Path) -> None:
+    one_step, filtered = (
+        {row["estimator"]: float(row["width, K"] or "nan") for row in rows(semi_synthetic / f"calibration-{name}.csv")}
+        for name in ("one-step", "filtered")
+    )
+    label = "RBPF default, 10 free"
+    # No honest interval of y is narrower than the noise of y alone makes it; the filtered one leaves noise out.
+    assert one_step[label] > 2 * 1.95 * 0.15 > filtered[label]
+
+
+def test_every_estimator_is_held_to_the_targets(semi_synthetic: Path) -> None:
+    targets = {row["target"]: row for row in rows(semi_synthetic / "verdicts.csv")}
+    assert targets["RBPF default, 10 free: AUC of alpha"]["verdict"] in ("met", "missed")
+    found = float(targets["floor: true parameters, gain known: one_step Winkler, K"]["found (mean ± sd over seeds)"])
+    verdict = targets["floor: true parameters, gain known: one_step Winkler, K"]["verdict"]
+    assert verdict == ("met" if abs(found - 0.772) <= 0.00772 else "missed")
+
+
+def test_what_is_learned_is_compared_with_the_truth(semi_synthetic: Path) -> None:
+    errors = rows(semi_synthetic / "transfer-function-errors.csv")
+    names = [row["estimator"] for row in errors]
+    assert "least squares, offline" in names
+    assert "LS, paper (Table 4)" in names
+    assert all(float(row["H2 solar"]) > 0 for row in errors)
+    assert {row["estimator"] for row in rows(semi_synthetic / "open-loop.csv")} >= {
+        "Kalman filter, true parameters, gain ignored",
+        "RBPF paper, 6 free",
+    }
+
+
+def test_an_experiment_that_is_finished_only_writes_its_report_again(semi_synthetic: Path) -> None:
+    files = {path: path.stat().st_mtime_ns for path in (semi_synthetic / "runs").iterdir()}
+    (semi_synthetic / "report.html").unlink()
+    run("semi-synthetic", semi_synthetic)
+    assert {path: path.stat().st_mtime_ns for path in (semi_synthetic / "runs").iterdir()} == files
+
+
+def test_a_day_without_unmeasured_heat_has_its_report(tmp_path: Path) -> None:
+    out = run("semi-synthetic", tmp_path, "--days", "1", "--seeds", "4,")
+    targets = rows(out / "verdicts.csv")
+    met, missed = (sum(row["verdict"] == word for row in targets) for word in ("met", "missed"))
+    assert met + missed < len(targets)
+    said = f"{met} of {len(targets)} are met, {len(targets) - met - missed} open"
+    assert said in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_another_network_has_targets_of_nobody(tmp_path: Path) -> None:
+    out = run("semi-synthetic", tmp_path, "--network", "tite", "--seeds", "1,")
+    assert not (out / "verdicts.csv").exists()
+    for table in ("calibration-one-step", "transfer-function-errors", "parasitic-learning", "open-loop"):
+        labels = [row["estimator"] for row in rows(out / f"{table}.csv")]
+        assert labels[0] == "RBPF default, 4 free"
+        assert not any("paper (" in label or "authors" in label for label in labels), table
+
+
+def test_the_zone_of_a_configuration_is_a_network_too() -> None:
+    request = Request(config=ROOT / "deploy/examples/generic-csv.toml")
+    assert network_of(request, "building-67").nodes == titeth().nodes
+    with pytest.raises(ReplayError, match=r"there is no zone 'attic'; the zones are room-1"):
+        zone_of(Request(config=request.config, zone="attic"))
+
+
+def test_ecolar_compares_nights(tmp_path: Path) -> None:
+    recording = ROOT / "deploy/examples/data/ecolar-standin.csv.gz"
+    out = run("ecolar", tmp_path, "--data", str(recording), "--seeds", "1,")
+    nights = {row["estimator"]: row for row in rows(out / "ecolar-nights.csv")}
+    assert 0 < float(nights["RBPF default"]["median, final"]) < 5
+    assert 0 < float(nights["RBPF default"]["median, evening"]) < 5
+    assert 0 < float(nights["least squares, offline"]["median, final"]) < 2
+    one_step, filtered = (rows(out / f"ecolar-calibration-{name}.csv") for name in ("one-step", "filtered"))
+    assert all(
+        float(a["width, K"]) > float(b["width, K"])
+        for a, b in zip(one_step, filtered, strict=False)
+        if a["width, K (sd)"]
+    )
+
+
+def test_sensitivity_changes_one_thing_at_a_time(tmp_path: Path) -> None:
+    out = run("sensitivity", tmp_path, "--seeds", "1", "--particles", "150")
+    for base in ("default", "paper"):
+        table = {row["changed"]: row for row in rows(out / f"sensitivity-{base}.csv")}
+        assert float(table["as it is"]["filtered width, K"]) < float(
+            table["measurement_sd doubled"]["filtered width, K"]
+        )
+        assert {"50 particles", "250 particles", "volatility_sd .05", "gate 0.15 to 0.5"} <= set(table)
+
+
+def test_cost_measures_time_and_state(tmp_path: Path) -> None:
+    out = run("cost", tmp_path, "--network", "building-67", short=["--particles", "60"])
+    table = {row["estimator"]: row for row in rows(out / "cost.csv")}
+    # theta (10), log alpha (1), mean (5), covariance (15) and weight (1) of each particle, and little else.
+    assert float(table["RBPF, 60 particles"]["state, MB"]) == pytest.approx(60 * 32 * 8 / 1e6, rel=0.05)
+    assert all(float(row["ms, median"]) > 0 for row in table.values())
+
+
+def test_cost_needs_three_days_of_weather(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sky = tmp_path / "sky.csv"
+    rows = [f"2016-04-10 {hour:02d}:{minute}:00,3,0" for hour in range(24) for minute in ("00", 10, 20, 30, 40, 50)]
+    sky.write_text("\n".join(["timestamp_utc,T_out_degC,GHI_W_m2", *rows]) + "\n", encoding="utf-8")
+    assert main(["experiment", "cost", "--data", str(sky), "--out", str(tmp_path / "out")]) == 1
+    assert "sky.csv: it has 144 rows; 400 are needed" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Path) -> None:
+    # A script's background has Ctrl-C ignored, which its processes inherit.
+    heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    command = [sys.executable, "-c", f"{heeding}; from service.cli.main import main; sys.exit(main())"]
+    options = ["experiment", "semi-synthetic", "--days", "2", "--particles", "300", "--seeds", "2", "--jobs", "2"]
+    with subprocess.Popen(
+        [*command, *options, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True, cwd=ROOT
+    ) as process:
+        deadline = time.monotonic() + 120
+        while len(list(tmp_path.glob("runs/*.npz"))) < 1 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=180)
+    kept = {path.name for path in (tmp_path / "runs").iterdir()}
+    assert process.returncode == 130
+    assert said.endswith("the same command goes on from there\n")
+    assert "Traceback" not in said
+    assert 1 <= len(kept) < 28
+    assert all(name.endswith(".npz") for name in kept)
+    assert main([*options, "--out", str(tmp_path)]) == 0
+    assert kept < {path.name for path in (tmp_path / "runs").iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["semi-synthetic", "--data", "a.csv", "--data", "b.csv"], "this experiment takes one file"),
+        (["semi-synthetic", "--data", "missing.csv"], "missing.csv: cannot be read"),
+        (["semi-synthetic", "--network", "tit"], 'unknown network "tit"'),
+        (["semi-synthetic", "--network", "tite", "--config", "x.toml"], "give one of them"),
+        (["semi-synthetic", "--network", "tite", "--set", "parameters.C_i.lower=3e6"], "have no nominal value"),
+        (["ecolar", "--data", "missing.csv"], "missing.csv"),
+        (["ecolar", "--network", "titeth"], "it needs the channels T_air, T_out, T_adj, u_heat"),
+        (["cost", "--days", "3"], "--days means nothing to this experiment"),
+        (["semi-synthetic", "--time-zone", "Europe/Berlin"], "--time-zone means nothing to this experiment"),
+        (["ecolar", "--state", "var"], "--state means nothing to this experiment"),
+        (["sensitivity", "--case", "undisturbed"], "--case means nothing to this experiment"),
+        (["hours-ahead", "--zone", "living"], "name that with --config"),
+        (["ecolar", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
+        (["topology", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
+        (["nonsense"], "invalid choice: 'nonsense'"),
+        (["cost", "--seeds", "none"], "neither a number of seeds nor a list"),
+        (["cost", "--seeds", "0"], "from 1 to 1000"),
+    ],
+)
+def test_mistakes_are_one_sentence(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["experiment", *options]) in (1, 2)
+    complaint = capsys.readouterr().err
+    assert said in complaint
+    assert complaint.startswith("thermogate: ")
+    assert complaint.count("\n") == 1

@@ -1,0 +1,113 @@
+"""The soak and the overload on the real daemon, for a few seconds, and what is made of what they saw."""
+
+import json
+import os
+
+import pytest
+
+from replay.lab.measuring import overload
+from replay.lab.measuring.soak import report
+from replay.lab.measuring.soak.company import _handles
+from replay.lab.measuring.soak.observation import Observation
+from replay.lab.measuring.soak.run import Soak, run
+from replay.lab.measuring.soak.verdict import LIMITS, judge, summary
+
+
+def observed(count=120, **growth):
+    """`count` looks 2 s apart at pace 600; `growth` per simulated day of some figures, on a ripple."""
+    usual = {"resident_mb": 300.0, "descriptors": 40, "threads": 18, "disk_mb": 5.0}
+    looks = []
+    for k in range(count):
+        days = 2.0 * k * 600.0 / 86_400.0
+        ripple = {"resident_mb": 0.2 * (k % 5), "descriptors": k % 3, "threads": k % 2, "disk_mb": 0.001 * k}
+        values = {name: value + ripple[name] + growth.get(name, 0.0) * days for name, value in usual.items()}
+        looks.append(Observation(2.0 * k, cpu_s=0.1 * k, samples=12 * k, history=12 * k, streams=3, timers=100.0 * k,
+                                 late_timers=0.5 * k, overruns=0.0, running=6, **values))  # fmt: skip
+    return looks
+
+
+def test_what_stays_level_is_within_its_limits():
+    assert all(one.within for one in judge(observed(), 600.0))
+    found = summary(observed(), 600.0)
+    assert found["simulated_hours"] == pytest.approx(2.0 * 119 * 600 / 3600)
+    assert found["late_timers_share"] == pytest.approx(0.005)
+    assert found["cores_used"] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("figure", [limit.figure for limit in LIMITS])
+def test_what_grows_is_found(figure):
+    verdicts = {one.limit.figure: one for one in judge(observed(**{figure: 5.0}), 600.0)}
+    assert [name for name, one in verdicts.items() if not one.within] == [figure]
+    if figure != "disk_mb":
+        assert verdicts[figure].slope == pytest.approx(5.0, abs=0.2)
+
+
+def test_a_peak_is_no_growth():
+    looks = observed()
+    looks[-3:] = [one._replace(resident_mb=900.0) for one in looks[-3:]]
+    assert all(one.within for one in judge(looks, 600.0))
+
+
+def test_what_was_taken_before_the_clock_ran_does_not_count():
+    # 20,000 samples, 2,000 of them taken before, one a millisecond offered for 90 s.
+    found = overload.rates(20_000 - 2000, 90.0, 0.001)
+    assert (found["served_per_s"], found["factor"]) == (pytest.approx(200.0), pytest.approx(5.0))
+
+
+@pytest.fixture(scope="module")
+def soaked(tmp_path_factory):
+    soak = Soak(hours=2.0, pace=600.0, zones=2, particles=60, every=0.5, streams=3, clients=1)
+    return tmp_path_factory.mktemp("soak"), *run(soak, tmp_path_factory.mktemp("run") / "soak")
+
+
+def test_the_real_daemon_is_watched_in_company(soaked):
+    _, result, observations, verdicts = soaked
+    assert len(observations) > 10
+    assert observations[-1].samples > observations[0].samples
+    assert observations[-1].disk_mb > 0
+    assert observations[-1].timers > observations[0].timers
+    assert {one.limit for one in verdicts} == set(LIMITS)
+    company = result["company"]
+    assert company["opened"] >= 3
+    assert company["requests"] > 5
+    assert company["not_answered"] == 0
+    assert result["stop_s"] < 10
+
+
+def test_a_soak_reads_as_lines_and_is_drawn(soaked):
+    folder, result, observations, verdicts = soaked
+    text = report.lines(result, verdicts)
+    assert "simulated hours" in text[0]
+    assert sum("limit" in line for line in text) == len(LIMITS)
+    report.write_page(folder / "soak.html", observations, 600.0, text)
+    page = (folder / "soak.html").read_text()
+    assert "simulated hours" in page
+    assert '<script src="http' not in page
+    pytest.importorskip("matplotlib")
+    assert report.draw(folder / "soak.svg", observations, 600.0)
+    assert (folder / "soak.svg").read_text().startswith("<?xml")
+
+
+def test_signals_are_sent_to_those_alone_who_handle_them():
+    import signal
+
+    before = signal.signal(signal.SIGHUP, lambda *_: None)
+    try:
+        assert _handles(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert _handles(os.getpid(), signal.SIGHUP) == callable(before)
+
+
+def test_ten_times_too_much_loses_nothing(tmp_path):
+    found = {
+        "readings": overload.readings(tmp_path / "readings", 6.0, particles=60),
+        "samples": overload.samples(tmp_path / "samples", 300, particles=2000, every=0.0001),
+    }
+    assert found["samples"]["factor"] > 1.0
+    assert found["samples"]["lost"] == found["samples"]["out_of_order"] == 0
+    assert found["samples"]["rest"]["not_ok"] == 0
+    assert found["samples"]["overruns"] > 0
+    assert found["readings"]["requests_without_answer"] == 0
+    assert found["readings"]["samples"] > 0
+    assert len(overload.lines(json.loads(json.dumps(found)))) == 2

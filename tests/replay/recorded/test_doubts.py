@@ -1,0 +1,49 @@
+"""What looks wrong with telemetry before anything is learned from it."""
+
+import numpy as np
+import pytest
+from support.harness import EXAMPLES
+
+from replay.recorded.doubts import doubts
+from service.config.load import load
+
+ZONE = load(EXAMPLES / "generic-csv.toml").zones[0]
+HOURS = np.arange(24.0 * 14)
+DAY = 2.0 * np.pi * HOURS / 24.0
+ROOM = 20.5 + 0.5 * np.sin(DAY)
+OUTDOORS = 4.0 + 5.0 * np.sin(DAY)
+HEATING = 1500.0 * (np.sin(DAY) < 0.0)
+
+
+def told(room=ROOM, outdoors=OUTDOORS, heating=HEATING, hours=HOURS):
+    assert ZONE.network.channels == ("T_i", "T_out", "u_heat")
+    return doubts(ZONE, 3600.0 * hours, np.stack([room, outdoors, heating], axis=1))
+
+
+def test_ordinary_telemetry_is_not_doubted():
+    assert told() == []
+    summer = 22.0 + 6.0 * np.sin(DAY)
+    assert told(room=24.0 + 2.0 * np.sin(DAY), outdoors=summer) == []
+    gaps = np.where(HOURS % 3 == 0, ROOM, np.nan)
+    assert told(room=gaps) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"room": 32.0 + 1.8 * ROOM}, 'T_i is 68.9 degC in the middle, usual are 5 to 40; write unit = "degF"'),
+        ({"outdoors": OUTDOORS + 273.15}, 'write unit = "K" if it is in K'),
+        ({"heating": HEATING / 1000.0}, 'u_heat is 1.5 W at most; write unit = "kW"'),
+        ({"heating": 0.0 * HEATING}, "u_heat is 0 W all the time"),
+        ({"room": OUTDOORS + 10.0, "outdoors": ROOM}, "T_i varies by 3.5 K and T_out by 0.4 K; are the two swapped?"),
+        ({"outdoors": 0.0 * OUTDOORS + 7.0}, "T_out is 7 degC all the time; is its sensor connected?"),
+    ],
+)
+def test_a_mistake_is_named_with_its_remedy(changes, sentence):
+    (found,) = told(**changes)
+    assert sentence in found
+
+
+def test_a_short_history_is_named():
+    (found,) = doubts(ZONE, np.array([0.0, 3600.0]), np.array([[20.0, 3.0, 0.0], [20.1, 3.0, 0.0]]))
+    assert found.startswith("it covers 0.0 days")

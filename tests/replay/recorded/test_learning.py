@@ -1,0 +1,177 @@
+"""`thermogate learn`: history into the state of a daemon's zones."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replay.recorded import learning
+from replay.recorded.learning import learn, survey
+from service.config.fitting import fingerprint, make_worker
+from service.config.load import load, load_history
+from service.errors import ConfigError, ServiceError
+from service.store.reading import read_state
+from service.store.store import locked
+from service.zone import snapshot
+
+RECORDING = Path(__file__).parents[3] / "deploy" / "examples" / "data" / "generic.csv"
+
+PLANT = """
+[site]
+id = "home"
+state_dir = "state"
+
+[sources.bms]
+kind = "mqtt"
+host = "127.0.0.1"
+
+[[zones]]
+id = "room"
+period = "15min"
+network = "titeth"
+estimator = "ekf"
+
+[zones.channels]
+T_i = { source = "bms", topic = "room/t", unit = "degC" }
+T_out = { source = "bms", topic = "out/t", unit = "degC" }
+u_heat = { source = "bms", topic = "room/p", unit = "W" }
+"""
+
+HISTORY = f"""
+[sources.export]
+kind = "csv"
+files = ["{RECORDING}"]
+delimiter = ";"
+decimal = ","
+timestamp = {{ column = "Zeit", format = "%d.%m.%Y %H:%M", zone = "Europe/Berlin" }}
+
+[[zones]]
+id = "room"
+
+[zones.channels]
+T_i = {{ source = "export", column = "Raumtemperatur", unit = "degC" }}
+T_out = {{ source = "export", column = "Aussentemperatur", unit = "degC" }}
+u_heat = {{ source = "export", column = "Heizleistung_kW", unit = "kW" }}
+"""
+
+
+def written(folder, plant=PLANT, history=HISTORY):
+    folder.mkdir(exist_ok=True)
+    (folder / "plant.toml").write_text(plant)
+    (folder / "history.toml").write_text(history)
+    return folder / "plant.toml", folder / "history.toml"
+
+
+def learned(folder, start=None, end=None):
+    config = load_history(*written(folder))
+    return learn(config, survey(config, start, end), start, end, jobs=1)
+
+
+def state_of(folder):
+    """Samples, history and the newest checkpoint of the zone as the daemon would find them."""
+    zone = load(folder / "plant.toml").zones[0]
+    with read_state(folder / "state") as state:
+        samples = list(state.journal.samples_after("room", None))
+        rows = state.journal.history("room", None, None, 10_000)
+        return zone, samples, rows, state.checkpoint("room", fingerprint(zone))
+
+
+def same_samples(first, second):
+    # As text: a set-point that nobody tells is NaN.
+    return list(map(repr, first[1])) == list(map(repr, second[1]))
+
+
+def assert_same(first, second):
+    assert first.step == second.step
+    assert first.arrays.keys() == second.arrays.keys()
+    for name, value in first.arrays.items():
+        assert np.array_equal(value, second.arrays[name], equal_nan=value.dtype.kind == "f"), name
+
+
+@pytest.fixture(autouse=True)
+def chunks(monkeypatch):
+    """Several checkpoints in a recording of two days."""
+    monkeypatch.setattr(learning, "_CHUNK", 40)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    return folder, learned(folder)
+
+
+def test_the_zone_of_a_live_configuration_stands_where_the_recording_ends(whole):
+    folder, result = whole
+    zone, samples, rows, checkpoint = state_of(folder)
+    assert [trace.zone for trace in result.traces] == ["room"]
+    assert len(samples) == len(rows) == 192
+    assert checkpoint.step == samples[-1].time == rows[-1].time
+    worker = make_worker(zone)
+    updates = [update for sample in samples if (update := worker.step(sample)) is not None]
+    assert [row.mean for row in rows[1:]] == [update.score.mean[0] for update in updates[1:]]
+    assert_same(checkpoint, snapshot.take(worker, fingerprint(zone), "ekf"))
+
+
+def test_a_second_run_finds_nothing_new_and_changes_nothing(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path / "again")
+    before = state_of(tmp_path / "again")
+    result = learned(tmp_path / "again")
+    assert result.traces == []
+    assert result.known == {"room": len(before[1])}
+    after = state_of(tmp_path / "again")
+    assert same_samples(after, before)
+    assert_same(after[3], before[3])
+
+
+def test_a_run_that_was_interrupted_goes_on_with_the_same_bits(whole, tmp_path):
+    folder = tmp_path / "parts"
+    _, samples, _, _ = state_of(whole[0])
+    learned(folder, end=samples[100].time)
+    # The process was killed after the journal had the samples and before the checkpoints were written.
+    shutil.rmtree(folder / "state" / "checkpoints")
+    result = learned(folder)
+    assert result.known == {"room": 100}
+    assert same_samples(state_of(folder), state_of(whole[0]))
+    assert_same(state_of(folder)[3], state_of(whole[0])[3])
+
+
+def test_what_the_recording_holds_is_told_before_the_work(tmp_path):
+    config = load_history(*written(tmp_path))
+    (history,) = survey(config, None, None).values()
+    text = history.described("room")
+    assert text.startswith(f"zone 'room': {history.samples} samples from 20")
+    assert "measured in 100 %" in text
+
+
+@pytest.mark.parametrize(
+    ("plant", "history", "sentence"),
+    [
+        (
+            PLANT,
+            HISTORY.replace('id = "room"', 'id = "rom"'),
+            'has no zone "rom"; its zones are room; did you mean "room"?',
+        ),
+        (PLANT, HISTORY.replace("T_out =", "T_aussen ="), "must name the same channels as zone"),
+        (PLANT, "[http]\nport = 1\n" + HISTORY, "http: does not belong into a history"),
+        (
+            PLANT,
+            HISTORY.replace('id = "room"', 'id = "room"\nperiod = "5min"'),
+            "period: does not belong into a history; a zone there has id, channels",
+        ),
+        (PLANT, HISTORY.replace("Raumtemperatur", "Saaltemperatur"), "Saaltemperatur"),
+    ],
+)
+def test_mistakes_in_a_history_are_explained(tmp_path, plant, history, sentence):
+    with pytest.raises(ConfigError) as raised:
+        load_history(*written(tmp_path, plant, history))
+    assert any(sentence in problem for problem in raised.value.problems), raised.value.problems
+
+
+def test_a_running_daemon_and_a_live_source_are_refused(tmp_path):
+    config = load_history(*written(tmp_path))
+    histories = survey(config, None, None)
+    with locked(tmp_path / "state"), pytest.raises(ServiceError, match="another thermogate already runs"):
+        learn(config, histories, None, None, jobs=1)
+    with pytest.raises(ServiceError, match="is live"):
+        survey(load(tmp_path / "plant.toml"), None, None)

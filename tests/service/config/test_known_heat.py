@@ -1,0 +1,154 @@
+"""Sun and habits as a zone's table and the site say, and what a zone has of them that says nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.config_samples import sound, write
+from support.zone_samples import sample
+
+from estimator.network.boxes import TYPICAL_AREA
+from service.config.fitting import fingerprint, make_worker
+from service.config.load import load
+from service.config.site import Config
+from service.config.written import effective_toml
+from service.errors import ConfigError
+from service.store.journal import Journal
+from service.store.store import JOURNAL
+
+SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
+PLACE = {"latitude": 47.67, "longitude": 9.17, "time_zone": "Europe/Berlin"}
+
+
+def loaded(folder: Path, site: dict[str, Any] | None = None, sunny: bool = True, **zone: Any) -> Config:
+    """The sample with more in [site] and in the table of its first zone."""
+    tables = sound(folder)
+    tables["site"] |= site or {}
+    tables["zones"][0] |= zone
+    if sunny:
+        tables["zones"][0]["channels"] |= {"I_sol": SUN}
+    return load(write(folder, tables))
+
+
+def names(config: Config) -> set[str]:
+    return {term.series.rpartition("_")[0] or term.series for term in config.zones[0].network.terms}
+
+
+def test_an_automatic_zone_knows_habits_and_the_sun_as_far_as_it_can(tmp_path: Path) -> None:
+    assert names(loaded(tmp_path, sunny=False, network="auto")) == {"habit", "habit_weekend"}
+    by_hour = names(loaded(tmp_path, network="auto"))
+    assert by_hour == {"habit", "habit_weekend", "sun", "horizontal"}
+    by_facade = names(loaded(tmp_path, PLACE, network="auto"))
+    assert by_facade == {"habit", "habit_weekend", "east", "south", "west", "diffuse", "horizontal"}
+    assert names(loaded(tmp_path, PLACE, network="auto", habits=False, sun=False)) == set()
+
+
+def test_other_networks_and_estimators_know_what_is_asked_for(tmp_path: Path) -> None:
+    assert names(loaded(tmp_path, sunny=False)) == set()
+    assert names(loaded(tmp_path, sunny=False, habits=True)) == {"habit", "habit_weekend"}
+    assert names(loaded(tmp_path, network="auto", estimator="ekf")) == set()
+    solar = {"preset": "titeth", "solar": True}
+    assert names(loaded(tmp_path, network=solar, sun="hours")) == {"sun", "horizontal"}
+
+
+MISTAKES = {
+    "no place": (
+        {}, {"network": "auto", "sun": "facades"},
+        "zones[0] ('living').sun: needs the latitude and longitude of the site; without them write sun = \"hours\"",
+    ),
+    "no sensor": (
+        PLACE, {"sun": "facades", "sunny": False},
+        "zones[0] ('living').sun: needs the horizontal irradiance; add a heat input in W/m2, such as the channel I_sol",
+    ),
+    "no place for it": (
+        {}, {"network": "auto", "estimator": "rbpf", "habits": True},
+        "zones[0] ('living').habits: has no place in the estimator \"rbpf\"; "
+        "choose \"bank\" or \"mkf\", or remove habits",
+    ),
+    "another sun": (
+        PLACE, {"network": "auto", "sun": "moon"},
+        "zones[0] ('living').sun: must be \"facades\", \"hours\" or false, not \"moon\"",
+    ),
+    "half a place": (
+        {"latitude": 47.0}, {"network": "auto"},
+        "site: has only one of latitude and longitude; give both, in degrees, or none",
+    ),
+    "nowhere": (
+        {"latitude": 147.0, "longitude": 9.0}, {"network": "auto"},
+        "site.latitude: must be from -90 to 90 degrees, not 147.0",
+    ),
+    "no country": (
+        {"country": "Atlantis"}, {"network": "auto"},
+        "site.country: \"Atlantis\" is not a country that it knows; use a code such as \"DE\", or \"DE-BW\"",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_what_cannot_be_is_said_in_a_sentence(tmp_path: Path, mistake: str) -> None:
+    site, zone, sentence = MISTAKES[mistake]
+    with pytest.raises(ConfigError) as caught:
+        loaded(tmp_path, site, **zone)
+    assert caught.value.problems == [sentence]
+
+
+def test_a_floor_area_scales_what_is_thought_before_the_first_sample(tmp_path: Path) -> None:
+    plain, large = (
+        loaded(tmp_path, PLACE, network="auto", **keys).zones[0].network
+        for keys in ({}, {"floor_area": 3 * TYPICAL_AREA})
+    )
+    for one, other in zip(plain.terms, large.terms, strict=True):
+        assert other.sd == pytest.approx(3 * one.sd)
+    assert large.parameter("C_e").typical == pytest.approx(3 * plain.parameter("C_e").typical)
+    boxed = {"preset": "auto", "box": {"floor_area": 3 * TYPICAL_AREA}}
+    assert loaded(tmp_path, PLACE, network=boxed).zones[0].network.terms == large.terms
+
+
+def test_a_zone_with_state_from_before_goes_on_without(tmp_path: Path) -> None:
+    before = loaded(tmp_path, PLACE, network="auto", estimator="mkf", habits=False, sun=False)
+    journal = Journal.open(before.site.state_dir / JOURNAL)
+    assert journal.claim("living", fingerprint(before.zones[0]))
+    journal.append("living", sample(1))
+    journal.close()
+    now = loaded(tmp_path, PLACE, network="auto", estimator="mkf")
+    assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
+    assert now.zones[0].network.terms == ()
+    # Asked for, it is another network, whose state has to be begun with --reset.
+    asked = loaded(tmp_path, PLACE, network="auto", estimator="mkf", habits=True)
+    assert fingerprint(asked.zones[0]) != fingerprint(before.zones[0])
+
+
+def test_a_zone_that_learned_the_sun_by_the_hour_goes_on_so_when_the_site_gets_a_location(tmp_path: Path) -> None:
+    before = loaded(tmp_path, network="auto", estimator="mkf")
+    journal = Journal.open(before.site.state_dir / JOURNAL)
+    assert journal.claim("living", fingerprint(before.zones[0]))
+    journal.append("living", sample(1))
+    journal.close()
+    now = loaded(tmp_path, PLACE, network="auto", estimator="mkf")
+    assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
+    assert "sun_12" in now.zones[0].network.drive
+
+
+@pytest.mark.parametrize("place", [{}, PLACE])
+def test_what_is_written_out_is_the_same_zone(tmp_path: Path, place: dict[str, Any]) -> None:
+    now = loaded(tmp_path, place, network="auto", floor_area=120)
+    kept = tmp_path / "kept.toml"
+    kept.write_text(effective_toml(now), encoding="utf-8")
+    again = load(kept)
+    assert again.zones[0].network.terms == now.zones[0].network.terms
+    assert fingerprint(again.zones[0]) == fingerprint(now.zones[0])
+    assert effective_toml(again) == effective_toml(now)
+
+
+def test_the_worker_knows_the_heat_of_its_zone(tmp_path: Path) -> None:
+    worker = make_worker(loaded(tmp_path, PLACE, network="auto", estimator="mkf").zones[0])
+    network = worker.network
+    afternoon = np.array([1371560400.0])  # 18 June 2013, 15:00 in Berlin
+    (row,) = worker.loop.driving(afternoon, np.array([[10.0, 0.0, 700.0]]))
+    known = dict(zip(network.drive, row.tolist(), strict=True))
+    assert known["sun_west"] > known["sun_east"] == 0.0
+    assert known["habit_15"] == pytest.approx(1 - 2.5 / 60 / 3)
+    assert known["habit_weekend_15"] == 0.0

@@ -1,0 +1,151 @@
+"""Questions about heating, asked of a zone that has learned a simulated house, and held to what it then does."""
+
+import numpy as np
+import pytest
+from support.thermostat_house import morning, recorded
+
+from estimator.network.presets import network
+from estimator.registry import build
+from estimator.thermostat.answers import Amounts
+from service.errors import NoLaw, PlanError, ServiceError
+from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, together
+from service.records.record import document
+from service.records.sample import Sample
+from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.worker import WorkerSettings, ZoneWorker
+
+PERIOD, DAILY = 1800, 48
+DAYS = 10
+MIDNIGHT = 24.0 * DAYS
+"""Hours after the first midnight at which the questions are asked."""
+
+USUAL = np.array([morning(MIDNIGHT + step / 2) for step in range(DAILY)])
+
+
+def fresh(estimator="ekf"):
+    return ZoneWorker(build(estimator, network("tite"), PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+
+
+def fed(worker, days, told=True):
+    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, PERIOD), strict=True)):
+        worker.step(Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint if told else np.nan))
+    return worker
+
+
+@pytest.fixture(scope="module")
+def worker():
+    return fed(fresh(), DAYS)
+
+
+def answer(worker, question):
+    return question(worker, NO_WEATHER, lambda: False)
+
+
+def followed(setpoint):
+    """Temperatures and heat [W] of the day that follows, where set-points come as `setpoint(hours since midnight)`."""
+    truth = recorded(DAYS + 1, PERIOD, lambda hour: morning(hour) if hour < MIDNIGHT else setpoint(hour - MIDNIGHT))
+    return truth[0][-DAILY:, 0], truth[1][-DAILY:, 1]
+
+
+def kilowatt_hours(heat):
+    return float(heat.sum()) * PERIOD / 3.6e6
+
+
+def test_the_room_is_warm_in_time_and_would_not_be_much_later(worker):
+    by = MIDNIGHT + 6.5
+    found = answer(worker, PreheatQuestion(21.0, by * 3600.0, 0.9, 0.5))
+    assert found.start is not None
+    start = found.start / 3600.0 - MIDNIGHT
+    assert found.minutes == pytest.approx(60.0 * (6.5 - start))
+    assert found.reached >= 0.9
+    assert found.setpoint_before == 17.0
+    place = int(6.5 * 2)
+    warm, _ = followed(lambda hour: 21.0 if hour >= start else 17.0)
+    assert warm[place] >= 20.4
+    assert found.temperature.lower - 0.2 <= warm[place] <= found.temperature.upper + 0.2
+    late, _ = followed(lambda hour: 21.0 if hour >= start + 1.5 else 17.0)
+    assert late[place] < 20.4
+    surer = answer(worker, PreheatQuestion(21.0, by * 3600.0, 0.99, 0.5))
+    assert surer.start is None or surer.start <= found.start
+
+
+def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(worker):
+    found = answer(worker, PreheatQuestion(24.0, (MIDNIGHT + 1.0) * 3600.0, 0.9, 0.5))
+    assert found.start is None
+    assert found.reached < 0.1
+    assert b'"start":null' in document(found, "site", "room")
+    assert b'"minutes":null' in document(found, "site", "room")
+
+
+def test_demand_under_a_plan_is_what_the_house_then_takes(worker):
+    called = answer(worker, DemandQuestion(DAILY, USUAL))
+    _, heat = followed(morning)
+    demand = called.demand
+    assert demand.planned
+    assert demand.total.lower <= kilowatt_hours(heat) <= demand.total.upper
+    assert demand.total.mean == pytest.approx(kilowatt_hours(heat), rel=0.1)
+    assert len(demand.hours) == 24
+    assert sum(hour.energy.mean for hour in demand.hours) == pytest.approx(demand.total.mean)
+    assert demand.hours[1].begin - demand.hours[0].begin == 3600.0
+    # The set-point rises at half past six.
+    assert max(demand.hours, key=lambda hour: hour.energy.mean).begin == (MIDNIGHT + 7) * 3600.0
+
+
+def test_demand_without_a_plan_foresees_the_set_points(worker):
+    called = answer(worker, DemandQuestion(DAILY, None))
+    _, heat = followed(morning)
+    assert not called.demand.planned
+    assert called.demand.total.lower <= kilowatt_hours(heat) <= called.demand.total.upper
+
+
+def test_the_difference_of_two_plans_is_surer_than_either(worker):
+    question = CompareQuestion(DAILY, [Course("usual", USUAL), Course("1 K less", USUAL - 1.0)], 0.3)
+    found = answer(worker, question)
+    usual, less = found.plans
+    (saved,) = found.differences
+    truth = kilowatt_hours(followed(lambda hour: morning(hour) - 1.0)[1]) - kilowatt_hours(followed(morning)[1])
+    assert saved.energy.lower <= truth <= saved.energy.upper
+    assert saved.energy.mean == pytest.approx(less.energy.mean - usual.energy.mean)
+    assert saved.energy.upper - saved.energy.lower < 0.5 * (usual.energy.upper - usual.energy.lower)
+    assert saved.cost.mean == pytest.approx(0.3 * saved.energy.mean)
+    assert saved.hours_below.mean > 4.0
+
+
+def test_plans_that_are_alike_differ_in_nothing(worker):
+    found = answer(worker, CompareQuestion(DAILY, [Course("a", 20.0), Course("b", 20.0)]))
+    (difference,) = found.differences
+    assert (difference.energy.lower, difference.energy.mean, difference.energy.upper) == (0.0, 0.0, 0.0)
+    assert difference.cost is None
+
+
+def test_asking_changes_nothing(worker):
+    before = worker.standing
+    first = answer(worker, DemandQuestion(DAILY, USUAL)).demand
+    answer(worker, PreheatQuestion(21.0, (MIDNIGHT + 6.0) * 3600.0, 0.9, 0.5))
+    assert worker.standing is before
+    assert answer(worker, DemandQuestion(DAILY, USUAL)).demand == first
+
+
+def test_zones_that_cannot_say_why():
+    question = DemandQuestion(4, None)
+    assert answer(fresh(), question) is None
+    with pytest.raises(NoLaw, match="give the zone a"):
+        answer(fed(fresh(), 1, told=False), question)
+    with pytest.raises(NoLaw, match="no law of the thermostat is known"):
+        answer(fed(fresh(), 1), question)
+
+
+def test_a_question_that_nobody_waits_for_and_a_plan_that_does_not_fit(worker):
+    with pytest.raises(ServiceError, match="given up"):
+        DemandQuestion(4, None)(worker, NO_WEATHER, lambda: True)
+    with pytest.raises(PlanError, match="has 3 values"):
+        answer(worker, DemandQuestion(4, np.array([20.0, 20.0, 20.0])))
+
+
+def test_errors_of_zones_add_up_as_independent_ones_do():
+    one = Amounts(np.linspace(0.0, 10.0, 101)[:, None], np.full((101, 1), 1 / 101))
+    total = together([one] * 16)
+    assert total.mean == pytest.approx(80.0)
+    # A sum of 16 uniform ones has four times the sd of one of them; 4,000 draws leave some hundredths of it.
+    assert total.upper - total.lower == pytest.approx(2 * 1.96 * 4 * 10.0 / np.sqrt(12.0), rel=0.06)
+    assert together([]).mean == 0.0

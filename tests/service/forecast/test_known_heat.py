@@ -1,0 +1,86 @@
+"""Sun and habits in what a zone tells a controller: its matrices, its coupled simulation and its coefficients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.zone_samples import sample
+
+from estimator.heat.known import KnownHeat
+from estimator.heat.sun import Location
+from estimator.heat.terms import with_known_heat
+from estimator.network.presets import automatic
+from estimator.registry import build
+from estimator.statespace.matrices import of_draws, of_point
+from estimator.statespace.simulate import Simulation, mean_path
+from service.forecast.learned import ModelQuestion
+from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.local_time import calendar
+from service.zone.worker import WorkerSettings, ZoneWorker
+
+PERIOD = 600
+PLACE = Location(47.87, 11.73)
+NETWORK = with_known_heat(automatic(["T_i", "T_out", "u_heat", "I_sol"]), habits=True, sun="facades", location=PLACE)
+
+
+@pytest.fixture(scope="module")
+def worker() -> ZoneWorker:
+    """A zone on a sunny day in June."""
+    hours = calendar("Europe/Berlin", None, PLACE)
+    estimator = build("mkf", NETWORK, PERIOD, {"preset": "habits"})
+    found = ZoneWorker(estimator, WorkerSettings(1, (0.95,), 12, 900.0), KnownHeat(NETWORK, PERIOD, hours, PLACE))
+    begin = 1371506400  # midnight in Berlin
+    for k in range(100):
+        sun = 800.0 * max(0.0, np.sin(2 * np.pi * (k * PERIOD / 3600 - 6) / 24))
+        found.step(sample(0, 20.0 + 0.01 * k, [15.0, 300.0, sun])._replace(time=begin + k * PERIOD))
+    return found
+
+
+def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: ZoneWorker) -> None:
+    model, standing = ModelQuestion(3, 16)(worker, NO_WEATHER, lambda: False), worker.unstalled
+    assert model is not None
+    assert standing is not None
+    inputs = len(NETWORK.inputs)
+    assert model.mean.b.shape == (1, 4, inputs)
+    assert model.draws.b.shape == (16, 4, inputs)
+    assert model.known_heat.shape == (48, 4)
+    # Simulated with it, the mean model goes where it goes under the whole drive rows.
+    drawn = worker.estimator.draws(standing.state, 16)
+    assert drawn is not None
+    rows = worker.foresight.outlook(standing.update.forecast, standing.day, 3).rows
+    times = standing.update.forecast.valid_time + PERIOD * np.arange(3.0)
+    whole = of_point(drawn, PERIOD, 1)
+    expected = mean_path(whole, worker.loop.driving(times, rows))[-1]
+    state = model.mean.a[0] @ model.mean.state[0] + model.mean.b[0] @ rows.mean(axis=0) + model.known_heat[0]
+    # Inputs and known heat vary a little within the half hour.
+    np.testing.assert_allclose(model.mean.c @ state, expected, atol=0.02)
+    assert np.abs(model.known_heat).max() > 0.0
+
+
+def test_a_simulation_step_by_step_is_driven_as_a_plan_is(worker: ZoneWorker) -> None:
+    standing = worker.unstalled
+    assert standing is not None
+    drawn = worker.estimator.draws(standing.state, 8)
+    assert drawn is not None
+    models, first = of_draws(drawn, PERIOD, 1), float(standing.update.forecast.valid_time)
+    rows = worker.foresight.outlook(standing.update.forecast, standing.day, 12).rows
+
+    def driving(step: int, inputs: np.ndarray) -> np.ndarray:
+        return worker.loop.driving(np.array([first + PERIOD * step]), inputs[None])[0]
+
+    simulation = Simulation(models, driving)
+    path = []
+    for row in rows:
+        path.append(simulation.outputs())
+        simulation.step(row)
+    expected = mean_path(models, worker.loop.driving(first + PERIOD * np.arange(12.0), rows))
+    np.testing.assert_allclose([*path, simulation.outputs()], expected, rtol=1e-12)
+    np.testing.assert_array_equal(simulation.anew().outputs(), path[0])
+
+
+def test_parameters_have_the_coefficients(worker: ZoneWorker) -> None:
+    summary = worker.parameters((0.025, 0.5, 0.975))
+    assert summary is not None
+    assert summary.coefficients.shape == (len(NETWORK.terms), 3)
+    apertures = [place for place, term in enumerate(NETWORK.terms) if term.unit == "m2"]
+    assert (summary.coefficients[apertures] >= 0.0).all()

@@ -1,0 +1,139 @@
+"""Forecasts of a zone with a thermostat: plans of set-points, of heat, and none."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from support.forecasts import fan_of, question
+from support.thermostat_house import recorded
+
+from estimator.network.presets import network
+from estimator.registry import build
+from service.errors import NoLaw
+from service.forecast.engine import PartQuestion
+from service.forecast.plan import Plan, Timed
+from service.forecast.request import ForecastRequest, mistakes
+from service.records.outlook import SET_POINTS, Surroundings
+from service.records.sample import Sample
+from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.worker import WorkerSettings, ZoneWorker
+
+PERIOD = 1800
+DAILY = 48
+
+
+def worker_after(steps, estimator="ekf", told=True):
+    net = network("tite")
+    zone = ZoneWorker(build(estimator, net, PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+    for k, (outputs, inputs, setpoint) in enumerate(zip(*(rows[:steps] for rows in DATA), strict=True)):
+        zone.step(Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint if told else np.nan))
+    return zone
+
+
+DATA = recorded(7, PERIOD)
+
+
+@cache
+def lived():
+    """A zone after six days, at midnight."""
+    return worker_after(6 * DAILY)
+
+
+def mean(zone, planned=None, steps=DAILY):
+    return fan_of(zone, steps, planned or {}).outputs[0].mean
+
+
+def origin(zone, planned=None):
+    return dict(zip(zone.network.inputs, fan_of(zone, 4, planned or {}).origins, strict=True))["u_heat"].origin
+
+
+def test_a_plan_of_set_points_is_kept_by_the_thermostat():
+    warm, cold = (mean(lived(), {SET_POINTS: value}) for value in (21.0, 16.0))
+    assert np.abs(warm[24:] - 21.0).max() < 0.8
+    assert warm[-1] - cold[-1] > 3.0
+    assert origin(lived(), {SET_POINTS: 21.0}) == "thermostat"
+
+
+def test_without_a_plan_the_schedule_of_the_days_before_comes():
+    expected = DATA[0][6 * DAILY : 7 * DAILY, 0]
+    apart = mean(lived())[:-1] - expected
+    held = mean(lived(), {"u_heat": lived().carried.held.values[1]})[:-1] - expected
+    assert np.sqrt(np.mean(apart**2)) < 0.7 < np.sqrt(np.mean(held**2))
+    assert origin(lived()) == "thermostat"
+
+
+def test_a_plan_in_watts_is_answered_in_watts():
+    off = mean(lived(), {"u_heat": 0.0})
+    assert off[-1] < 15.0
+    assert origin(lived(), {"u_heat": 0.0}) == "plan"
+    # Who plans both means the watts: the set-point then has nothing that obeys it.
+    with pytest.raises(NoLaw, match="no law of the thermostat"):
+        mean(lived(), {"u_heat": 0.0, SET_POINTS: 21.0})
+
+
+def test_set_points_that_begin_later_are_the_likely_ones_before():
+    start = lived().latest.forecast.valid_time
+    late = Timed(np.array([start + 12 * 3600.0]), np.array([25.0]))
+    plain, planned = mean(lived()), mean(lived(), {SET_POINTS: late})
+    assert np.abs(planned[:20] - plain[:20]).max() < 0.7
+    assert planned[-1] > 23.0
+
+
+def test_sampled_futures_are_those_of_the_thermostat():
+    asked = question(DAILY, {SET_POINTS: 21.0})._replace(scenarios=20)
+    paths = asked(lived(), NO_WEATHER, lambda: False).paths
+    assert paths.shape == (20, DAILY + 1, 1)
+    assert np.abs(paths[:, 24:, 0].mean(axis=0) - 21.0).max() < 0.8
+
+
+def test_a_neighbour_sees_the_room_as_its_thermostat_keeps_it():
+    def room(planned):
+        part = PartQuestion(question(DAILY, planned))(lived(), NO_WEATHER, lambda: False)
+        for inputs in part.outlook.rows:
+            part.room.step(inputs)
+        return part.room.outputs()[0]
+
+    assert abs(room({SET_POINTS: 21.0}) - 21.0) < 0.8
+    assert room({"u_heat": 0.0}) < 15.0
+
+
+@pytest.mark.parametrize(
+    ("zone", "sentence"),
+    [
+        (lambda: worker_after(20, told=False), "no set-point was measured yet"),
+        (lambda: worker_after(20), "no law of the thermostat is known"),
+    ],
+)
+def test_a_plan_of_set_points_that_nobody_can_answer_is_refused_with_the_remedy(zone, sentence):
+    with pytest.raises(NoLaw, match=sentence) as refused:
+        mean(zone(), {SET_POINTS: 21.0})
+    assert "plan the heating in W" in str(refused.value)
+
+
+class View:
+    """A zone as far as a request reads it."""
+
+    id, network, period = "z", network("tite"), float(PERIOD)
+
+    def __init__(self, **limits):
+        self.surroundings = Surroundings(limits=limits)
+
+    def latest(self):
+        return None
+
+
+def found(view, **planned):
+    request = ForecastRequest([view], 3600.0, (0.9,), [Plan(inputs={"z": planned})])
+    return [(one.channel, one.sentence) for one in mistakes(request)]
+
+
+def test_only_a_zone_with_a_set_point_can_be_planned_in_set_points():
+    assert found(View(T_set=(5.0, 30.0)), T_set=21.0) == []
+    ((channel, sentence),) = found(View(), T_set=21.0)
+    assert channel == "T_set"
+    assert "is not an input of this zone; its inputs are T_out, u_heat" in sentence
+
+
+def test_a_set_point_out_of_range_is_refused_in_one_sentence():
+    ((channel, sentence),) = found(View(T_set=(5.0, 30.0)), T_set=210.0)
+    assert (channel, sentence.split(";")[0]) == ("T_set", "plans 210 degC")

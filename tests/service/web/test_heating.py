@@ -1,0 +1,124 @@
+"""Questions about heating over REST: when to start, how much, what another plan changes; and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from fastapi import FastAPI
+from support.http_client import get, post, problem
+from support.site_of_rooms import Room, site_of
+
+from service.records.trust import HorizonTrust, Trust
+from service.zone.zone import Zone
+
+DAYS = 2
+ROOMS = {
+    "house": Room("ekf", "tite", samples=288 * DAYS, told=True),
+    "twin": Room("ekf", "tite", samples=288 * DAYS, told=True),
+    "untold": Room("ekf", samples=20),
+    "new": Room(samples=0),
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FastAPI, dict[str, Zone]]]:
+    with site_of(tmp_path_factory.mktemp("site"), ROOMS) as made:
+        yield made
+
+
+@pytest.fixture
+def app(site: tuple[FastAPI, dict[str, Zone]]) -> FastAPI:
+    return site[0]
+
+
+def test_preheat_by_a_time_of_day(app: FastAPI) -> None:
+    answer = get(app, "/zones/house/preheat?target=20.5&by=06:30")
+    assert answer.status_code == 200, answer.text
+    found = answer.json()
+    assert (found["schema"], found["site"], found["zone"]) == (1, "htwg", "house")
+    assert found["by"] == "1970-01-03T06:30:00Z"
+    assert found["start"] is None or found["issue_time"] <= found["start"] < found["by"]
+    assert 0.0 <= found["reached"] <= 1.0
+    assert found["temperature"]["lower"] <= found["temperature"]["mean"] <= found["temperature"]["upper"]
+    assert get(app, "/zones/house/preheat?target=20.5&by=1970-01-03T07:30:00%2B01:00").json() == found
+
+
+def test_demand_and_what_if(app: FastAPI) -> None:
+    demand = post(app, "/zones/house/demand", {"horizon": "3h", "T_set": {"step": "1h", "values": [17, 19, 21]}}).json()
+    assert demand["planned"] is True
+    assert [hour["begin"] for hour in demand["hours"]] == [f"1970-01-03T0{hour}:00:00Z" for hour in range(3)]
+    compared = post(
+        app,
+        "/zones/house/what-if",
+        {"horizon": "6h", "plans": [{"name": "warm", "T_set": 21}, {"name": "cool", "T_set": 18}], "price": 0.3},
+    ).json()
+    (difference,) = compared["differences"]
+    assert difference["energy"]["upper"] < 0.0
+    assert difference["cost"]["mean"] == pytest.approx(0.3 * difference["energy"]["mean"])
+
+
+def test_the_demand_of_a_site_adds_up_the_zones_that_can_say(app: FastAPI) -> None:
+    body = {"horizon": "6h", "T_set": 20.0}
+    found = post(app, "/demand", body).json()
+    rows = {row["zone"]: row for row in found["zones"]}
+    assert rows.keys() == ROOMS.keys()
+    assert found["total"]["mean"] == pytest.approx(rows["house"]["total"]["mean"] + rows["twin"]["total"]["mean"])
+    spread = rows["house"]["total"]["upper"] - rows["house"]["total"]["lower"]
+    assert found["total"]["upper"] - found["total"]["lower"] < 1.8 * spread
+    assert rows["untold"]["total"] is None
+    assert "no set-point was measured yet" in rows["untold"]["reason"]
+    assert "no forecast now" in rows["new"]["reason"]
+    (one,) = post(app, "/demand", body | {"zones": ["twin"]}).json()["zones"]
+    assert one == rows["twin"]
+
+
+@pytest.mark.parametrize(
+    ("query", "sentence"),
+    [
+        ("target=21&by=1970-01-02T12:00:00Z", "which is over"),
+        ("target=21&by=2026-01-01T00:00:00Z", "as far as is forecast"),
+        ("target=21&by=1970-01-03T06:30:00", "no time zone"),
+        ("target=21&by=soon", "is no time; write it as 06:30"),
+        ("target=210&by=06:30", "target"),
+        ("target=21&by=06:30&probability=1", "probability"),
+        ("by=06:30", "target"),
+        ("target=21&by=06:30&until=7", "until"),
+    ],
+)
+def test_a_wrong_preheat_is_refused_in_a_sentence(app: FastAPI, query: str, sentence: str) -> None:
+    assert sentence in str(problem(get(app, f"/zones/house/preheat?{query}"), 422)["errors"])
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "sentence"),
+    [
+        ("demand", {"horizon": "3h", "T_set": 210}, "set-points of rooms lie between 5 and 35"),
+        ("demand", {"horizon": "3h", "T_set": [20, 20]}, "has 2 values"),
+        ("demand", {"horizon": "7min"}, "whole number"),
+        ("what-if", {"horizon": "3h", "plans": [{"name": "one", "T_set": 20}]}, "plans"),
+        (
+            "what-if",
+            {"horizon": "3h", "plans": [{"name": "a", "T_set": 20}, {"name": "b", "T_set": 2}]},
+            "plans[1].T_set",
+        ),
+    ],
+)
+def test_a_wrong_plan_is_refused_in_a_sentence(app: FastAPI, path: str, body: object, sentence: str) -> None:
+    assert sentence in str(problem(post(app, f"/zones/house/{path}", body), 422)["errors"])
+
+
+def test_a_zone_that_cannot_say_is_a_conflict_and_one_without_a_forecast_unavailable(app: FastAPI) -> None:
+    assert "give the zone a" in problem(get(app, "/zones/untold/preheat?target=21&by=06:30"), 409)["detail"]
+    assert "no forecast now" in problem(post(app, "/zones/new/demand", {"horizon": "3h"}), 503)["detail"]
+    problem(get(app, "/zones/attic/preheat?target=21&by=06:30"), 404)
+
+
+def test_a_zone_that_is_not_trusted_refuses(
+    site: tuple[FastAPI, dict[str, Zone]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app, zones = site
+    told = Trust(0, (HorizonTrust(86400, "untrusted", "its forecasts were worse than persistence", 0),))
+    monkeypatch.setattr(zones["house"], "trust", lambda: told)
+    detail = problem(get(app, "/zones/house/preheat?target=21&by=06:30"), 409)["detail"]
+    assert detail == "zone 'house' is not trusted 1d ahead: its forecasts were worse than persistence"

@@ -1,0 +1,83 @@
+"""What a zone learns of its thermostat: from its samples, across a restart, and from state that knows of none."""
+
+import numpy as np
+from support.thermostat_house import recorded
+
+from estimator.network.presets import network
+from estimator.registry import build
+from service.records.sample import Sample
+from service.store.checkpoint import CheckpointStore
+from service.zone import snapshot
+from service.zone.worker import WorkerSettings, ZoneWorker
+
+PERIOD = 1800
+DAILY = 48
+
+
+def worker():
+    net = network("tite")
+    return ZoneWorker(build("ekf", net, PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+
+
+def samples(days, told=True):
+    for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(days, PERIOD), strict=True)):
+        yield Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint if told else np.nan)
+
+
+def fed(zone, some):
+    for each in some:
+        zone.step(each)
+    return zone
+
+
+def again(zone, tmp_path, spoil=lambda checkpoint: checkpoint):
+    store = CheckpointStore(tmp_path)
+    store.save("z", spoil(snapshot.take(zone, "mark", "ekf")))
+    back = worker()
+    snapshot.restore(back, store.load("z", "mark"))
+    return back
+
+
+def arrays(zone):
+    return {name: value.tobytes() for name, value in snapshot.take(zone, "mark", "ekf").arrays.items()}
+
+
+def test_a_zone_learns_the_law_of_its_thermostat_and_goes_on_from_a_checkpoint_with_the_same_bits(tmp_path):
+    data = list(samples(4))
+    zone = fed(worker(), data[: 3 * DAILY])
+    law = zone.carried.thermostat.laws
+    assert abs(law.numbers[0, 0] - 6000.0) < 300.0
+    back = again(zone, tmp_path)
+    for each in (zone, back):
+        fed(each, data[3 * DAILY :])
+    assert arrays(zone) == arrays(back)
+    assert zone.carried.live.members.hours.max() > 0.0
+
+
+def test_a_zone_without_a_set_point_carries_nothing_of_a_thermostat():
+    zone = fed(worker(), samples(1, told=False))
+    assert zone.carried.thermostat is None
+    assert not any(name.startswith(("thermostat.", "live.")) for name in arrays(zone))
+
+
+def test_state_from_before_there_was_a_thermostat_goes_on_and_learns_one(tmp_path):
+    def without(checkpoint):
+        kept = {
+            name: value for name, value in checkpoint.arrays.items() if not name.startswith(("thermostat.", "live."))
+        }
+        return checkpoint._replace(arrays=kept)
+
+    data = list(samples(4))
+    back = again(fed(worker(), data[:DAILY]), tmp_path, without)
+    assert back.carried.thermostat is None
+    fed(back, data[DAILY:])
+    assert len(back.carried.thermostat.laws.column) == 1
+
+
+def test_a_gap_drops_what_was_pending_and_keeps_what_was_proved():
+    data = list(samples(4))
+    zone = fed(worker(), data[: 3 * DAILY])
+    proved = zone.carried.live.members
+    fed(zone, data[3 * DAILY + 20 : 3 * DAILY + 21])
+    assert len(zone.carried.live.issues) <= 1
+    assert zone.carried.live.members.excess.tobytes() == proved.excess.tobytes()

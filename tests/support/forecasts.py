@@ -1,0 +1,32 @@
+"""Forecasts of a worker or of an estimator, asked directly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from estimator.arrays import Array
+from estimator.types import Estimator, Mixture
+from service.forecast.engine import FanQuestion
+from service.forecast.plan import Inputs
+from service.forecast.request import detail
+from service.records.fan import Fan
+from service.zone.foresight.outlook import NO_WEATHER
+from service.zone.worker import ZoneWorker
+
+
+def question(steps: int, planned: Inputs | None = None, levels: Sequence[float] = (0.9,)) -> FanQuestion:
+    """Asks for a forecast over `steps` steps."""
+    return FanQuestion(steps, planned or {}, tuple(levels), 0, detail([steps + 1]))
+
+
+def fan_of(
+    worker: ZoneWorker, steps: int, planned: Inputs | None = None, levels: Sequence[float] = (0.9,)
+) -> Fan | None:
+    """The forecast of a worker over `steps` steps."""
+    return question(steps, planned, levels)(worker, NO_WEATHER, lambda: False)
+
+
+def unfolded(estimator: Estimator, state: Any, plan: Array) -> list[Mixture]:
+    """The outputs at the state's time and after each row of `plan` (h, n_u), from all of its draws."""
+    return list(estimator.unfold(estimator.issue(state, estimator.forecast_draws), plan).each())

@@ -1,0 +1,233 @@
+"""A site whose recording, seeds and clock never change: zones of several estimators that have learned from it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncIterator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
+from service.config.load import load
+from service.config.recording import recorded
+from service.config.site import Config
+from service.publish.metrics import Metrics
+from service.store.store import Store
+from service.zone.plumbing import Plumbing
+from service.zone.questions import Questions
+from service.zone.zone import Zone
+
+SITE = "golden"
+START = 1_767_225_600  # 2026-01-01T00:00:00Z
+PERIOD = 600
+SAMPLES = 170
+ENDED = "ekf"
+"""The zone whose recording has come to its end."""
+
+CONFIG = """
+[site]
+id = "golden"
+state_dir = "state"
+time_zone = "Europe/Berlin"
+
+[sources.recording]
+kind = "csv"
+files = ["recording.csv"]
+timestamp = { column = "time", format = "iso8601", zone = "UTC" }
+
+[[zones]]
+id = "rbpf"
+period = "10min"
+network = "titeth"
+levels = [0.95, 0.5]
+seed = 3
+estimator = "rbpf"
+estimator_options = { particles = 80, volatility_blocks = { air = ["T_i"], mass = ["T_e", "T_h"] } }
+setpoint = { source = "recording", column = "wanted", unit = "degC" }
+[zones.channels]
+T_i = { source = "recording", column = "west", unit = "degC" }
+T_out = { source = "recording", column = "outside", unit = "degC" }
+u_heat = { source = "recording", column = "heat", unit = "kW", installed = 3000 }
+
+[[zones]]
+id = "mkf"
+period = "10min"
+network = "ecolar-6r4c"
+levels = [0.9]
+seed = 4
+estimator = "mkf"
+estimator_options = { particles = 40, scenarios = 60 }
+[zones.channels]
+T_air = { source = "recording", column = "east", unit = "degC" }
+T_out = { source = "recording", column = "outside", unit = "degC" }
+T_adj = { source = "recording", column = "west", unit = "degC" }
+u_heat = { source = "recording", column = "heat", unit = "kW" }
+
+[[zones]]
+id = "bank"
+period = "10min"
+network = "titeth"
+levels = [0.95]
+seed = 5
+estimator = "bank"
+[zones.estimator_options.members]
+jump = { estimator = "mkf", particles = 30, scenarios = 30 }
+ekf = { estimator = "ekf" }
+arx = { estimator = "arx" }
+[zones.channels]
+T_i = { source = "recording", column = "west", unit = "degC" }
+T_out = { source = "recording", column = "outside", unit = "degC" }
+u_heat = { source = "recording", column = "heat", unit = "kW" }
+
+[[zones]]
+id = "ekf"
+period = "10min"
+levels = [0.95]
+seed = 6
+estimator = "ekf"
+[zones.network]
+name = "two-sensors"
+measured = ["T_i", "T_e"]
+boundaries = ["T_out"]
+[zones.network.capacitances]
+T_i = { lower = 1e5, upper = 1e8 }
+T_e = { lower = 1e6, upper = 1e9 }
+[[zones.network.conductances]]
+name = "g_ie"
+between = ["T_i", "T_e"]
+lower = 10
+upper = 1e4
+[[zones.network.conductances]]
+name = "g_e_out"
+between = ["T_e", "T_out"]
+lower = 5
+upper = 5e3
+[[zones.network.heat_inputs]]
+channel = "u_heat"
+node = "T_i"
+unit = "W"
+[zones.channels]
+T_i = { source = "recording", column = "west", unit = "degC" }
+T_e = { source = "recording", column = "wall", unit = "degC" }
+T_out = { source = "recording", column = "outside", unit = "degC" }
+u_heat = { source = "recording", column = "heat", unit = "kW" }
+
+[[zones]]
+id = "arx"
+period = "10min"
+network = "titeth"
+levels = [0.95]
+seed = 7
+estimator = "arx"
+[zones.channels]
+T_i = { source = "recording", column = "east", unit = "degC" }
+T_out = { source = "recording", column = "outside", unit = "degC" }
+u_heat = { source = "recording", column = "heat", unit = "kW" }
+
+[[zones]]
+id = "waiting"
+period = "10min"
+network = "titeth"
+levels = [0.95]
+estimator = "ekf"
+[zones.channels]
+T_i = { source = "recording", column = "never", unit = "degC" }
+T_out = { source = "recording", column = "outside", unit = "degC" }
+u_heat = { source = "recording", column = "heat", unit = "kW" }
+"""
+
+
+def rows() -> Iterator[tuple[int, str]]:
+    """The recording, without any function whose last digit depends on the machine: UTC s, and the cells of a row."""
+    west, east, wall = 20_000, 17_000, 15_000
+    for k in range(SAMPLES):
+        hour = k // 6
+        outside = 3_000 - 150 * abs(hour % 24 - 14)
+        heat = 1_800 if k % 9 < 4 else 0
+        noise = 17 * (k * 7919 % 11 - 5)
+        disturbed = 900 if 70 <= k < 76 else 0
+        cells = [west + noise + disturbed, east + noise, wall + noise // 2, outside, heat, 20_500]
+        texts = [f"{cell / 1000:.3f}" for cell in cells]
+        # A sensor that is away for an interval, one that is away for longer, and a value that nobody believes.
+        if k == 40:
+            texts[0] = ""
+        if 50 <= k < 53:
+            texts[3] = ""
+        if k == 60:
+            texts[1] = "8000"
+        yield START + k * PERIOD, ",".join([*texts, "away"])
+        west += (heat - (west - wall) // 3) // 25
+        wall += ((west - wall) - (wall - outside) // 4) // 60
+        east += ((west - east) // 4 + (outside - east) // 12 + heat // 3) // 20
+
+
+class GoldenSite(NamedTuple):
+    """The configuration, and the zones by id."""
+
+    config: Config
+    zones: dict[str, Zone]
+    metrics: Metrics
+
+
+def written(folder: Path) -> Path:
+    """The configuration in `folder`, with its recording beside it."""
+    times = [f"{_stamp(time)},{cells}" for time, cells in rows()]
+    header = "time,west,east,wall,outside,heat,wanted,never"
+    (folder / "recording.csv").write_text("\n".join([header, *times, ""]), encoding="utf-8")
+    path = folder / "golden.toml"
+    path.write_text(CONFIG, encoding="utf-8")
+    return path
+
+
+@asynccontextmanager
+async def learned(folder: Path, *sinks: Any) -> AsyncIterator[GoldenSite]:
+    """The site after its recording, as a daemon has it: journal, checkpoints and threads in `folder`."""
+    config = load(written(folder))
+    zones: dict[str, Zone] = {}
+    metrics, store, stopping = Metrics(zones, "1.2.3"), Store(folder / "state"), threading.Event()
+    with ThreadPoolExecutor(2) as pool, ThreadPoolExecutor(1) as asking:
+        shared = Plumbing(SITE, store, pool, Questions(asking, stopping), stopping, metrics, [metrics, *sinks], 1e9)
+        outputs = measured_outputs(config)
+        for table in config.zones:
+            around = surroundings(config, table, outputs)
+            zone = Zone(table.id, table.estimator, fingerprint(table), make_worker(table), shared, around)
+            await zone.prepare()
+            zone.align(make_alignment(table))
+            zones[table.id] = zone
+            metrics.add(table.id)
+        running = [asyncio.create_task(zone.run()) for zone in zones.values()]
+        async for part in recorded(config, zones, None, None):
+            zone = zones[part.zone]
+            if part.now is not None:
+                await zone.deliver(part.source, part.readings, part.now)
+            elif part.zone == ENDED:
+                await zone.end(part.source)
+        for zone in zones.values():
+            await zone.settled()
+            await _recorded(zone)
+        yield GoldenSite(config, zones, metrics)
+        for zone in zones.values():
+            await zone.close_mailbox()
+        await asyncio.gather(*running)
+    store.close()
+
+
+async def _recorded(zone: Zone) -> None:
+    """Wait until the newest update of `zone` is announced and in its history."""
+    async with asyncio.timeout(180):
+        while zone.busy.waiting or zone.busy.finished == 0:
+            assert zone.status().state != "failed", zone.status().reason
+            await asyncio.sleep(0.01)
+        while (update := zone.latest()) is not None:
+            rows = await zone.history(None, None, 1)
+            if rows and rows[0].time == update.time:
+                return
+            await asyncio.sleep(0.01)
+
+
+def _stamp(time: int) -> str:
+    hours, seconds = divmod(time - START, 3600)
+    return f"2026-01-{1 + hours // 24:02}T{hours % 24:02}:{seconds // 60:02}:00Z"

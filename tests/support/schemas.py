@@ -1,0 +1,24 @@
+"""JSON held to the schema of the record or model that it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jsonschema
+from pydantic import TypeAdapter
+
+
+def check(document: object, kind: Any) -> None:
+    """Check that `document` has every field of `kind`, each with a value that it may have, and no others."""
+    jsonschema.validate(document, _complete(TypeAdapter(kind).json_schema(mode="serialization")))
+
+
+def _complete(schema: Any) -> Any:
+    """`schema`, in which every property is required and there are no others."""
+    if isinstance(schema, list):
+        return [_complete(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    whole = {key: _complete(value) for key, value in schema.items()}
+    own = whole.get("properties")
+    return whole if own is None else whole | {"required": list(own), "additionalProperties": False}

@@ -1,0 +1,31 @@
+"""A house with a thermostat, as its logger records it."""
+
+import numpy as np
+
+THETA = np.array([6e6, 4e7, 600.0, 140.0])
+"""C_i, C_e, g_ie, g_e_out of the network `tite`."""
+
+
+def morning(hour: float) -> float:
+    """A set-point [degC] by the hours since the first midnight: the same on all days."""
+    return 21.0 if 6.5 <= hour % 24.0 < 22.0 else 17.0
+
+
+def recorded(days, period, setpoint=morning, power=6000.0):
+    """Outputs (n, 1), inputs (n, 2) and set-points (n,) of a house with a proportional heater, every `period` s."""
+    rng = np.random.default_rng(2)
+    indoor, envelope = 20.0, 17.0
+    outputs, inputs, wanted = [], [], []
+    for k in range(days * 86400 // period):
+        hour = k * period / 3600.0
+        outdoor = 3.0 + 5.0 * np.sin(2.0 * np.pi * hour / 24.0)
+        heat = power * float(np.clip((setpoint(hour) - indoor) / 1.5 + 0.2, 0.0, 1.0))
+        outputs.append(indoor + 0.03 * rng.standard_normal())
+        inputs.append((outdoor, heat))
+        wanted.append(setpoint(hour))
+        for _ in range(period // 60):
+            flow = THETA[2] * (envelope - indoor)
+            indoor += 60.0 / THETA[0] * (flow + heat)
+            envelope += 60.0 / THETA[1] * (THETA[3] * (outdoor - envelope) - flow)
+        indoor += 0.02 * rng.standard_normal()
+    return np.array(outputs)[:, None], np.array(inputs), np.array(wanted)
