@@ -518,8 +518,8 @@ def test_json_examples_have_the_fields_of_their_payloads(block: Block) -> None:
 
 
 @pytest.fixture(scope="module")
-def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]]:
-    """URL and Zenoh endpoint of the FlexHouse example, running at a pace that outlasts the examples."""
+def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Daemon, str]]:
+    """The FlexHouse example and its Zenoh endpoint, running at a pace that outlasts the examples."""
     folder = tmp_path_factory.mktemp("daemon")
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     settings = {
@@ -531,7 +531,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str]
     }
     with Daemon(EXAMPLES / "flexhouse.toml", folder / "log", settings) as running:
         running.wait(lambda zones: zones["office"]["samples"] >= 2)
-        yield running.url(), endpoint
+        yield running, endpoint
 
 
 def in_python_page(block: Any) -> bool:
@@ -544,9 +544,10 @@ def needs_a_daemon(block: Any) -> bool:
 
 
 @pytest.mark.parametrize("block", [block for block in blocks("python") if needs_a_daemon(block)])
-def test_python_examples_run(block: Block, daemon: tuple[str, str]) -> None:
-    url, endpoint = daemon
-    code = block.text.replace("http://127.0.0.1:8080", url).replace("tcp/127.0.0.1:7447", endpoint)
+def test_python_examples_run(block: Block, daemon: tuple[Daemon, str]) -> None:
+    running, endpoint = daemon
+    running.wait(lambda zones: zones["office"]["state"] == "running")
+    code = block.text.replace("http://127.0.0.1:8080", running.url()).replace("tcp/127.0.0.1:7447", endpoint)
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, timeout=180, check=False
     )
