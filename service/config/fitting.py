@@ -13,7 +13,8 @@ from adapters.timestamps import EARLIEST
 from adapters.units import conversion, default_valid_range
 from estimator import registry
 from estimator.heat.known import KnownHeat
-from service.config.site import Config, ZoneConfig
+from estimator.network.network import Network
+from service.config.site import Config, Whereabouts, ZoneConfig
 from service.records.outlook import SET_POINTS, Surroundings, WeatherLink
 from service.sources.channel import ChannelConfig
 from service.zone import snapshot
@@ -33,11 +34,14 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
     settings = WorkerSettings(
         zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages, zone.proposes_bounds
     )
-    network, where = estimator.network, zone.whereabouts
+    return ZoneWorker(estimator, settings, known_heat(estimator.network, zone.period, zone.whereabouts))
+
+
+def known_heat(network: Network, period: float, where: Whereabouts) -> KnownHeat | None:
+    """The drive rows of `network` every `period` s; None where it has no terms."""
     if not network.terms:
-        return ZoneWorker(estimator, settings)
-    hours = calendar(where.time_zone, where.country, where.location)
-    return ZoneWorker(estimator, settings, KnownHeat(network, zone.period, hours, where.location))
+        return None
+    return KnownHeat(network, period, calendar(where.time_zone, where.country, where.location), where.location)
 
 
 def make_alignment(

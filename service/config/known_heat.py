@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from estimator.errors import NetworkError
+from estimator.heat.sun import Location
 from estimator.heat.terms import sun_channel, with_known_heat
 from estimator.network.boxes import TYPICAL_AREA
 from estimator.network.network import Network
@@ -48,6 +49,12 @@ def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: P
     except NetworkError as error:
         problems.add((*place, "sun"), str(error).removeprefix(f'sun = "{sun}" '))
         return network
+
+
+def usually_heated(network: Network, location: Location | None) -> Network:
+    """`network` "auto" with the terms of a zone whose table says nothing of sun and habits."""
+    sun = None if sun_channel(network) is None else "hours" if location is None else "facades"
+    return with_known_heat(network, habits=True, sun=sun, location=location)
 
 
 def _area_of_the_box(zone: ZoneTable) -> float | None:

@@ -99,10 +99,12 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
         yield Job(label, seeds[0], run_direct, DirectRun(contender.name, series, period, leads, seeds[0]), rows)
     elif contender.name == LEAST_SQUARES:
         fitted = windows_of(series)[LATER].begin
-        run = FilterRun("ekf", {}, recording.network, period, series, seeds[0])
+        run = FilterRun("ekf", {}, recording.network.without_terms(), period, series, seeds[0])
         yield Job(label, seeds[0], run_hours, HoursRun(run, leads, fitted), STARTS * STEPS_A_START + rows)
     else:
         registry.resolve(contender.name, recording.network, period, contender.options)
         for seed in seeds if contender.seeded else seeds[:1]:
-            run = FilterRun(contender.name, contender.options, recording.network, period, series, seed)
+            run = FilterRun(
+                contender.name, contender.options, recording.network, period, series, seed, recording.whereabouts
+            )
             yield Job(label, seed, run_hours, HoursRun(run, leads), rows)

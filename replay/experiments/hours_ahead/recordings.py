@@ -15,7 +15,7 @@ from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.localtime import DAY
 from replay.scores.intervals import Mask
 from service.config.load import load
-from service.config.site import Config, ZoneConfig
+from service.config.site import Config, Whereabouts, ZoneConfig
 
 
 class Known(NamedTuple):
@@ -39,6 +39,7 @@ class Recording(NamedTuple):
     series: Series
     known: Known | None = None
     """None where nobody knows."""
+    whereabouts: Whereabouts = Whereabouts()
 
     def first_days(self, days: int) -> Recording:
         """The first `days` of it."""
@@ -64,4 +65,4 @@ def of_zone(config: Config, zone: ZoneConfig) -> Recording:
     if len(series.times) < 2:
         raise ReplayError(f"zone '{zone.id}': the recording has no two usable samples in a row; check its channels")
     what = f"the recording of the zone '{zone.id}' with its own network"
-    return Recording(zone.id, what, True, zone.network, int(zone.period), series)
+    return Recording(zone.id, what, True, zone.network, int(zone.period), series, whereabouts=zone.whereabouts)

@@ -11,6 +11,7 @@ import numpy as np
 from estimator import registry
 from estimator.arrays import Array
 from estimator.bank.bank import Bank
+from estimator.heat.known import KnownHeat
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
@@ -24,6 +25,7 @@ from replay.experiments.series.following import frozen
 from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
 from replay.localtime import DAY
 from replay.scores import LEVEL
+from service.config.fitting import known_heat
 
 SAMPLES = 200
 """What a filter's particles are reduced to before a fan is unfolded (`Estimator.issue`)."""
@@ -52,13 +54,14 @@ def run_hours(run: HoursRun, tick: Tick) -> Arrays:
     (n, E, L) at `weight_rows` (n,) and `weight_leads` (L,).
     """
     began = time.perf_counter()
-    name, options, network, period, series, seed = run.filter
+    name, options, network, period, series, seed, whereabouts = run.filter
     if run.fitted:
         first_part = segments_of(series.rows(slice(run.fitted)))
         network = frozen(network, fit(LeastSquaresRun(network, period, first_part, STARTS, seed), tick)["theta"])
     estimator = registry.build(name, network, period, options)
-    keeper = _Keeper(estimator, series, run.leads)
-    for step in steps(estimator, series, seed):
+    known = known_heat(estimator.network, period, whereabouts)
+    keeper = _Keeper(estimator, series, run.leads, known)
+    for step in steps(estimator, series, seed, known):
         keeper.take(step)
         keeper.learn(step)
         tick(1)
@@ -79,8 +82,9 @@ def _to_first_boundary(network: Network, theta: Array) -> float:
 class _Keeper:
     """The forecasts that `estimator` makes along `series`."""
 
-    def __init__(self, estimator: Estimator, series: Series, leads: Sequence[int]) -> None:
+    def __init__(self, estimator: Estimator, series: Series, leads: Sequence[int], known: KnownHeat | None) -> None:
         self._estimator, self._series, self._leads = estimator, series, tuple(leads)
+        self._drive = series.inputs if known is None else known.drive(series.times.astype(np.float64), series.inputs)
         self._kept = no_forecasts(len(series.times), len(leads))
         self._issued = {lead: set(issued(series, estimator.period, lead).tolist()) for lead in leads if lead > 1}
         self._weights: dict[int, Array] = {}
@@ -96,7 +100,7 @@ class _Keeper:
         if not places:
             return
         # What a controller would plan with, had it known the inputs: those that really followed.
-        plan = self._series.inputs[step.row + 1 : step.row + max(places)]
+        plan = self._drive[step.row + 1 : step.row + max(places)]
         fan = self._estimator.unfold(self._estimator.issue(step.state, SAMPLES), plan)
         for lead, mixture in enumerate(fan.each(), start=1):
             if lead in places:

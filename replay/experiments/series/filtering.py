@@ -12,12 +12,15 @@ import numpy.typing as npt
 from estimator import registry
 from estimator.arrays import Array
 from estimator.gaussian.floor import floor
+from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Posterior
 from replay.experiments.jobs import Arrays, Job, Tick
 from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
+from service.config.fitting import known_heat
+from service.config.site import Whereabouts
 
 REGIMES = ("low", "transitional", "high")
 """Volatility regimes; the trace holds their places in this tuple, -1 where an estimator has none."""
@@ -54,6 +57,8 @@ class FilterRun(NamedTuple):
     period: float
     series: Series
     seed: int
+    whereabouts: Whereabouts = Whereabouts()
+    """What heat that is known up to coefficients depends on, of a network with terms."""
 
 
 class Trace(NamedTuple):
@@ -113,13 +118,16 @@ def run_filter(run: FilterRun, tick: Tick) -> Arrays:
         resolved = registry.resolve(run.estimator, run.network, run.period, run.options)
         options = registry.as_mapping(resolved)
         estimator = registry.construct(run.estimator, run.network, run.period, resolved)
-    return trace(estimator, run.series, run.seed, options.get("measurement_sd"), tick)._asdict()
+    known = known_heat(estimator.network, run.period, run.whereabouts)
+    return trace(estimator, run.series, run.seed, options.get("measurement_sd"), tick, known)._asdict()
 
 
-def steps(estimator: Estimator, series: Series, seed: int, *, single: bool = False) -> Iterator[Step]:
+def steps(
+    estimator: Estimator, series: Series, seed: int, known: KnownHeat | None = None, *, single: bool = False
+) -> Iterator[Step]:
     """Every sample of `series` through the loop of the zone worker, which looks no farther than a `single` step where
-    nothing else is asked."""
-    loop = Loop(estimator, seed, (LEVEL,), single_steps=single)
+    nothing else is asked. `known` is needed where the network has terms."""
+    loop = Loop(estimator, seed, (LEVEL,), known_heat=known, single_steps=single)
     carried, ahead = loop.begin(), None
     for row, (when, outputs, inputs) in enumerate(zip(series.times, series.outputs, series.inputs, strict=True)):
         step = loop.step(carried, int(when), outputs, inputs, continues=not series.starts[row])
@@ -127,7 +135,14 @@ def steps(estimator: Estimator, series: Series, seed: int, *, single: bool = Fal
         carried, ahead = step.carried, step.ahead
 
 
-def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: object, tick: Tick) -> Trace:
+def trace(
+    estimator: Estimator,
+    series: Series,
+    seed: int,
+    measurement_sd: object,
+    tick: Tick,
+    known: KnownHeat | None = None,
+) -> Trace:
     """What the `steps` of `estimator` over `series` leave; `measurement_sd` is its option of that name, if any.
 
     The `filtered` convention leaves out this noise where it is a number [K], and the posterior's median of it where it
@@ -136,7 +151,7 @@ def trace(estimator: Estimator, series: Series, seed: int, measurement_sd: objec
     tails = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
     kept = _blank(len(series.times), len(estimator.network.parameters))
     began = time.perf_counter()
-    for step in steps(estimator, series, seed, single=True):
+    for step in steps(estimator, series, seed, known, single=True):
         k, standing = step.row, step.standing
         if standing is not None:
             kept.mean[k] = standing.mean()[0]

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.heat.sun import Location
 from estimator.network import presets
 from estimator.network.network import Network
 from replay.energyplus.buildings import building_named
@@ -33,6 +34,8 @@ from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.localtime import HOUR
 from replay.simulated import ecolar
 from replay.simulated.semi_synthetic import PERIOD as WEATHER_PERIOD
+from service.config.known_heat import usually_heated
+from service.config.site import Whereabouts
 
 _DATA_SEED = 1
 """Of simulated recordings: the seeds of a run are the estimators' own."""
@@ -48,6 +51,8 @@ FILES = (FLEXHOUSE, DARKGREYBOX, ARMADILLO, WEATHER, *rooms.FILES)
 
 _FIRST_DAY, _DAYS = date(2025, 1, 6), 28
 """Of the recordings of EnergyPlus: three weeks to learn in, and one more."""
+
+_CHICAGO, _DENVER = Location(41.98, -87.92), Location(39.74, -105.18)
 
 _log = logging.getLogger(__name__)
 
@@ -148,7 +153,7 @@ def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
     return recording._replace(name=f"Ecolar {period}", what=what, measured=False)
 
 
-def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path | None) -> Recording:
+def _energyplus(name: str, room: str, heating: str, weather: str, location: Location, folder: Path | None) -> Recording:
     """Room `room` of a building of EnergyPlus, with the network that a zone with its channels gets by default."""
     building = building_named(name)
     index = [known.name for known in building.rooms].index(room)
@@ -156,15 +161,16 @@ def _energyplus(name: str, room: str, heating: str, weather: str, folder: Path |
     columns = {"T_out": life.outdoor, "u_heat": life.heating[:, index], "I_sol": life.irradiance}
     beside = building.neighbours(index)
     columns |= {f"T_adj_{building.rooms[other].name}": life.air[:, other] for other in beside}
-    network = presets.automatic(columns).validate()
+    network = usually_heated(presets.automatic(columns), location)
     series = unbroken_series(life.air[:, index], [columns[channel] for channel in network.inputs], round(STEP))
+    series = series._replace(times=life.times)
     loss = heat_loss(building, life.weather, outdoor=float(life.outdoor.mean()), wind=float(life.wind.mean()))
     ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
     where = f"its room '{room}', heating {heating}, weather {weather}"
     what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
     dark = np.concatenate([[False], life.irradiance[:-1] == 0.0])
     known = Known(ended, dark, float(loss.outdoors[index]))
-    return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known)
+    return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known, Whereabouts(location))
 
 
 RECORDINGS: Mapping[str, Reader] = {
@@ -175,7 +181,7 @@ RECORDINGS: Mapping[str, Reader] = {
     "building 67": _building_67,
     "Ecolar spring": partial(_ecolar, "spring"),
     "Ecolar autumn": partial(_ecolar, "autumn"),
-    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago"),
-    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver"),
-    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago"),
+    "EnergyPlus house": partial(_energyplus, "house", "ground", "on-off", "chicago", _CHICAGO),
+    "EnergyPlus timber": partial(_energyplus, "timber", "house", "planned", "denver", _DENVER),
+    "EnergyPlus office": partial(_energyplus, "office", "west", "proportional", "chicago", _CHICAGO),
 }

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Array
+from estimator.heat.sun import Location
 from estimator.network import presets
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
 from replay.localtime import HOUR
+from service.config.known_heat import usually_heated
+from service.config.site import Whereabouts
 
 _HELD = 2 * HOUR
 """How long a missing input keeps its last value [s]."""
@@ -35,6 +38,9 @@ class Room(NamedTuple):
     period: int
     channels: Mapping[str, tuple[str, float]]
     room: str | None = None
+    whereabouts: Whereabouts = Whereabouts()
+    ahead_of_utc: int = 0
+    """h: of times without a zone."""
 
 
 def _twin_house(room: str) -> Room:
@@ -45,6 +51,9 @@ def _twin_house(room: str) -> Room:
         600,
         {"T_i": (f"T_{room}", 1.0), "T_out": ("T_out", 1.0), "u_heat": (f"P_{room}", 1.0), "I_sol": ("GHI", 1.0)}
         | neighbours,
+        whereabouts=Whereabouts(Location(47.87, 11.73), "Europe/Berlin"),
+        # By the clock of winter, as its irradiance shows.
+        ahead_of_utc=1,
     )
 
 
@@ -55,6 +64,7 @@ def _flat(room: str) -> Room:
         900,
         {"T_i": ("T_room", 1.0), "T_out": ("T_out", 1.0), "u_heat": ("", 0.0)},
         room,
+        Whereabouts(time_zone="Europe/Berlin"),
     )
 
 
@@ -65,6 +75,7 @@ def _university(room: str) -> Room:
         600,
         {"T_i": ("T_room", 1.0), "T_out": ("T_out", 1.0), "u_heat": ("valve_pct", 10.0), "I_sol": ("GHI", 1.0)},
         room,
+        Whereabouts(Location(55.4, 10.4), "Europe/Copenhagen"),
     )
 
 
@@ -95,17 +106,20 @@ def read_room(name: str, folder: Path | None) -> Recording | None:
     if path is None or not path.exists():
         return None
     times, columns = _columns(path, room)
-    network = presets.automatic(room.channels).validate()
+    network = usually_heated(presets.automatic(room.channels), room.whereabouts.location)
     series = bridged(ZoneRecord(times, room.period, columns), network, _BRIDGED)
-    return Recording(name, f"{room.what}; the network auto", True, network, room.period, series)
+    return Recording(
+        name, f"{room.what}; the network auto", True, network, room.period, series, whereabouts=room.whereabouts
+    )
 
 
 def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
-    """UTC s (K,) and channels (K,), inputs held; a time without a zone counts as UTC."""
+    """UTC s (K,) and channels (K,), inputs held."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.DictReader(file) if room.room is None or row["room"] == room.room]
-        times = np.array([round(_utc(row["time"]).timestamp()) for row in rows], dtype=np.int64)
+        zone = timezone(timedelta(hours=room.ahead_of_utc))
+        times = np.array([round(_dated(row["time"], zone).timestamp()) for row in rows], dtype=np.int64)
         table = {
             channel: factor * np.array([float(row[column] or "nan") for row in rows]) if column else np.zeros(len(rows))
             for channel, (column, factor) in room.channels.items()
@@ -120,9 +134,10 @@ def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
     return times, {"T_i": table["T_i"], **inputs}
 
 
-def _utc(text: str) -> datetime:
+def _dated(text: str, zone: timezone) -> datetime:
+    """A time, in `zone` where it names none."""
     found = datetime.fromisoformat(text)
-    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
+    return found if found.tzinfo is not None else found.replace(tzinfo=zone)
 
 
 def _held(times: np.ndarray, values: Array) -> Array:

@@ -12,8 +12,9 @@ import pytest
 from scipy.special import ndtr
 
 from estimator import registry
+from estimator.heat.terms import with_known_heat
 from estimator.network import presets
-from estimator.network.presets import building_67
+from estimator.network.presets import automatic, building_67
 from estimator.types import Mixture
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead import contenders as entered
@@ -43,8 +44,9 @@ from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.localtime import DAY, HOUR
 from replay.simulated.semi_synthetic import PERIOD
 from service.cli.main import main
-from service.config.fitting import make_worker
+from service.config.fitting import known_heat, make_worker
 from service.config.load import load
+from service.config.site import Whereabouts
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT.parent / "shared" / "data"
@@ -215,6 +217,25 @@ def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, obj
             assert scores[key("coverage", horizon)] == pytest.approx(np.mean(inside))
         else:
             assert key("RMSE, K", horizon) not in scores
+
+
+def test_a_network_with_known_heat_is_driven_as_in_the_daemon() -> None:
+    network = with_known_heat(automatic(["T_i", "T_out", "u_heat"]), habits=True)
+    record, where, leads = lived_in(3), Whereabouts(time_zone="Europe/Berlin"), (1, 6)
+    options = {"members": {"habits": {"estimator": "mkf", "preset": "habits"}}}
+    made = run_hours(HoursRun(FilterRun("bank", options, network, HOUR, record, 3, where), leads), lambda steps: None)
+
+    heat = known_heat(network, HOUR, where)
+    assert heat is not None
+    drive = heat.drive(record.times.astype(np.float64), record.inputs)
+    model = registry.build("bank", network, HOUR, options)
+    state = model.predict(model.start(3, record.outputs[0], drive[0]), drive[0])
+    for k in range(1, 41):
+        state = model.predict(model.update(state, record.outputs[k]).state, drive[k])
+    fan = model.unfold(model.issue(state, 200), drive[41:46])
+    assert [made["mean"][41, 0], made["mean"][46, 1]] == pytest.approx(
+        [model.predictive(state).mean()[0], fan.at(-1).mean()[0]], rel=1e-9
+    )
 
 
 def test_the_first_days_hold_what_came_true_in_them() -> None:

@@ -11,7 +11,9 @@ from support.config_samples import sound, write
 from support.zone_samples import sample
 
 from estimator.network.boxes import TYPICAL_AREA
+from estimator.network.presets import automatic
 from service.config.fitting import fingerprint, make_worker
+from service.config.known_heat import usually_heated
 from service.config.load import load
 from service.config.site import Config
 from service.config.written import effective_toml
@@ -44,6 +46,12 @@ def test_an_automatic_zone_knows_habits_and_the_sun_as_far_as_it_can(tmp_path: P
     by_facade = names(loaded(tmp_path, PLACE, network="auto"))
     assert by_facade == {"habit", "habit_weekend", "east", "south", "west", "diffuse", "horizontal"}
     assert names(loaded(tmp_path, PLACE, network="auto", habits=False, sun=False)) == set()
+
+
+@pytest.mark.parametrize(("site", "sunny"), [(PLACE, True), ({}, True), (PLACE, False)])
+def test_experiments_give_a_room_the_network_of_such_a_zone(site: dict[str, Any], sunny: bool, tmp_path: Path) -> None:
+    zone = loaded(tmp_path, site, sunny, network="auto").zones[0]
+    assert usually_heated(automatic(zone.network.inputs), zone.whereabouts.location) == zone.network
 
 
 def test_other_networks_and_estimators_know_what_is_asked_for(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ def test_a_room_is_read_from_the_rows_that_are_its_own(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.series.outputs[:, 0], [20, 21, 22, 23, 24, 25])
     np.testing.assert_array_equal(found.series.inputs, [[9, 500, 6]] * 6)
     assert found.series.times[0] == 1_490_054_400
+    assert {"sun_south", "habit_weekend_09"} < {term.name for term in found.network.terms}
     assert found.measured
 
 
