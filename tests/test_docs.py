@@ -23,8 +23,22 @@ from support.all_metrics import exposed
 from support.harness import EXAMPLES, Daemon, free_port
 
 import thermogate
+from adapters import channel as source_models
+from adapters.bacnet import config as bacnet_models
+from adapters.csv import config as csv
+from adapters.fields import logins as credential_models
+from adapters.home_assistant import config as home_assistant_models
+from adapters.http import config as http_source_models
+from adapters.messages import config as message_models
+from adapters.modbus import config as modbus_models
+from adapters.mqtt import config as mqtt_models
+from adapters.mqtt import fields as mqtt_broker_models
 from adapters.reading import Fault, Quality
+from adapters.series import config as series_models
 from adapters.units import conversion, default_valid_range
+from adapters.weather import config as weather_models
+from adapters.zenoh import config as zenoh_models
+from adapters.zenoh import fields as zenoh_session_models
 from estimator import registry
 from estimator.bank import options as bank_options
 from estimator.blackbox import options as arx_options
@@ -54,9 +68,6 @@ from service.config.networks import resolve
 from service.config.written import effective_toml
 from service.daemon.reload import RELOADABLE
 from service.errors import ConfigError
-from service.fields import credentials as credential_models
-from service.fields import mqtt_broker as mqtt_broker_models
-from service.fields import zenoh_session as zenoh_session_models
 from service.publish import mqtt as publish_mqtt
 from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
@@ -66,31 +77,6 @@ from service.records import skill as skill_records
 from service.records import trust as trust_records
 from service.records.record import document_of
 from service.records.status import STATES
-from service.sources import (
-    bacnet as bacnet_models,
-)
-from service.sources import (
-    channel as source_models,
-)
-from service.sources import csv
-from service.sources import home_assistant as home_assistant_models
-from service.sources import (
-    http as http_source_models,
-)
-from service.sources import (
-    messages as message_models,
-)
-from service.sources import (
-    modbus as modbus_models,
-)
-from service.sources import (
-    mqtt as mqtt_models,
-)
-from service.sources import series as series_models
-from service.sources import weather as weather_models
-from service.sources import (
-    zenoh as zenoh_models,
-)
 from service.store import backup, checkpoint
 from service.store.journal_file import SCHEMA_VERSION
 from service.web import models as api_models
@@ -238,7 +224,7 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert config.warnings == ()
     elif raw.keys() == {"weather"}:
         for table in raw["weather"].values():
-            weather_models.WEATHER_KINDS[table["kind"]].table.model_validate(table, context={"folder": tmp_path})
+            weather_models.WEATHER_KINDS[table["kind"]].model_validate(table, context={"folder": tmp_path})
     elif raw.keys() == {"zenoh", "sources"}:
         context = {"folder": tmp_path}
         assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
@@ -296,7 +282,19 @@ def test_no_model_of_the_configuration_is_left_out() -> None:
     # What several tables have is in the table of each.
     messages = {message_models.MessagesConfig, message_models.MessageChannelConfig}
     shared = messages | {credential_models.LoginConfig, credential_models.CertificatesConfig}
-    whole = {config_models.Config, config_models.ZoneConfig, source_models.UnboundChannel}
+    whole = {
+        config_models.Config,
+        config_models.ZoneConfig,
+        source_models.UnboundChannel,
+        source_models.WatchedChannelConfig,
+    }
+    whole |= {
+        source_models.SourceConfig,
+        source_models.RecordedConfig,
+        source_models.LiveConfig,
+        weather_models.WeatherConfig,
+        csv.LayoutConfig,
+    }
     described = {*whole, *shared, *TABLES.values()}
     for module in (
         bacnet_models,

@@ -109,9 +109,11 @@ def opened(path: Path, data: str) -> Iterator[sqlite3.Connection]:
         raise SourceUnavailable(f"file '{path}' cannot be read as a database of SQLite ({error})") from error
 
 
-def problems(connection: sqlite3.Connection, path: Path, data: str, wanted: Sequence[tuple[Entity, str]]) -> list[str]:
+def problems(
+    connection: sqlite3.Connection, path: Path, data: str, wanted: Sequence[tuple[Entity, str | None]]
+) -> list[str]:
     """One sentence for every entity that is not in the database, or is there in another unit than the one `wanted` (an
-    empty one is any)."""
+    None: any)."""
     known = [name for (name,) in connection.execute(_NAMES[data])]
     found = []
     for entity, unit in wanted:

@@ -31,8 +31,8 @@ class RecorderChannel(NamedTuple):
     id: str
     """The id of its readings."""
     entity: Entity
-    unit: str
-    """The unit in which the configuration takes the entity to be; empty where it takes a multiple of it."""
+    unit: str | None
+    """The unit in which the configuration takes the entity to be; None where it takes a multiple of it."""
     edge: Edge
 
 

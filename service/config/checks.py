@@ -6,18 +6,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from adapters.channel import Binding, ChannelConfig, SourceConfig
 from adapters.errors import SourceError
+from adapters.fields.durations import format_duration
+from adapters.fields.problems import Place, Problems
+from adapters.fields.words import shown, suggestion
+from adapters.kinds import SOURCE_KINDS
 from adapters.units import ENERGIES, conversion, possible_range
 from estimator.errors import OptionsError
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS, resolve
 from service.config.site import ZoneTable
-from service.fields.durations import format_duration
-from service.fields.problems import Place, Problems
-from service.fields.words import shown, suggestion
-from service.sources.channel import Binding, ChannelConfig, SourceConfig
-from service.sources.kinds import SOURCE_KINDS
 from service.zone.aggregation import AGGREGATES, default_aggregate
 from service.zone.alignment import SETPOINT, unit_of
 
@@ -111,7 +111,7 @@ def check_sources(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft
     for name, table in tables.items():
         bindings = [binding for draft in drafts for binding in _bindings(name, draft)]
         try:
-            problems.sentences += SOURCE_KINDS[table.kind].build(name, table, bindings).check()
+            problems.sentences += table.build(name, bindings).check()
         except SourceError as error:
             problems.add(("sources", name), str(error))
 
@@ -123,7 +123,7 @@ def check_polled(tables: Mapping[str, SourceConfig], drafts: Sequence[ZoneDraft]
             continue
         for name, channel in draft.channels.items():
             source = tables.get(channel.source)
-            if source is None or not SOURCE_KINDS[source.kind].live or name not in draft.network.channels:
+            if source is None or not source.live or name not in draft.network.channels:
                 continue
             rule = default_aggregate(draft.network.channel_unit(name), channel.unit)
             many = getattr(source, "poll", 0.0) < draft.table.period

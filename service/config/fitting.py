@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import ceil
 
+from adapters.channel import ChannelConfig
 from adapters.timestamps import EARLIEST
 from adapters.units import conversion, default_valid_range
 from estimator import registry
@@ -16,7 +17,6 @@ from estimator.heat.known import KnownHeat
 from estimator.network.network import Network
 from service.config.site import Config, Whereabouts, ZoneConfig
 from service.records.outlook import SET_POINTS, Surroundings, WeatherLink
-from service.sources.channel import ChannelConfig
 from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE

@@ -7,9 +7,9 @@ from urllib.parse import parse_qs, urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
-from service.fields.durations import format_duration
-from service.fields.tables import TABLE
-from service.fields.values import FilePath, Positive, PositiveDuration, text, whole
+from adapters.fields.durations import format_duration
+from adapters.fields.tables import TABLE
+from adapters.fields.values import FilePath, Positive, PositiveDuration, text, whole
 
 SHORTEST_LEASE = 2.0
 LONGEST_LEASE = 60.0

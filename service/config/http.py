@@ -8,9 +8,9 @@ from typing import Annotated, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
-from service.fields.tables import TABLE
-from service.fields.values import FilePath, Flag, PositiveDuration, is_loopback, text, whole
-from service.fields.words import shown
+from adapters.fields.tables import TABLE
+from adapters.fields.values import FilePath, Flag, PositiveDuration, is_loopback, text, whole
+from adapters.fields.words import shown
 
 _HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(?:\.(?!-)[A-Za-z0-9-]{1,63})*")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from adapters.fields.problems import Place, Problems
 from estimator.errors import NetworkError
 from estimator.heat.sun import Location
 from estimator.heat.terms import sun_channel, with_known_heat
@@ -13,7 +14,6 @@ from estimator.network.presets import AUTO
 from estimator.registry import ESTIMATORS
 from service.config.network_tables import PresetConfig
 from service.config.site import Whereabouts, ZoneTable
-from service.fields.problems import Place, Problems
 
 
 def heated(network: Network, zone: ZoneTable, whereabouts: Whereabouts, place: Place, problems: Problems) -> Network:

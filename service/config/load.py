@@ -9,7 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from adapters.channel import ChannelConfig, SourceConfig, UnboundChannel
+from adapters.fields.problems import Place, Problems, unknown_key
+from adapters.fields.values import identifier
+from adapters.fields.words import shown, suggestion
+from adapters.kinds import SOURCE_KINDS
 from adapters.units import default_valid_range
+from adapters.weather.config import WEATHER_KINDS
 from estimator.network.network import Network
 from service.config.checks import (
     ZoneDraft,
@@ -30,13 +36,7 @@ from service.config.overrides import apply_overrides
 from service.config.resumed import resumed
 from service.config.site import TABLES, Config, SiteConfig, Whereabouts, ZoneConfig, ZoneTable
 from service.errors import ConfigError
-from service.fields.problems import Place, Problems, unknown_key
-from service.fields.values import identifier
-from service.fields.words import shown, suggestion
 from service.publish.kinds import SINK_KINDS
-from service.sources.channel import ChannelConfig, SourceConfig, UnboundChannel
-from service.sources.kinds import SOURCE_KINDS
-from service.sources.weather import WEATHER_KINDS
 from service.zone.aggregation import default_aggregate
 from service.zone.alignment import SETPOINT, unit_of
 
@@ -244,7 +244,7 @@ def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str
         known = suggestion(kind, SOURCE_KINDS, "the kinds are")
         problems.add((*place, "kind"), f"there is no source of kind {shown(kind)}; {known}")
     else:
-        return problems.read(SOURCE_KINDS[kind].table, table, place, {**context, "source": name})
+        return problems.read(SOURCE_KINDS[kind], table, place, {**context, "source": name})
     return None
 
 
@@ -264,7 +264,7 @@ def _read_weather(tables: Any, problems: Problems, context: Mapping[str, Any]) -
             said = "is missing" if kind is None else f"there is no forecast of kind {shown(kind)}"
             problems.add((*place, "kind"), f"{said}; the kinds are {', '.join(WEATHER_KINDS)}")
         else:
-            found[name] = problems.read(WEATHER_KINDS[kind].table, table, place, context)
+            found[name] = problems.read(WEATHER_KINDS[kind], table, place, context)
     return found
 
 

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator
 
-from service.fields.tables import TABLE
-from service.fields.values import choice, whole
+from adapters.fields.tables import TABLE
+from adapters.fields.values import choice, whole
 
 LEVELS = {
     "debug": logging.DEBUG,

@@ -6,11 +6,11 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, PlainValidator, model_validator
 
+from adapters.fields.tables import TABLE
+from adapters.fields.values import Flag, Identifier, Name, Number, Positive, Text, number
+from adapters.fields.words import shown
 from adapters.units import possible_range
 from estimator.network.boxes import WIDEST
-from service.fields.tables import TABLE
-from service.fields.values import Flag, Identifier, Name, Number, Positive, Text, number
-from service.fields.words import shown
 
 _SMALLEST_AREA, _LARGEST_AREA = 1, 100_000
 

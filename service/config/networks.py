@@ -6,6 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from adapters.fields.problems import Place, Problems
+from adapters.fields.words import shown, suggestion
 from estimator.errors import NetworkError
 from estimator.network import presets
 from estimator.network.boxes import box, boxed, is_generic
@@ -23,8 +25,6 @@ from service.config.network_tables import (
 )
 from service.config.overrides import apply_overrides
 from service.errors import ConfigError
-from service.fields.problems import Place, Problems
-from service.fields.words import shown, suggestion
 
 
 class Mistake(NamedTuple):

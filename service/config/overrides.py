@@ -7,8 +7,8 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from adapters.fields.words import shown, suggestion
 from service.errors import ConfigError
-from service.fields.words import shown, suggestion
 
 
 def apply_overrides(raw: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from adapters.errors import SourceError
 from adapters.reading import Reading
+from adapters.routing import Router
 from service.config.site import Config
 from service.errors import ServiceError
-from service.sources.routing import Router
 
 
 class Part(NamedTuple):

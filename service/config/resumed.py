@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from adapters.fields.problems import Problems
 from estimator import registry
 from estimator.bank.options import former_members
 from estimator.network.network import Network
 from service.config.fitting import fingerprint
 from service.config.known_heat import heated
 from service.config.site import DEFAULT_ESTIMATOR, FORMER_ESTIMATOR, ZoneConfig
-from service.fields.problems import Problems
 from service.store.reading import stored_fingerprints
 
 

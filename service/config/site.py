@@ -12,19 +12,10 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, InstanceOf, SerializeAsAny, ValidationInfo, model_validator
 
-from adapters.reading import Source
-from adapters.weather.forecast import WeatherSource
-from estimator.heat.sun import Location
-from estimator.heat.terms import SUN_KINDS
-from estimator.network.network import Network
-from service.config.fleet import FleetConfig
-from service.config.http import HttpConfig
-from service.config.log import LogConfig
-from service.config.network_tables import NetworkConfig
-from service.config.usual import usual
-from service.fields.durations import DAY
-from service.fields.tables import TABLE
-from service.fields.values import (
+from adapters.channel import Binding, ChannelConfig, RecordedConfig, SourceConfig
+from adapters.fields.durations import DAY
+from adapters.fields.tables import TABLE
+from adapters.fields.values import (
     Duration,
     FilePath,
     Flag,
@@ -40,11 +31,19 @@ from service.fields.values import (
     text,
     whole,
 )
-from service.fields.words import shown
+from adapters.fields.words import shown
+from adapters.reading import Source
+from adapters.weather.config import WeatherConfig
+from adapters.weather.forecast import WeatherSource
+from estimator.heat.sun import Location
+from estimator.heat.terms import SUN_KINDS
+from estimator.network.network import Network
+from service.config.fleet import FleetConfig
+from service.config.http import HttpConfig
+from service.config.log import LogConfig
+from service.config.network_tables import NetworkConfig
+from service.config.usual import usual
 from service.publish.kinds import SINK_KINDS
-from service.sources.channel import Binding, ChannelConfig, SourceKind
-from service.sources.kinds import SOURCE_KINDS
-from service.sources.weather import WEATHER_KINDS
 from service.zone.alignment import SETPOINT, unit_of
 from service.zone.local_time import check_country
 
@@ -190,13 +189,11 @@ class Config(BaseModel):
     http: HttpConfig
     sinks: dict[str, Any]
     """Tables of the kinds in `SINK_KINDS`, by name: [zenoh], ..."""
-    sources: dict[str, Any]
-    """Tables of the kinds in `SOURCE_KINDS`, by name; see `SourceConfig`."""
+    sources: dict[str, SerializeAsAny[SourceConfig]]
     zones: tuple[ZoneConfig, ...]
     warnings: tuple[str, ...] = ()
     """What is no mistake, but probably not meant: one sentence each."""
-    weather: dict[str, Any] = {}
-    """Tables of the kinds in `WEATHER_KINDS`, by name."""
+    weather: dict[str, SerializeAsAny[WeatherConfig]] = {}
     fleet: FleetConfig | None = None
     """None where the file has no such table."""
 
@@ -224,13 +221,11 @@ class Config(BaseModel):
 
     def build_source(self, name: str) -> Source:
         """The source of the table [sources.`name`], delivering to every channel of every zone that names it."""
-        return self._kind(name).build(name, self.sources[name], self.bindings(name))
+        return self.sources[name].build(name, self.bindings(name))
 
-    def rebind_source(self, name: str, source: Source) -> None:
+    def rebind_source(self, name: str, source: Any) -> None:
         """Let a live `source`, built from the same table, deliver to the channels of this configuration."""
-        rebind = self._kind(name).rebind
-        assert rebind is not None, f"a source of kind {self.sources[name].kind} is built anew"
-        rebind(source, self.sources[name], self.bindings(name))
+        source.rebind(self.sources[name].channels(self.bindings(name)))
 
     def weather_series(self, name: str) -> tuple[str, ...]:
         """The series that channels want of the table [weather.`name`]."""
@@ -244,12 +239,11 @@ class Config(BaseModel):
 
     def build_weather(self, name: str) -> WeatherSource:
         """The source of the table [weather.`name`], with every series that a channel wants of it."""
-        table = self.weather[name]
-        return WEATHER_KINDS[table.kind].build(name, table, self.weather_series(name))
+        return self.weather[name].build(name, self.weather_series(name))
 
     def is_live(self, source: str) -> bool:
         """Whether `source` tells what is now."""
-        return self._kind(source).live
+        return self.sources[source].live
 
     def goes_live(self, zone: ZoneConfig) -> bool:
         """Whether the sources of `zone` are live; they are all live or all recorded."""
@@ -257,8 +251,5 @@ class Config(BaseModel):
 
     def pace_of(self, zone: ZoneConfig) -> float:
         """How many times faster than real time the telemetry of `zone` comes: 1 if it is live."""
-        recorded = {channel.source for channel in zone.delivered.values() if not self.is_live(channel.source)}
-        return min((self.sources[source].pace for source in recorded), default=1.0)
-
-    def _kind(self, source: str) -> SourceKind:
-        return SOURCE_KINDS[self.sources[source].kind]
+        tables = [self.sources[channel.source] for channel in zone.delivered.values()]
+        return min((table.pace for table in tables if isinstance(table, RecordedConfig)), default=1.0)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import inf
 
+from adapters.channel import ChannelConfig
 from adapters.units import default_valid_range
 from estimator.network.network import Network
-from service.sources.channel import ChannelConfig
 from service.zone.alignment import SETPOINT, unit_of
 
 Span = tuple[float, float]

@@ -16,7 +16,6 @@ from service.daemon.supply.weather import WeatherFeeds
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
 from service.errors import ReloadRefused, ServiceError
-from service.sources.http import KIND as HTTP_KIND
 from service.zone.plumbing import Plumbing
 from service.zone.zone import Zone
 
@@ -71,9 +70,7 @@ class Runtime:
     @property
     def is_posted_to(self) -> bool:
         """Whether a source of the configuration takes what clients post, be it at work already or not."""
-        return any(
-            table.kind == HTTP_KIND.name and self.config.zones_of(name) for name, table in self.config.sources.items()
-        )
+        return any(table.kind == "http" and self.config.zones_of(name) for name, table in self.config.sources.items())
 
     async def declare(self) -> None:
         """Make the zones known to the sinks. Raises ServiceError."""

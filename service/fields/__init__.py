@@ -1,1 +1,1 @@
-"""What a person writes in a configuration, value by value, and how a mistake becomes a sentence."""
+"""Re-exports of adapters.fields, until every room imports from there."""

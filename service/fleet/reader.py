@@ -17,7 +17,6 @@ from service.fleet.lines import Line
 from service.fleet.messages import Beat
 from service.fleet.peers import Peer, go_on, own_node
 from service.fleet.plan import Plan
-from service.sources.http import KIND as HTTP_KIND
 
 _log = logging.getLogger(__name__)
 
@@ -54,7 +53,7 @@ class Reader:
             wanted = {
                 name: table
                 for name, table in plan.config.sources.items()
-                if table.kind != HTTP_KIND.name and plan.config.zones_of(name)
+                if table.kind != "http" and plan.config.zones_of(name)
             }
             for name in set(self._lines) - set(wanted):
                 await self._stop(name)

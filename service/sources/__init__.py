@@ -1,1 +1,1 @@
-"""The kinds of source: their tables in the configuration, how each is built, checked and rebound."""
+"""Re-exports of adapters, until every room imports from there."""

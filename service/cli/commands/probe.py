@@ -133,11 +133,10 @@ async def _scan_all(sources: Mapping[str, SourceConfig], wanted: Scan, *, asked:
     from adapters.scanning import Scannable
     from service.cli.tables import aligned
     from service.errors import one_line
-    from service.sources.kinds import SOURCE_KINDS
 
     good, scanned = True, False
     for name, table in sources.items():
-        source = SOURCE_KINDS[table.kind].build(name, table, ())
+        source = table.build(name, ())
         try:
             if not isinstance(source, Scannable):
                 if asked:

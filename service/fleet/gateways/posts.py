@@ -13,7 +13,6 @@ from service.daemon.supply.feeds import Handed
 from service.errors import ServiceError
 from service.fleet.gateways.views import ShardView
 from service.records.receipt import NOTHING
-from service.sources.http import KIND as HTTP_KIND
 from service.web.readings import RETRY_SECONDS, Taken
 from service.web.server.refusal import RequestRefused
 
@@ -33,7 +32,7 @@ class Posts:
     def adopt(self, config: Config, shards: Mapping[str, ShardView]) -> None:
         """The zones are those of `config`, each run by one of `shards`, by its id."""
         self._shards = shards
-        names = [name for name, table in config.sources.items() if table.kind == HTTP_KIND.name]
+        names = [name for name, table in config.sources.items() if table.kind == "http"]
         built = [config.build_source(name) for name in names if config.zones_of(name)]
         self._sources = [source for source in built if isinstance(source, HttpSource)]
 

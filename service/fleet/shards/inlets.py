@@ -10,7 +10,6 @@ from math import inf
 from adapters.reading import Batch, Probe, Reading, Source
 from service.config.site import Config
 from service.errors import Away
-from service.sources.http import KIND as HTTP_KIND
 from service.zone.zone import Zone
 
 PATIENCE = 20.0
@@ -39,7 +38,7 @@ class Inlets:
 
     def build(self, config: Config, name: str) -> Source:
         """The source `name` for the zones of `config`."""
-        if config.sources[name].kind == HTTP_KIND.name:
+        if config.sources[name].kind == "http":
             return config.build_source(name)
         inlet = _Inlet(name, _channels(config, name), self._closed)
         self._open.setdefault(name, set()).add(inlet)

@@ -13,10 +13,10 @@ import pytest
 from pydantic import BaseModel, SecretBytes, SecretStr
 from support.config_samples import sound, write
 
+from adapters.kinds import SOURCE_KINDS
 from service.cli.main import main
 from service.config.http import HttpConfig
 from service.config.site import Config
-from service.sources.kinds import SOURCE_KINDS
 
 SECRET = re.compile(r"password|passphrase|secret|token|credential|private|api_?key|users?_file|keys_file")
 PLACE = re.compile(r".*_(file|env)")
@@ -38,7 +38,7 @@ def models(annotation: Any, seen: set[type[BaseModel]]) -> Iterator[type[BaseMod
 
 def all_models() -> list[type[BaseModel]]:
     seen: set[type[BaseModel]] = set()
-    roots = [Config, *(kind.table for kind in SOURCE_KINDS.values()), *(kind.channel for kind in SOURCE_KINDS.values())]
+    roots = [Config, *SOURCE_KINDS.values(), *(kind.channel for kind in SOURCE_KINDS.values())]
     return [model for root in roots for model in models(root, seen)]
 
 

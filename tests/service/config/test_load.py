@@ -12,13 +12,13 @@ import pytest
 from pydantic import ValidationError
 from support.config_samples import inline_network, sound, write
 
+from adapters.fields.durations import format_duration, parse_duration
 from adapters.reading import Fault, Reading
 from service.cli.show import summary
 from service.config.fitting import fingerprint
 from service.config.load import load
 from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.fields.durations import format_duration, parse_duration
 
 
 def test_defaults(tmp_path: Path) -> None:

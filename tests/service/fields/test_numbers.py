@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from service.fields.numbers import is_level, number_in, read_number, read_whole, whole_in
+from adapters.fields.numbers import is_level, number_in, read_number, read_whole, whole_in
 
 
 @pytest.mark.parametrize("value", [0, -3, 2.5, 10**300])

@@ -2,7 +2,7 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
 
-from service.fields.times import (
+from adapters.fields.times import (
     ZoneMissing,
     parse_time,
     utc,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from service.fields.words import listed
+from adapters.fields.words import listed
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ import pytest
 from support.config_samples import sound, write
 from support.config_spoiling import Change, at
 
+from adapters.bacnet.config import BacnetChannelConfig
 from adapters.bacnet.objects import ObjectId
 from adapters.bacnet.source import BacnetSource
 from service.config.load import load, load_sources
 from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.sources.bacnet import BacnetChannelConfig
 
 CHANNELS = "zones[0] ('living').channels"
 
@@ -147,5 +147,5 @@ def test_addresses_of_every_kind_are_taken(where: str, tmp_path: Path) -> None:
 
 
 def test_the_library_is_imported_by_who_uses_it_only() -> None:
-    code = "import sys, service.sources.kinds, replay.bms.serving; sys.exit('bacpypes3' in sys.modules)"
+    code = "import sys, adapters.kinds, replay.bms.serving; sys.exit('bacpypes3' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False, timeout=180).returncode == 0

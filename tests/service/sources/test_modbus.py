@@ -12,10 +12,10 @@ from support.config_samples import sound, write
 from support.config_spoiling import Change, at
 
 from adapters.modbus.codec import Format
+from adapters.modbus.config import ModbusChannelConfig
 from service.config.load import load
 from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.sources.modbus import ModbusChannelConfig
 
 CHANNELS = "zones[0] ('living').channels"
 

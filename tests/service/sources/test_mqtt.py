@@ -11,11 +11,11 @@ from support.config_samples import sound, write
 from support.config_spoiling import Change, at
 
 from adapters.credentials import Tls
+from adapters.mqtt.config import MqttChannelConfig
 from service.cli.main import main
 from service.config.load import load
 from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.sources.mqtt import MqttChannelConfig
 
 CHANNELS = "zones[0] ('living').channels"
 HOME = "sources.home"

@@ -1,7 +1,7 @@
 import pytest
 
 from adapters.reading import Batch, Reading
-from service.sources.routing import Delivery, Router
+from adapters.routing import Delivery, Router
 
 
 def test_each_zone_gets_its_own_readings_in_order_and_the_clock():

@@ -10,11 +10,11 @@ import pytest
 from support.config_samples import sound, write
 from support.config_spoiling import Change, at
 
+from adapters.zenoh.config import ZenohChannelConfig
 from service.cli.main import main
 from service.config.load import load
 from service.config.written import effective_toml
 from service.errors import ConfigError
-from service.sources.zenoh import ZenohChannelConfig
 
 CHANNELS = "zones[0] ('living').channels"
 BMS = "sources.bms"

@@ -6,8 +6,8 @@ from typing import Self
 
 from pydantic import BaseModel, model_validator
 
-from service.fields.tables import TABLE
-from service.fields.values import FilePath, Flag, Text
+from adapters.fields.tables import TABLE
+from adapters.fields.values import FilePath, Flag, Text
 
 
 class LoginConfig(BaseModel):

@@ -1,24 +1,22 @@
-"""Sources of kind "bacnet": devices of a BACnet/IP network, subscribed to and polled."""
+"""The tables of kind "bacnet": devices of a BACnet/IP network, subscribed to and polled."""
 
 from __future__ import annotations
 
 import ipaddress
 import re
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from adapters.bacnet.network import PORT, Network
 from adapters.bacnet.objects import LARGEST_INSTANCE, parse_object
 from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
-from service.fields.durations import format_duration
-from service.fields.tables import TABLE
-from service.fields.values import Flag, PositiveDuration, Timeout, whole
-from service.fields.words import shown
-from service.sources.channel import Binding, ChannelConfig, SourceKind, edge_of
+from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
+from adapters.fields.durations import format_duration
+from adapters.fields.values import Flag, PositiveDuration, Timeout, whole
+from adapters.fields.words import shown
 
-_INHERITED = ("device", "at", "cov", "compare_units", "stuck_after")
 _ROUTED = re.compile(r"(?P<net>[0-9]{1,5}):(?:0x[0-9a-fA-F]{2,14}|[0-9]{1,3})")
 _LARGEST_NETWORK = 65534
 _LONGEST_LIFETIME = 86_400.0
@@ -81,27 +79,58 @@ Place = Annotated[str, BeforeValidator(address)]
 Lifetime = Annotated[PositiveDuration, AfterValidator(lifetime)]
 
 
-class BacnetConfig(BaseModel):
+class BacnetChannelConfig(WatchedChannelConfig):
+    """A channel of a BACnet source; what is None is taken over from the source."""
+
+    object: Annotated[str, BeforeValidator(object_name)] = Field(
+        description='the object whose present value it is, such as "analog-input,3"'
+    )
+    device: Instance | None = Field(default=None, description="instance of the device")
+    at: Place | None = Field(
+        default=None, description='its address, `"192.168.1.20"` or behind a router `"2001:5"`; none: searched for'
+    )
+    cov: Flag | None = Field(default=None, description="allow a subscription; false: poll")
+    compare_units: Flag | None = Field(default=None, description="refuse a value whose device states another unit")
+
+    @property
+    def address(self) -> str:
+        """Device and object."""
+        return f"device {self.device} {self.object}"
+
+    def within(self, table: BacnetConfig) -> Self:
+        """With what the source says for all of its channels; ValueError where the result cannot be read."""
+        channel = super().within(table)
+        if self.device not in (None, table.device):
+            # The source says where its own device is.
+            channel = channel.model_copy(update={"at": self.at})
+        if channel.device is None:
+            raise ValueError(f"device is missing; give the device's instance here or in sources.{self.source}")
+        return channel
+
+
+class BacnetConfig(LiveConfig):
     """[sources.<name>] of kind "bacnet": devices of a BACnet/IP network, read only."""
 
-    model_config = TABLE
+    channel: ClassVar = BacnetChannelConfig
+    example: ClassVar = 'device = 1201, object = "analog-input,3"'
 
     kind: Literal["bacnet"] = "bacnet"
     interface: Interface = Field(
         description='this machine\'s address on the BACnet network with its prefix, such as "192.168.1.10/24"'
     )
-    port: Annotated[int, BeforeValidator(whole(1, 65535))] = PORT
-    bbmd: HostAndPort | None = None
-    ttl: Lifetime = 300.0
-    poll: PositiveDuration = 10.0
-    timeout: Timeout = 3.0
-    retries: Annotated[int, BeforeValidator(whole(0, 10))] = 1
-    lifetime: Lifetime = 300.0
+    port: Annotated[int, BeforeValidator(whole(1, 65535))] = Field(default=PORT, description="UDP port of the network")
+    bbmd: HostAndPort | None = Field(default=None, description="broadcast management device to register with")
+    ttl: Lifetime = Field(default=300.0, description="how long that registration lasts; it is renewed")
+    poll: PositiveDuration = Field(default=10.0, description="time between two readings of a channel")
+    timeout: Timeout = Field(default=3.0, description="time limit for each answer")
+    retries: Annotated[int, BeforeValidator(whole(0, 10))] = Field(
+        default=1, description="repeats of a request without an answer"
+    )
+    lifetime: Lifetime = Field(default=300.0, description="how long a subscription lasts; renewed half-way")
     device: Instance | None = None
     at: Place | None = None
     cov: Flag = True
     compare_units: Flag = True
-    stuck_after: PositiveDuration | None = None
 
     @model_validator(mode="after")
     def _addressed(self) -> Self:
@@ -115,73 +144,25 @@ class BacnetConfig(BaseModel):
         through = f" through the BBMD {self.bbmd}" if self.bbmd else ""
         return f"BACnet/IP from {self.interface} port {self.port}{through}, polled every {format_duration(self.poll)}"
 
+    def channels(self, bindings: Sequence[Binding]) -> list[BacnetChannel]:
+        """The channels as the source takes them."""
+        return [_channel(binding.channel, binding) for binding in bindings]
 
-class BacnetChannelConfig(ChannelConfig):
-    """A channel of a BACnet source; what is None is taken over from the source."""
-
-    object: Annotated[str, BeforeValidator(object_name)] = Field(
-        description='the object whose present value it is, such as "analog-input,3"'
-    )
-    device: Instance | None = None
-    at: Place | None = None
-    cov: Flag | None = None
-    compare_units: Flag | None = None
-    stuck_after: PositiveDuration | None = None
-
-    @property
-    def address(self) -> str:
-        """Device and object."""
-        return f"device {self.device} {self.object}"
-
-    def within(self, table: BacnetConfig) -> Self:
-        """With what the source says for all of its channels; ValueError where the result cannot be read."""
-        taken = {name: getattr(table, name) for name in _INHERITED if getattr(self, name) is None}
-        if self.device not in (None, table.device):
-            # Where the source's own device is.
-            taken.pop("at", None)
-        channel = self.model_copy(update=taken)
-        if channel.device is None:
-            raise ValueError(f"device is missing; give the device's instance here or in sources.{self.source}")
-        return channel
+    def build(self, name: str, bindings: Sequence[Binding]) -> BacnetSource:
+        """The source called `name`."""
+        network = Network(self.interface, self.port, self.bbmd, self.ttl, self.timeout, self.retries)
+        return BacnetSource(name, network, self.channels(bindings), Polling(self.poll, self.lifetime))
 
 
-def _build(name: str, table: BacnetConfig, bindings: Sequence[Binding]) -> BacnetSource:
-    network = Network(
-        table.interface,
-        port=table.port,
-        bbmd=table.bbmd,
-        ttl=table.ttl,
-        timeout=table.timeout,
-        retries=table.retries,
-    )
-    return BacnetSource(name, network, _channels(bindings), Polling(table.poll, table.lifetime))
-
-
-def _rebind(source: BacnetSource, table: BacnetConfig, bindings: Sequence[Binding]) -> None:
-    source.rebind(_channels(bindings))
-
-
-def _channels(bindings: Sequence[Binding]) -> list[BacnetChannel]:
-    return [_channel(binding) for binding in bindings]
-
-
-def _channel(binding: Binding) -> BacnetChannel:
-    channel: BacnetChannelConfig = binding.channel
+def _channel(channel: BacnetChannelConfig, binding: Binding) -> BacnetChannel:
     assert channel.device is not None
-    # What a device states is the unit of its own number, before scale and offset.
-    untouched = channel.scale == 1.0 and channel.offset == 0.0
     return BacnetChannel(
         binding.id,
         channel.device,
         parse_object(channel.object),
         address=channel.at,
-        unit=channel.unit if untouched and channel.compare_units else None,
+        unit=channel.stated_unit if channel.compare_units else None,
         cov=bool(channel.cov),
-        edge=edge_of(channel, binding.unit, usual=binding.usual),
+        edge=binding.edge(),
         stuck_after=channel.stuck_after,
     )
-
-
-KIND = SourceKind(
-    "bacnet", BacnetConfig, BacnetChannelConfig, True, 'device = 1201, object = "analog-input,3"', _build, _rebind
-)

@@ -1,24 +1,38 @@
-"""Sources of kind "zenoh": what a building management system publishes."""
+"""The tables of kind "zenoh": what a building management system publishes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from adapters.channel import Binding
+from adapters.fields.values import Duration, Text, choice
+from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
 from adapters.messages.points import TIMES, Dating
 from adapters.zenoh.access import ANYBODY, collecting
 from adapters.zenoh.connection import Connection
+from adapters.zenoh.fields import Mode, SessionConfig
 from adapters.zenoh.source import Intake, ZenohSource
-from service.fields.values import Duration, Text, choice
-from service.fields.zenoh_session import Mode, SessionConfig
-from service.sources.channel import Binding, SourceKind
-from service.sources.messages import MessageChannelConfig, MessagesConfig, different, message_channel
+
+
+class ZenohChannelConfig(MessageChannelConfig):
+    """A channel of a Zenoh source."""
+
+    key: Text = Field(description='the key expression that it is published on, such as "bms/room1/T_air"')
+
+    @property
+    def place(self) -> str:
+        """Its key expression."""
+        return self.key
 
 
 class ZenohSourceConfig(SessionConfig, MessagesConfig):
     """[sources.<name>] of kind "zenoh": what a building management system publishes, in a session of its own."""
+
+    channel: ClassVar = ZenohChannelConfig
+    example: ClassVar = 'key = "..."'
 
     kind: Literal["zenoh"] = "zenoh"
     mode: Mode = "client"
@@ -28,7 +42,7 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
     times: Annotated[tuple[Annotated[str, BeforeValidator(choice(*TIMES))], ...], AfterValidator(different)] = Field(
         default=TIMES, min_length=1, description=f"a list of {', '.join(TIMES)} in the order of preference"
     )
-    recover: Duration = 0.0
+    recover: Duration = Field(default=0.0, description="age of missed samples asked of publishers that keep a cache")
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:
@@ -77,29 +91,7 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
         connecting = f"connecting to {', '.join(self.connect)}" if self.connect else ""
         return f"{self.mode} {' and '.join(filter(None, (connecting, listening)))}"
 
-
-class ZenohChannelConfig(MessageChannelConfig):
-    """A channel of a Zenoh source."""
-
-    key: Text = Field(description='the key expression that it is published on, such as "bms/room1/T_air"')
-
-    @property
-    def place(self) -> str:
-        """Its key expression."""
-        return self.key
-
-
-def _build(name: str, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> ZenohSource:
-    return ZenohSource(
-        name,
-        table.connection,
-        [message_channel(binding) for binding in bindings],
-        Intake(Dating(table.times, table.max_ahead), table.recover, table.queue, table.longest_stretch),
-    )
-
-
-def _rebind(source: ZenohSource, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> None:
-    source.rebind([message_channel(binding) for binding in bindings])
-
-
-KIND = SourceKind("zenoh", ZenohSourceConfig, ZenohChannelConfig, True, 'key = "..."', _build, _rebind)
+    def build(self, name: str, bindings: Sequence[Binding]) -> ZenohSource:
+        """The source called `name`."""
+        intake = Intake(Dating(self.times, self.max_ahead), self.recover, self.queue, self.longest_stretch)
+        return ZenohSource(name, self.connection, self.channels(bindings), intake)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Self
 from zoneinfo import ZoneInfo
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
+from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
+from adapters.fields.values import Duration, PositiveDuration, Text, TimeZone, choice, whole
+from adapters.fields.words import shown
 from adapters.messages.points import MessageChannel
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import FORMATS, PayloadFormat, quality_word
 from adapters.payload.times import TIME_FORMATS
-from service.fields.tables import TABLE
-from service.fields.values import Duration, PositiveDuration, Text, TimeZone, choice, whole
-from service.fields.words import shown
-from service.sources.channel import Binding, ChannelConfig, edge_of
 
-_INHERITED = ("format", "time_format", "time_zone", "good", "uncertain", "stuck_after")
 _POINTERS = {"plain": (), "json": ("value", "time", "quality"), "senml": ("quality",)}
 """Which pointers a format has."""
 
@@ -47,14 +46,16 @@ TimeFormat = Annotated[str, BeforeValidator(choice(*TIME_FORMATS))]
 _WORDS = 'a list of what stands for it, such as ["good", 192]'
 
 
-class MessagesConfig(BaseModel):
+class MessagesConfig(LiveConfig):
     """What the table of such a source says of all of its messages."""
 
-    model_config = TABLE
-
-    max_ahead: Duration = 10.0
-    queue: Annotated[int, BeforeValidator(whole(1, 100_000))] = 1000
-    longest_stretch: PositiveDuration = 900.0
+    max_ahead: Duration = Field(default=10.0, description="how far a time may be ahead of this machine's clock")
+    queue: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
+        default=1000, description="messages that wait per key or topic; beyond it the oldest is dropped"
+    )
+    longest_stretch: PositiveDuration = Field(
+        default=900.0, description="counters: readings further apart give no power"
+    )
     format: Format = "plain"
     value: Pointer = "/value"
     time: Pointer | None = None
@@ -63,22 +64,35 @@ class MessagesConfig(BaseModel):
     time_zone: TimeZone | None = None
     good: Words = Field(default=("good",), description=_WORDS)
     uncertain: Words = Field(default=("uncertain",), description=_WORDS)
-    stuck_after: PositiveDuration | None = None
+
+    def channels(self, bindings: Sequence[Binding]) -> list[MessageChannel]:
+        """The channels as the source takes them."""
+        return [
+            MessageChannel(
+                binding.id,
+                binding.channel.place,
+                binding.channel.payload_format,
+                binding.edge(),
+                binding.channel.stuck_after,
+            )
+            for binding in bindings
+        ]
 
 
-class MessageChannelConfig(ChannelConfig):
+class MessageChannelConfig(WatchedChannelConfig):
     """A channel of such a source; what is None is taken over from the source."""
 
-    format: Format | None = None
-    value: Pointer | None = None
-    time: Pointer | None = None
-    quality: Pointer | None = None
-    record: Text | None = None
-    time_format: TimeFormat | None = None
-    time_zone: TimeZone | None = None
+    format: Format | None = Field(
+        default=None, description="the number alone, a JSON document, or a SenML pack (RFC 8428)"
+    )
+    value: Pointer | None = Field(default=None, description='JSON: where the value is; `""`: the whole document')
+    time: Pointer | None = Field(default=None, description="JSON: where the time is")
+    quality: Pointer | None = Field(default=None, description="where the quality is, in SenML within the record")
+    record: Text | None = Field(default=None, description="SenML: name of the record; none: the only one")
+    time_format: TimeFormat | None = Field(default=None, description="text, s or ms since 1970")
+    time_zone: TimeZone | None = Field(default=None, description="zone of times without offset")
     good: Words | None = Field(default=None, description=_WORDS)
     uncertain: Words | None = Field(default=None, description=_WORDS)
-    stuck_after: PositiveDuration | None = None
 
     @property
     def place(self) -> str:
@@ -93,8 +107,6 @@ class MessageChannelConfig(ChannelConfig):
     @property
     def payload_format(self) -> PayloadFormat:
         """How its payloads are written; of a channel that is `within` its source."""
-        # What SenML states is the unit of its own number, before scale and offset.
-        untouched = self.scale == 1.0 and self.offset == 0.0
         return PayloadFormat(
             str(self.format),
             parse(self.value or ""),
@@ -105,26 +117,16 @@ class MessageChannelConfig(ChannelConfig):
             frozenset(self.good or ()),
             frozenset(self.uncertain or ()),
             self.record,
-            self.unit if untouched else None,
+            self.stated_unit,
         )
 
     def within(self, table: Any) -> Self:
         """With what the source says for all of its channels; ValueError where the result cannot be read."""
         form = self.format or table.format
-        pointers = _POINTERS[form]
-        for name in ("value", "time", "quality"):
-            if getattr(self, name) is not None and name not in pointers:
+        foreign = {"value", "time", "quality"} - set(_POINTERS[form])
+        for name in sorted(foreign, reverse=True):
+            if getattr(self, name) is not None:
                 raise ValueError(f'format "{form}" has no {name}; remove it, or use format "json"')
         if self.record is not None and form != "senml":
             raise ValueError(f'record is for format "senml", not "{form}"')
-        taken: dict[str, Any] = {
-            name: getattr(table, name) for name in (*_INHERITED, *pointers) if getattr(self, name) is None
-        }
-        return self.model_copy(update=taken)
-
-
-def message_channel(binding: Binding) -> MessageChannel:
-    """What the adapters need of a channel of such a source."""
-    channel: MessageChannelConfig = binding.channel
-    edge = edge_of(channel, binding.unit, usual=binding.usual)
-    return MessageChannel(binding.id, channel.place, channel.payload_format, edge, channel.stuck_after)
+        return super().within(table).model_copy(update=dict.fromkeys(foreign))

@@ -1,0 +1,171 @@
+"""What every kind of source declares: its table, the table of its channels, and how it is built from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import Any, ClassVar, NamedTuple, Self
+
+from pydantic import BaseModel, Field
+
+from adapters.edge import Edge
+from adapters.fields.tables import TABLE
+from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Text
+from adapters.reading import Source
+from adapters.units import ENERGIES, conversion, default_valid_range
+
+
+class ForecastConfig(BaseModel):
+    """`forecast` of a channel: what a [weather.<name>] table foresees of it."""
+
+    model_config = TABLE
+
+    source: Text = Field(description="the name of the [weather.<name>] table")
+    series: Text = Field(description='the name of the series there, such as "temperature_2m"')
+    unit: Text | None = Field(default=None, description="unit of the series; one that states another is not used")
+
+
+class ChannelConfig(BaseModel):
+    """What a channel says whatever its source is: network value = raw value * scale + offset, converted from `unit`.
+
+    Every kind of source adds where the raw value is found there.
+    """
+
+    model_config = TABLE
+
+    source: Text = Field(description="the name of the [sources.<name>] table that delivers it")
+    unit: Text = Field(description='the unit of the value after scale and offset, such as "degC" or "kW"')
+    scale: NonZero = Field(default=1.0, description="factor of the raw value")
+    offset: Number = Field(default=0.0, description="added after `scale`")
+    nominal: Positive | None = Field(
+        default=None, description="power in `%`: the power at 100 %, in the network's unit"
+    )
+    rollover: Positive | None = Field(default=None, description="counters: raw value at which it starts again from 0")
+    aggregate: Text = Field(default="mean", description="how the readings of an interval become one value")
+    valid: Range | None = Field(
+        default=None, description="two numbers, the smallest and the largest believable value in the network's unit"
+    )
+    max_age: Duration | None = Field(default=None, description="inputs: how long a missing value is held")
+    installed: Positive | None = Field(default=None, description="power: the largest that can be planned")
+    forecast: ForecastConfig | None = Field(default=None, description="inputs: the weather forecast that foresees it")
+
+    @property
+    def address(self) -> str:
+        """Where the value is found at its source, in the operator's words."""
+        return ""
+
+    @property
+    def switched(self) -> bool:
+        """Whether its value is known to be either on or off."""
+        return False
+
+    @property
+    def stated_unit(self) -> str | None:
+        """The unit that a device may state of the raw value; None where `scale` and `offset` make it another one."""
+        return self.unit if (self.scale, self.offset) == (1.0, 0.0) else None
+
+    def within(self, table: Any) -> Self:
+        """This channel with what it takes over from `table`, its source: every key of both that it does not have.
+        ValueError with one sentence if it then cannot be read."""
+        inherited = type(table).model_fields.keys() & type(self).model_fields.keys()
+        return self.model_copy(update={name: getattr(table, name) for name in inherited if getattr(self, name) is None})
+
+
+class UnboundChannel(ChannelConfig):
+    """A channel whose source is not known: what depends on the kind of source is passed over."""
+
+    model_config = TABLE | {"extra": "ignore"}
+
+
+class WatchedChannelConfig(ChannelConfig):
+    """A channel of a live source."""
+
+    stuck_after: PositiveDuration | None = Field(
+        default=None, description="a raw value unchanged for so long is uncertain, for twice as long refused"
+    )
+
+
+class Binding(NamedTuple):
+    """What a source delivers to one channel: the id of its readings ("zone/channel"), the network's unit for it, and
+    the range in which its values usually lie."""
+
+    id: str
+    channel: Any
+    """The channel's table, of the model that belongs to the kind of source."""
+    unit: str
+    usual: tuple[float, float] = (-inf, inf)
+
+    def edge(self, rollover: float | None = None) -> Edge:
+        """How raw values become values of the channel."""
+        return edge_of(self.channel, self.unit, rollover, self.usual)
+
+
+class SourceConfig(BaseModel):
+    """[sources.<name>]: the table of a source. A kind of source is a subclass of it, listed in `adapters.kinds`.
+
+    A `live` source tells what is now, a recorded one what was. `example` is how a channel, in a table of the model
+    `channel`, says where its value is found.
+    """
+
+    model_config = TABLE
+
+    live: ClassVar[bool]
+    channel: ClassVar[type[ChannelConfig]]
+    example: ClassVar[str]
+
+    kind: str
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        raise NotImplementedError
+
+    def channels(self, bindings: Sequence[Binding]) -> list[Any]:
+        """The channels as the source takes them, also those that one at work is to deliver from now on."""
+        raise NotImplementedError
+
+    def build(self, name: str, bindings: Sequence[Binding]) -> Source:
+        """The source called `name`, delivering to `bindings`."""
+        raise NotImplementedError
+
+
+class RecordedConfig(SourceConfig):
+    """The table of a recorded source."""
+
+    live: ClassVar[bool] = False
+
+    pace: Pace = Field(default=inf, description='multiple of real time; `"max"`: as fast as possible')
+
+    @property
+    def multiple(self) -> float | None:
+        """The multiple of real time; None for as fast as possible."""
+        return None if self.pace == inf else self.pace
+
+
+class LiveConfig(SourceConfig):
+    """The table of a live source."""
+
+    live: ClassVar[bool] = True
+
+    stuck_after: PositiveDuration | None = None
+
+
+def edge_of(
+    channel: ChannelConfig,
+    unit: str,
+    rollover: float | None = None,
+    usual: tuple[float, float] = (-inf, inf),
+) -> Edge:
+    """How raw values of `channel` become values in the network's `unit`, which `usual`ly lie in a range; a counter that
+    does not say otherwise starts again at `rollover`."""
+    energy = channel.unit in ENERGIES and channel.unit != unit
+    amounts = energy and channel.aggregate == "energy"
+    return Edge(
+        channel.scale,
+        channel.offset,
+        conversion(channel.unit, unit, channel.nominal),
+        (-inf, inf) if amounts else channel.valid or default_valid_range(unit),
+        counter=energy and not amounts,
+        rollover=channel.rollover or rollover,
+        usual=usual,
+    )

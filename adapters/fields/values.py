@@ -1,0 +1,314 @@
+"""Values of the configuration file, each with a check that says in one sentence what is wrong and what to write."""
+
+from __future__ import annotations
+
+import difflib
+import ipaddress
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+from zoneinfo import ZoneInfo, available_timezones
+
+from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainValidator, ValidationInfo
+
+from adapters.errors import SourceConfigError
+from adapters.fields.durations import DAY, format_duration, parse_duration
+from adapters.fields.numbers import is_level, number_in, whole_in
+from adapters.fields.sizes import format_size, parse_size
+from adapters.fields.words import shown
+from adapters.timestamps import timestamp_parser
+
+IDENTIFIER = r"[a-z0-9][a-z0-9_-]{0,63}"
+"""What a site, source or zone id is made of, as a regular expression."""
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+_ENDPOINT = re.compile(r"(?:tcp|tls|quic|udp|ws)/(?P<host>\[[0-9a-fA-F:.]+\]|[^\s:/?#\[\]]+):(?P<port>[0-9]{1,5})")
+_SENSIBLE_PERIODS = (1, 5, 10, 15, 20, 30, 60, 120, 180, 300, 360, 600, 900, 1200, 1800, 3600, 7200)
+
+SMALLEST_JOURNAL = 16 * 10**6
+"""Below this the write-ahead log alone takes a good part of it."""
+
+LARGEST_JOURNAL = 4 * 10**18
+
+LONGEST_TIMEOUT = 60.0
+
+
+def text(value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"must be a text in quotes, not {shown(value) if value != '' else 'an empty one'}")
+    return value
+
+
+def column(value: object) -> str:
+    """The name of a column, which may be empty: so do many programs call the column of the row names."""
+    return "" if value == "" else text(value)
+
+
+def flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"must be true or false, without quotes, not {shown(value)}")
+    return value
+
+
+def number(value: object) -> float:
+    found = number_in(value)
+    if found is None:
+        raise ValueError(f"must be a number, without quotes, not {shown(value)}")
+    return found
+
+
+def positive(value: object) -> float:
+    found = number(value)
+    if not found > 0:
+        raise ValueError(f"must be greater than 0, not {shown(value)}")
+    return found
+
+
+def non_zero(value: object) -> float:
+    found = number(value)
+    if found == 0:
+        raise ValueError("must not be 0, which would make every reading the same")
+    return found
+
+
+def number_between(lower: float, upper: float, unit: str) -> Callable[[object], float]:
+    def check(value: object) -> float:
+        found = number(value)
+        if not lower <= found <= upper:
+            raise ValueError(f"must be from {lower:g} to {upper:g} {unit}, not {shown(value)}")
+        return found
+
+    return check
+
+
+def whole(lower: int, upper: int) -> Callable[[object], int]:
+    def check(value: object) -> int:
+        found = whole_in(value, lower, upper)
+        if found is None:
+            raise ValueError(f"must be a whole number from {lower} to {upper}, not {shown(value)}")
+        return found
+
+    return check
+
+
+def choice(*allowed: str) -> Callable[[object], str]:
+    def check(value: object) -> str:
+        if value not in allowed:
+            *others, last = (shown(one) for one in allowed)
+            raise ValueError(f"must be {', '.join(others)} or {last}, not {shown(value)}")
+        return str(value)
+
+    return check
+
+
+def identifier(value: object) -> str:
+    """A site, source or zone id: it becomes part of file names and key expressions."""
+    if not isinstance(value, str):
+        raise ValueError(f'must be a text in quotes, such as "living-1", not {shown(value)}')
+    if not re.fullmatch(IDENTIFIER, value):
+        raise ValueError(
+            f"{shown(value)} cannot be an id; use lower-case letters, digits, - and _, beginning with a letter or "
+            'digit, at most 64 characters, such as "living-1"'
+        )
+    return value
+
+
+def name(value: object) -> str:
+    """A node, channel or parameter of an inline network: it becomes a column, a metric label and a JSON key."""
+    if not isinstance(value, str) or not _NAME.fullmatch(value):
+        raise ValueError(
+            f"{shown(value)} cannot be a name; use letters, digits and _, beginning with a letter, such as T_air"
+        )
+    return value
+
+
+def positive_duration(value: object) -> float:
+    seconds = parse_duration(value)
+    if not seconds > 0:
+        raise ValueError(f"must be longer than 0, not {shown(value)}")
+    return seconds
+
+
+def bearable(seconds: float) -> float:
+    """A time that something is waited for."""
+    if seconds > LONGEST_TIMEOUT:
+        raise ValueError(f"must be at most {format_duration(LONGEST_TIMEOUT)}, not {format_duration(seconds)}")
+    return seconds
+
+
+def journal_size(value: object) -> int:
+    size = parse_size(value)
+    if size > LARGEST_JOURNAL:
+        raise ValueError(f"must be at most {format_size(LARGEST_JOURNAL)}, not {shown(value)}")
+    if size < SMALLEST_JOURNAL:
+        raise ValueError(f"must be at least {format_size(SMALLEST_JOURNAL)}, not {shown(value)}")
+    return size
+
+
+def period(value: object) -> int:
+    """A sampling period in whole seconds, such that the grid restarts at every UTC midnight."""
+    seconds = positive_duration(value)
+    if seconds != int(seconds) or DAY % seconds:
+        below = [sensible for sensible in _SENSIBLE_PERIODS if sensible < seconds][-1:]
+        above = [sensible for sensible in _SENSIBLE_PERIODS if sensible > seconds][:1]
+        near = " or ".join(format_duration(sensible) for sensible in (*below, *above))
+        raise ValueError(f"{shown(value)} does not divide a day into equal whole seconds; use for example {near}")
+    return int(seconds)
+
+
+def level(value: object) -> float:
+    found = number(value)
+    if not is_level(found):
+        raise ValueError(f"must lie between 0 and 1, such as 0.95, not {shown(value)}")
+    return found
+
+
+def distinct(levels: tuple[float, ...]) -> tuple[float, ...]:
+    if len(set(levels)) < len(levels):
+        raise ValueError(f"{shown(levels)} lists the same level twice; list every level once")
+    return levels
+
+
+def ordered(pair: tuple[float, float]) -> tuple[float, float]:
+    if pair[0] >= pair[1]:
+        raise ValueError(f"{shown(pair)} is reversed; write the smaller number first")
+    return pair
+
+
+def pace(value: object) -> float:
+    """A multiple of real time; "max" becomes infinity."""
+    if value == "max":
+        return math.inf
+    found = number_in(value)
+    if found is None or not found > 0:
+        raise ValueError(
+            f'must be "max" (as fast as possible) or a multiple of real time above 0, such as 60, not {shown(value)}'
+        )
+    return found
+
+
+def is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def is_multicast(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_multicast
+    except ValueError:
+        return False
+
+
+def endpoint(value: object) -> str:
+    match = _ENDPOINT.fullmatch(text(value))
+    if not match or int(match["port"]) > 65535:
+        raise ValueError(
+            f"{shown(value)} is not an endpoint; write protocol/host:port with tcp, tls, quic, udp or ws, such as "
+            '"tcp/127.0.0.1:7447"'
+        )
+    if is_multicast(match["host"]):
+        # Zenoh's access control does not look at what comes in there.
+        raise ValueError(f"{shown(value)} is a multicast address, where anybody could put anything; give a host's own")
+    return str(value)
+
+
+def loopback_endpoint(value: object) -> str:
+    host = endpoint(value).split("/", 1)[1].rsplit(":", 1)[0]
+    if not is_loopback(host):
+        raise ValueError(
+            f"{shown(value)} is not on a loopback address, and a simulated building has no credentials to serve other "
+            'machines; use 127.0.0.1, [::1] or localhost, such as "tcp/127.0.0.1:7447"'
+        )
+    return str(value)
+
+
+def time_zone(value: object) -> str:
+    try:
+        ZoneInfo(text(value))
+    except (KeyError, OSError, ValueError):
+        known = available_timezones()
+        close = difflib.get_close_matches(str(value), known, n=1, cutoff=0.8)
+        meant = f'did you mean "{close[0]}"?' if close else 'use a name such as "UTC" or "Europe/Berlin"'
+        raise ValueError(f"{shown(value)} is not a time zone; {meant}") from None
+    return str(value)
+
+
+def timestamp_format(value: object) -> str:
+    try:
+        timestamp_parser(text(value))
+    except SourceConfigError as error:
+        raise ValueError(str(error)) from None
+    return str(value)
+
+
+def delimiter(value: object) -> str:
+    if not isinstance(value, str) or len(value) != 1 or value in '"\r\n':
+        raise ValueError(f'must be one character, such as "," or ";" or "\\t", not {shown(value)}')
+    return value
+
+
+def encoding(value: object) -> str:
+    try:
+        # The codecs of Python that turn bytes into bytes are none.
+        "".encode(text(value))
+    except (LookupError, ValueError):
+        raise ValueError(f'{shown(value)} is not a text encoding; use for example "utf-8" or "cp1252"') from None
+    return str(value)
+
+
+def context(info: ValidationInfo) -> dict[str, Any]:
+    """What `load` knows beyond the table at hand: `folder` of the file, the `site` id, and the id of the `source`."""
+    return info.context or {}
+
+
+def path(value: object, info: ValidationInfo) -> Path:
+    """An absolute path; a relative one is taken from the configuration file's folder (`folder` of the context)."""
+    given = Path(value if isinstance(value, Path) else text(value))
+    if "\0" in str(given):
+        raise ValueError(f"{shown(str(given))} has a character in it that no path has")
+    if "-----BEGIN" in str(given) or "\n" in str(given):
+        raise ValueError(
+            "is the content of a file; put it into a file that only the daemon can read, and give its path"
+        )
+    try:
+        return Path(context(info)["folder"], given.expanduser())
+    except RuntimeError:
+        raise ValueError(
+            f"{shown(value)} begins with the home folder of an unknown user; write the whole path"
+        ) from None
+
+
+def _written_pace(value: float) -> float | str:
+    return "max" if value == math.inf else value
+
+
+# A check before pydantic's own makes ours the only sentence an operator can see about a value.
+Text = Annotated[str, BeforeValidator(text)]
+Column = Annotated[str, BeforeValidator(column)]
+Flag = Annotated[bool, BeforeValidator(flag)]
+Number = Annotated[float, BeforeValidator(number)]
+Positive = Annotated[float, BeforeValidator(positive)]
+NonZero = Annotated[float, BeforeValidator(non_zero)]
+Identifier = Annotated[str, BeforeValidator(identifier)]
+Name = Annotated[str, BeforeValidator(name)]
+Level = Annotated[float, BeforeValidator(level)]
+Levels = Annotated[tuple[Level, ...], AfterValidator(distinct)]
+Range = Annotated[tuple[Number, Number], AfterValidator(ordered)]
+_AsText: Any = PlainSerializer(format_duration, return_type=str)
+Duration = Annotated[float, BeforeValidator(parse_duration), _AsText]
+PositiveDuration = Annotated[float, BeforeValidator(positive_duration), _AsText]
+Timeout = Annotated[PositiveDuration, AfterValidator(bearable)]
+JournalSize = Annotated[int, BeforeValidator(journal_size), PlainSerializer(format_size)]
+Period = Annotated[int, BeforeValidator(period), _AsText]
+Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
+Endpoint = Annotated[str, BeforeValidator(endpoint)]
+TimeZone = Annotated[str, BeforeValidator(time_zone)]
+TimestampFormat = Annotated[str, BeforeValidator(timestamp_format)]
+Delimiter = Annotated[str, BeforeValidator(delimiter)]
+Encoding = Annotated[str, BeforeValidator(encoding)]
+FilePath = Annotated[Path, BeforeValidator(path)]

@@ -1,0 +1,61 @@
+"""The tables of kind "home-assistant": the history in the database of its recorder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field
+
+from adapters.channel import Binding, ChannelConfig, RecordedConfig
+from adapters.fields.values import FilePath, Text, choice
+from adapters.home_assistant.database import Entity
+from adapters.home_assistant.source import RecorderChannel, RecorderSource
+
+
+class HomeAssistantChannelConfig(ChannelConfig):
+    """A channel of Home Assistant's history: the raw value is the state of an entity, or an attribute of it."""
+
+    entity: Text = Field(description='the id of the entity, such as "sensor.living_temperature"')
+    attribute: Text | None = Field(
+        default=None, description='attribute in place of the state, such as `"current_temperature"`'
+    )
+
+    @property
+    def address(self) -> str:
+        """The entity."""
+        return str(Entity(self.entity, self.attribute))
+
+
+class HomeAssistantConfig(RecordedConfig):
+    """[sources.<name>] of kind "home-assistant": the database of Home Assistant's recorder."""
+
+    channel: ClassVar = HomeAssistantChannelConfig
+    example: ClassVar = 'entity = "sensor...."'
+
+    kind: Literal["home-assistant"] = "home-assistant"
+    file: FilePath = Field(description='the database, such as "home-assistant_v2.db"')
+    data: Annotated[str, BeforeValidator(choice("states", "statistics"))] = Field(
+        default="states", description="every state, kept for days; or hourly means, kept for ever"
+    )
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        return f"the {self.data} in {self.file.name}"
+
+    def channels(self, bindings: Sequence[Binding]) -> list[RecorderChannel]:
+        """The channels as the source takes them."""
+        return [
+            RecorderChannel(
+                binding.id,
+                Entity(binding.channel.entity, binding.channel.attribute),
+                binding.channel.stated_unit,
+                binding.edge(),
+            )
+            for binding in bindings
+        ]
+
+    def build(self, name: str, bindings: Sequence[Binding]) -> RecorderSource:
+        """The source called `name`."""
+        return RecorderSource(name, self.file, self.channels(bindings), self.data, self.multiple)

@@ -1,0 +1,65 @@
+"""The tables of kind "mqtt": what devices publish on a broker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+
+from adapters.channel import Binding
+from adapters.fields.values import Duration, Text, choice, context, whole
+from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
+from adapters.messages.points import Dating
+from adapters.mqtt.fields import BrokerConfig, Topic
+from adapters.mqtt.source import TIMES, Intake, MqttSource
+
+
+class MqttChannelConfig(MessageChannelConfig):
+    """A channel of an MQTT source."""
+
+    topic: Topic = Field(description='the topic that it is published on, such as "zigbee2mqtt/living"')
+
+    @property
+    def place(self) -> str:
+        """Its topic."""
+        return self.topic
+
+
+class MqttSourceConfig(BrokerConfig, MessagesConfig):
+    """[sources.<name>] of kind "mqtt": what devices publish, over a connection of its own."""
+
+    channel: ClassVar = MqttChannelConfig
+    example: ClassVar = 'topic = "..."'
+
+    kind: Literal["mqtt"] = "mqtt"
+    host: Text = Field(description='the broker, such as "homeassistant.local" or "192.168.1.10"')
+    session: Duration = Field(
+        default=3600.0, description="how long the broker keeps subscriptions and their messages without us; 0: not"
+    )
+    qos: Annotated[int, BeforeValidator(whole(0, 1))] | None = Field(
+        default=None, description="quality of service; none: 1 for payloads with a time, else 0"
+    )
+    status_topic: Topic | None = Field(default=None, description="topic of `online` and, as last will, `offline`")
+    times: Annotated[tuple[Annotated[str, BeforeValidator(choice(*TIMES))], ...], AfterValidator(different)] = Field(
+        default=TIMES, min_length=1, description=f"a list of {', '.join(TIMES)} in the order of preference"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_a_client_id(cls, table: Any, info: ValidationInfo) -> Any:
+        site = context(info).get("site")
+        if not isinstance(table, dict) or "client_id" in table or site is None:
+            return table
+        return table | {"client_id": f"thermogate-{site}-{context(info).get('source', 'source')}"}
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        return f"{self.broker('').place}, MQTT {self.version}"
+
+    def build(self, name: str, bindings: Sequence[Binding]) -> MqttSource:
+        """The source called `name`."""
+        dating = Dating(self.times, self.max_ahead)
+        intake = Intake(dating, self.session, self.qos, self.queue, self.longest_stretch, self.status_topic)
+        return MqttSource(name, self.broker(f"thermogate-{name}"), self.channels(bindings), intake)

@@ -1,0 +1,124 @@
+"""The tables of kinds "prometheus" and "influxdb": histories in databases of time series."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, PlainSerializer
+
+from adapters.channel import Binding, ChannelConfig, RecordedConfig
+from adapters.fields.addresses import is_web_address
+from adapters.fields.logins import LoginConfig
+from adapters.fields.times import ZoneMissing, parse_time, written_time
+from adapters.fields.values import PositiveDuration, Text, text
+from adapters.series.database import Database, InfluxDB, Prometheus, Server, parts
+from adapters.series.source import SeriesChannel, SeriesSource
+
+
+def web_address(value: object) -> str:
+    """The address of a server."""
+    if not is_web_address(text(value)):
+        raise ValueError('must be an address such as "http://127.0.0.1:9090"')
+    return str(value)
+
+
+def moment(value: object) -> float:
+    """UTC s of a time in RFC 3339."""
+    try:
+        return parse_time(text(value)).timestamp()
+    except ZoneMissing:
+        raise ValueError(f'"{value}" has no time zone; end it with Z for UTC or an offset such as +02:00') from None
+    except ValueError:
+        raise ValueError(f'"{str(value)[:60]}" is not a time; write it as "2026-01-01T00:00:00Z"') from None
+
+
+Moment = Annotated[float, BeforeValidator(moment), PlainSerializer(written_time, return_type=str)]
+
+
+class SeriesChannelConfig(ChannelConfig):
+    """A channel of a database of time series: the raw values are those of a series."""
+
+    query: Text = Field(description="what the database is asked for")
+
+    @property
+    def address(self) -> str:
+        """The query."""
+        return self.query
+
+
+class SeriesConfig(LoginConfig, RecordedConfig):
+    """What every table of such a source has."""
+
+    url: Annotated[str, BeforeValidator(web_address)] = Field(
+        description='the address of the database, such as "http://127.0.0.1:9090"'
+    )
+    begin: Moment = Field(description='the first time to read, such as "2026-01-01T00:00:00Z"')
+    end: Moment | None = Field(default=None, description="time to stop before; none: now")
+    step: PositiveDuration = Field(default=60.0, description="time from one reading to the next")
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        return f"{self.url}, from {written_time(self.begin)}"
+
+    @property
+    def server(self) -> Server:
+        """The server, and as whom it is asked."""
+        return Server(self.url, self.user, self.password_file, self.password_env)
+
+    @property
+    def asked(self) -> Database:
+        """The database, which is asked at the server."""
+        raise NotImplementedError
+
+    def channels(self, bindings: Sequence[Binding]) -> list[SeriesChannel]:
+        """The channels as the source takes them."""
+        return [SeriesChannel(binding.id, binding.channel.query, binding.edge()) for binding in bindings]
+
+    def build(self, name: str, bindings: Sequence[Binding]) -> SeriesSource:
+        """The source called `name`."""
+        return SeriesSource(name, self.asked, self.channels(bindings), (self.begin, self.end), self.step, self.multiple)
+
+
+class PrometheusConfig(SeriesConfig):
+    """[sources.<name>] of kind "prometheus": Prometheus, VictoriaMetrics and others with its range queries."""
+
+    channel: ClassVar = SeriesChannelConfig
+    example: ClassVar = 'query = "..."'
+
+    kind: Literal["prometheus"] = "prometheus"
+
+    @property
+    def asked(self) -> Database:
+        """The database."""
+        return Prometheus(self.server)
+
+
+def influx_query(value: object) -> str:
+    """Field, measurement and condition, as InfluxQL writes them."""
+    parts(text(value))
+    return str(value)
+
+
+class InfluxChannelConfig(SeriesChannelConfig):
+    """A channel of InfluxDB: the raw value is the mean of a field."""
+
+    query: Annotated[str, BeforeValidator(influx_query)] = Field(
+        description="field, measurement and condition, such as '\"value\" FROM \"degC\" WHERE \"room\" = ''101'''"
+    )
+
+
+class InfluxConfig(SeriesConfig):
+    """[sources.<name>] of kind "influxdb": InfluxDB, versions 1 to 3."""
+
+    channel: ClassVar = InfluxChannelConfig
+    example: ClassVar = 'query = \'"value" FROM "degC"\''
+
+    kind: Literal["influxdb"] = "influxdb"
+    database: Text = Field(description="the name of the database; of the bucket in version 2")
+
+    @property
+    def asked(self) -> Database:
+        """The database."""
+        return InfluxDB(self.server, self.database)

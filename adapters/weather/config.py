@@ -1,0 +1,131 @@
+"""Forecasts of the weather, as [weather.<name>] tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+from zoneinfo import ZoneInfo
+
+from pydantic import BaseModel, BeforeValidator, Field, model_validator
+
+from adapters.csv.config import LayoutConfig
+from adapters.csv.table import Layout
+from adapters.fields.addresses import is_web_address
+from adapters.fields.tables import TABLE
+from adapters.fields.values import FilePath, PositiveDuration, Text, choice
+from adapters.timestamps import timestamp_parser
+from adapters.weather.forecast import MEANS, WeatherSource
+from adapters.weather.heard import HeardForecasts
+from adapters.weather.polled import PolledAddress, csv_file, json_file
+from adapters.zenoh.access import ANYBODY, collecting
+from adapters.zenoh.fields import Mode, SessionConfig
+
+_DAY = 86400.0
+
+
+class WeatherConfig(BaseModel):
+    """[weather.<name>]: the table of a forecast. A kind of forecast is a subclass of it, listed in WEATHER_KINDS."""
+
+    model_config = TABLE
+
+    kind: str
+    max_age: PositiveDuration = Field(default=_DAY, description="an older forecast is not used")
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        raise NotImplementedError
+
+    def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
+        """The source called `name`, which is asked for `series`."""
+        raise NotImplementedError
+
+
+class WeatherCsvConfig(LayoutConfig, WeatherConfig):
+    """[weather.<name>] of kind "csv": a file that is written anew with every forecast."""
+
+    kind: Literal["csv"] = "csv"
+    file: FilePath = Field(description='the path of the file, such as "forecast.csv"')
+    means: Annotated[str, BeforeValidator(choice(*MEANS))] = Field(
+        default="instant",
+        description="what a value is about: its instant, the time since the one before or until the next",
+    )
+    refresh: PositiveDuration = Field(default=60.0, description="how often the file is looked at")
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        return self.file.name
+
+    def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
+        """The source called `name`."""
+        stamp = self.timestamp
+        layout = Layout(
+            stamp.column,
+            timestamp_parser(stamp.format),
+            None if stamp.zone is None else ZoneInfo(stamp.zone),
+            self.delimiter,
+            self.decimal,
+            self.encoding,
+        )
+        return csv_file(name, self.file, self.refresh, layout, self.means, series)
+
+
+class OpenMeteoConfig(WeatherConfig):
+    """[weather.<name>] of kind "open-meteo": its JSON in a file or at an address."""
+
+    kind: Literal["open-meteo"] = "open-meteo"
+    file: FilePath | None = Field(default=None, description="the JSON in a file, looked at every minute")
+    url: Text | None = Field(default=None, description="its address, beginning with `http://` or `https://`")
+    refresh: PositiveDuration = Field(default=3600.0, description="how often the address is asked")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.file is None) == (self.url is None):
+            raise ValueError("needs either file or url")
+        if self.url is not None and not self.url.startswith(("http://", "https://")):
+            raise ValueError("url must begin with http:// or https://")
+        if self.url is not None and not is_web_address(self.url):
+            raise ValueError("url must be an address such as https://api.example/v1/forecast?latitude=47.7")
+        return self
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        # An address may carry a key of the service.
+        return self.file.name if self.file is not None else str(self.url).partition("?")[0]
+
+    def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
+        """The source called `name`."""
+        if self.url is not None:
+            return PolledAddress(name, self.url, self.refresh)
+        return json_file(name, self.file or Path(), min(self.refresh, 60.0))
+
+
+class ZenohWeatherConfig(SessionConfig, WeatherConfig):
+    """[weather.<name>] of kind "zenoh": the same JSON, published on a key."""
+
+    kind: Literal["zenoh"] = "zenoh"
+    mode: Mode = "client"
+    key: Text = Field(description='the key that documents are published on, such as "site/weather"')
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if not self.connect or self.listen:
+            raise ValueError('needs connect, such as connect = ["tcp/192.168.1.30:7447"], and no listen')
+        return self
+
+    @property
+    def described(self) -> str:
+        """What it reads, for the summary of a check."""
+        return f"{self.key} from {', '.join(self.connect)}"
+
+    def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
+        """The source called `name`."""
+        return HeardForecasts(name, self.session(collecting((ANYBODY,), relaying=False)), self.key)
+
+
+WEATHER_KINDS: dict[str, type[WeatherConfig]] = {
+    table.model_fields["kind"].default: table for table in (WeatherCsvConfig, OpenMeteoConfig, ZenohWeatherConfig)
+}
+"""The table of each kind of forecast by the name that the configuration gives it."""
