@@ -71,7 +71,7 @@ LEVELS = {
         {"fitting"},
         {"model"},
         {"files", "learning"},
-        {"session", "plans"},
+        {"session", "plans", "heating"},
         {"settings"},
         {"frames", "arguments"},
     ),

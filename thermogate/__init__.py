@@ -13,6 +13,7 @@ Nobody but notebooks and scripts comes in here; inside, `frames` is where pandas
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from service.daemon.process import prepare_process
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
     from thermogate.fitting import fit, load
     from thermogate.model import Model
 
-__all__ = ["ConfigError", "DataError", "Model", "ServiceError", "fit", "load"]
+__all__ = ["ConfigError", "DataError", "Model", "ServiceError", "__version__", "fit", "load"]
+
+__version__ = version("thermogate")
 
 _LATER = ("Model", "fit", "load")
 

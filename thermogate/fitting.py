@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.network.network import Network
+from service.records.outlook import SET_POINTS
 from thermogate.arguments import duration, items, plain
 from thermogate.files import read_model
 from thermogate.frames import Frame, clock, pandas, spacing
@@ -47,7 +48,8 @@ def fit(
         network: a preset such as "titeth", "auto" for one that follows from the columns, a table as in
             [zones.network], or a `Network`.
         columns: what a channel is read from, where the column does not have its name and unit: the name of a column, a
-            pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels].
+            pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels]. "T_set" is what the
+            room is meant to have; a column of that name is taken for it.
         tz: the time zone of an index without one; otherwise that of the results. A name such as "Europe/Berlin", an
             offset such as "UTC+02:00", or a tzinfo that has one of the two.
         period: the sampling period, such as "15min"; None takes the usual distance of the rows.
@@ -64,8 +66,10 @@ def fit(
     """
     pandas()
     tables, published = {} if columns is None else items(columns), items(levels)
-    named = tables if isinstance(tables, Mapping) else ()
-    resolved = network_of(plain(network), {*map(str, named), *map(str, getattr(df, "columns", ()))})
+    present = set(map(str, getattr(df, "columns", ())))
+    if isinstance(tables, Mapping) and SET_POINTS in present:
+        tables = {SET_POINTS: SET_POINTS, **tables}
+    resolved = network_of(plain(network), present.union(map(str, tables if isinstance(tables, Mapping) else ())))
     times = clock(df, tz, "the table")
     given: dict[str, Any] = {
         "period": spacing(times.seconds) if period is None else duration(period),
@@ -84,7 +88,7 @@ def fit(
     }
     known = {name: value for name, value in given.items() if value is not None}
     settings = settings_of(resolved, tables, times.zone, known)
-    used = {name for names in settings.source_columns.values() for name in names}
+    used = {name for column in settings.columns for name in column.sources}
     others = tuple(name for name in map(str, df.columns) if name not in used)
     session = Session(settings._replace(other_columns=others))
     learned = learn(session, df, progress, "fit")

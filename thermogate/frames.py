@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta, timezone, tzinfo
 from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from adapters.edge import Converter
+from adapters.channel import ChannelConfig, edge_of
+from adapters.edge import Converter, Edge
 from adapters.errors import SourceError
+from adapters.fields.durations import DAY, format_duration
+from adapters.fields.words import shown, suggestion
 from adapters.reading import Fault, Reading
 from adapters.timestamps import local_to_utc, time_zone
 from estimator.arrays import Array
 from service.errors import DataError
-from service.fields.durations import DAY, format_duration
-from service.fields.words import shown, suggestion
-from service.sources.channel import ChannelConfig, edge_of
 
 Frame = Any
 """A pandas DataFrame; pandas has no types of its own."""
@@ -35,6 +35,28 @@ class Clock(NamedTuple):
 
     seconds: Array
     zone: str
+
+
+class Column(NamedTuple):
+    """What is read from one column of a table, or from the sum of several."""
+
+    name: str
+    """What a person calls it: a channel of the network, or the set-point."""
+    address: str
+    """The same to an alignment: zone/channel."""
+    channel: ChannelConfig
+    unit: str
+    """The network's."""
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The columns of a table that it is read from."""
+        return self.channel.source_columns  # type: ignore[attr-defined]
+
+    @property
+    def edge(self) -> Edge:
+        """From the column's unit to the network's."""
+        return edge_of(self.channel, self.unit)
 
 
 class Part(NamedTuple):
@@ -72,7 +94,7 @@ def clock(frame: Frame, zone: str | tzinfo | None, what: str) -> Clock:
         row = int(frame.index.isna().argmax())
         raise DataError(f"row {row} of {what} has no time (NaT); leave such rows out with df[df.index.notna()]")
     given = None if zone is None else _given_name(zone)
-    local = None if given is None else _zone(given)
+    local = None if given is None else named_zone(given)
     seconds = frame.index.as_unit("us").asi8 / 1e6
     if frame.index.tz is not None:
         return Clock(seconds, given or _zone_name(frame.index.tz) or _UTC)
@@ -109,14 +131,14 @@ def _zone_name(zone: tzinfo) -> str | None:
 
 
 def _offset_name(offset: timedelta) -> str | None:
-    """A distance from UTC as `_zone` reads it; None if it is no whole number of minutes."""
+    """A distance from UTC as `named_zone` reads it; None if it is no whole number of minutes."""
     minutes, rest = divmod(abs(offset), timedelta(minutes=1))
     if rest:
         return None
     return f"{_UTC}{'-' if offset < timedelta() else '+'}{minutes // 60:02}:{minutes % 60:02}" if minutes else _UTC
 
 
-def _zone(name: str) -> Any:
+def named_zone(name: str) -> Any:
     """The time zone called `name`, an IANA name or UTC+hh:mm; DataError if there is none."""
     if offset := _OFFSET.fullmatch(name):
         span = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
@@ -142,18 +164,18 @@ def spacing(seconds: Array) -> float:
     return usual
 
 
-def check_columns(frame: Frame, channels: Mapping[str, Sequence[str]], units: Mapping[str, str], what: str) -> None:
-    """DataError with one sentence for every column that `channels` need and `frame` does not have exactly once."""
+def check_columns(frame: Frame, columns: Iterable[Column], what: str) -> None:
+    """DataError with one sentence for every column that `columns` need and `frame` does not have exactly once."""
     present, problems = [str(name) for name in frame.columns], []
-    for channel, names in channels.items():
-        for name in names:
+    for column in columns:
+        for name in column.sources:
             if present.count(name) > 1:
                 problems.append(f"{what} has the column {shown(name)} more than once; rename all but one")
             elif name not in present:
                 known = suggestion(name, present[:_MOST_NAMES], "its columns are")
                 problems.append(
-                    f"{what} has no column {shown(name)} for {channel} [{units[channel]}]; {known}; say which one it "
-                    f'is with columns={{"{channel}": "..."}}'
+                    f"{what} has no column {shown(name)} for {column.name} [{column.unit}]; {known}; say which one it "
+                    f'is with columns={{"{column.name}": "..."}}'
                 )
     if problems:
         raise DataError("\n".join(problems))
@@ -178,30 +200,17 @@ def numbers(frame: Frame, name: str, what: str) -> Array:
 class Reader:
     """The readings of a table of measurements, in the order of time."""
 
-    def __init__(
-        self,
-        frame: Frame,
-        times: Clock,
-        channels: Mapping[str, Any],
-        units: Mapping[str, str],
-        zone: str,
-        since: float = -inf,
-    ) -> None:
-        """`channels` are the tables of the configuration by channel, with `source_columns`; `units` the network's. The
-        readings are addressed "zone/channel". Those before `since`, UTC s, are passed over, and their faults too."""
+    def __init__(self, frame: Frame, times: Clock, columns: Sequence[Column], since: float = -inf) -> None:
+        """Readings before `since`, UTC s, are passed over, and their faults too."""
         self.faults: Counter[Fault] = Counter()
         """Readings whose local time spring skips; an alignment counts the others."""
         self._first: dict[tuple[str, Fault], str] = {}
         self._refused: Counter[tuple[str, Fault]] = Counter()
         self._order = np.argsort(times.seconds, kind="stable")[: int(np.isfinite(times.seconds).sum())]
         if lost := _lost(frame, times, since):
-            self.faults[Fault.BAD_TIMESTAMP] = lost * len(channels)
+            self.faults[Fault.BAD_TIMESTAMP] = lost * len(columns)
         self._frame, self._seconds, self._since = frame, times.seconds, since
-        self._values = {name: _summed(frame, channel) for name, channel in channels.items()}
-        self._converters = {
-            name: Converter(f"{zone}/{name}", edge_of(channel, units[name])) for name, channel in channels.items()
-        }
-        self._channels = channels
+        self._columns = [(one, _summed(frame, one), Converter(one.address, one.edge)) for one in columns]
 
     def parts(self) -> Iterator[Part]:
         """The readings, some hundred rows at once. An empty cell is no reading. A meter begins with the first row, even
@@ -209,13 +218,13 @@ class Reader:
         for begin in range(0, len(self._order), _ROWS_AT_ONCE):
             rows = self._order[begin : begin + _ROWS_AT_ONCE]
             times, readings = self._seconds[rows].tolist(), []
-            for name, values in self._values.items():
+            for column, values, converter in self._columns:
                 for row, time, value in zip(rows.tolist(), times, values[rows].tolist(), strict=True):
-                    reading = None if np.isnan(value) else self._converters[name].reading(time, value)
+                    reading = None if np.isnan(value) else converter.reading(time, value)
                     if reading is not None and reading.time >= self._since:
                         readings.append(reading)
                         if reading.fault is not None:
-                            self._note(name, reading.fault, row, value)
+                            self._note(column, reading.fault, row, value)
             yield Part(readings, times[-1])
 
     def span(self) -> tuple[float, float]:
@@ -231,16 +240,17 @@ class Reader:
         for (_, fault), count in self._refused.items():
             others[fault] -= count
         sentences = [f"the table: {count} readings not used ({_words(fault)})" for fault, count in (+others).items()]
+        named = {column.name: column for column, _, _ in self._columns}
         return sentences + [
-            f"column {shown(' + '.join(self._channels[name].source_columns))}: {count} "
+            f"column {shown(' + '.join(named[name].sources))}: {count} "
             f"{'value' if count == 1 else 'values'} not used ({_words(fault)}), the first "
-            f"{self._first[name, fault]}; is {shown(self._channels[name].unit)} the right unit for {name}?"
+            f"{self._first[name, fault]}; is {shown(named[name].channel.unit)} the right unit for {name}?"
             for (name, fault), count in self._refused.items()
         ]
 
-    def _note(self, name: str, fault: Fault, row: int, value: float) -> None:
-        self._refused[name, fault] += 1
-        self._first.setdefault((name, fault), f"{value:g} at {self._frame.index[row]}")
+    def _note(self, column: Column, fault: Fault, row: int, value: float) -> None:
+        self._refused[column.name, fault] += 1
+        self._first.setdefault((column.name, fault), f"{value:g} at {self._frame.index[row]}")
 
 
 def _lost(frame: Frame, times: Clock, since: float) -> int:
@@ -253,8 +263,8 @@ def _lost(frame: Frame, times: Clock, since: float) -> int:
     return int(lost.sum())
 
 
-def _summed(frame: Frame, channel: ChannelConfig) -> Array:
-    first, *others = (numbers(frame, name, "the table") for name in channel.source_columns)  # type: ignore[attr-defined]
+def _summed(frame: Frame, column: Column) -> Array:
+    first, *others = (numbers(frame, name, "the table") for name in column.sources)
     total: Array = first
     for values in others:
         total = total + values

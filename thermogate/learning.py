@@ -36,9 +36,9 @@ def learn(session: Session, df: Frame, progress: bool, what: str) -> Learned:
     settings, worker = session.settings, session.worker
     period, resume_after, before = settings.zone.period, worker.progress.last_time, len(session)
     times = clock(df, settings.tz, "the table")
-    check_columns(df, settings.source_columns, settings.units, "the table")
+    check_columns(df, settings.columns, "the table")
     since = -inf if resume_after is None else resume_after + period
-    reader = Reader(df, times, settings.zone.channels, settings.units, ZONE, since)
+    reader = Reader(df, times, settings.columns, since)
     alignment = make_alignment(settings.zone, resume_after, resume_idle=worker.empty_samples)
     first, last = reader.span()
     if last < since:

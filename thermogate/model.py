@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from datetime import timedelta
 from os import PathLike
@@ -13,26 +13,38 @@ from typing import Any
 
 import numpy as np
 
+from adapters.fields.durations import format_duration
+from adapters.fields.numbers import is_level, number_in, whole_in
+from adapters.fields.words import shown
 from adapters.reading import Fault
 from estimator.arrays import Array
 from estimator.diagnosis.finding import Finding
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from estimator.verification.scores import gaussian_crps
-from service.errors import DataError, NoModel
-from service.fields.durations import format_duration
-from service.fields.numbers import is_level, number_in, whole_in
-from service.fields.words import shown
+from service.errors import DataError, NoLaw, NoModel, PlanError
 from service.forecast.engine import FanQuestion
+from service.forecast.heating import (
+    CompareQuestion,
+    Course,
+    DemandQuestion,
+    PreheatQuestion,
+    check_until,
+    moment,
+    refusal,
+)
 from service.forecast.request import detail
 from service.records.fan import Fan
+from service.records.outlook import SET_POINTS
 from service.records.skill import Skill
+from service.records.view import Answer, Question
 from service.zone.foresight.outlook import NO_WEATHER
 from thermogate.arguments import items, plain
 from thermogate.files import write_model
-from thermogate.frames import Frame, moments, pandas, table
+from thermogate.frames import Frame, moments, named_zone, pandas, table
+from thermogate.heating import comparison_table, demand_table, demand_total, preheat_series
 from thermogate.learning import learn
-from thermogate.plans import planned_inputs, steps_in
+from thermogate.plans import planned_inputs, planned_price, planned_setpoints, steps_in
 from thermogate.session import ALPHA, BOUNDS, OUTCOMES, REGIMES, Session
 from thermogate.settings import Settings
 
@@ -125,6 +137,56 @@ class Model:
             for place in range(len(fan.paths))
         }
         return table(columns, self._steps(fan))
+
+    def preheat(self, target: float, by: Any, *, probability: float = 0.9, tolerance: float = 0.5) -> Any:
+        """The latest time to raise the set-point for the zone to be warm in time: a Series.
+
+        Args:
+            target: temperature to reach [degC].
+            by: when: the next time of day, such as "06:30", or a time.
+            probability: of being warm in time.
+            tolerance: K below the target at which the zone counts as warm.
+
+        `start` is NaT where not even now is early enough; `reached` then tells how likely it still is. DataError, as
+        for `demand` and `compare`, where no law of a thermostat is known, or the forecasts cannot be trusted.
+        """
+        begin = self._begin()
+        wanted, below, likely = (number_in(plain(value)) for value in (target, tolerance, probability))
+        if wanted is None or below is None or below <= 0.0 or likely is None or not is_level(likely):
+            raise DataError(
+                "target and tolerance must be numbers in degC and K, and probability one between 0 and 1, not "
+                f"{shown([plain(target), plain(tolerance), plain(probability)])}"
+            )
+        planned_setpoints({SET_POINTS: wanted}, self._settings, begin, 1)
+        try:
+            when = moment(by if isinstance(by, str) else self._time(by), begin, named_zone(self._settings.tz))
+            check_until(when, begin, self._settings.zone.period)
+        except PlanError as error:
+            raise DataError(f"by {error}") from None
+        question = PreheatQuestion(wanted, when, likely, below)
+        return preheat_series(self._answer(question, when - begin), self._settings.tz)
+
+    def demand(self, plan: Any = None, horizon: str | float | timedelta = "24h", *, hourly: bool = True) -> Any:
+        """The energy [kWh] that the thermostat will call for, with its 95 % interval: a DataFrame by hour, or the whole
+        horizon as a Series. `plan` is one of set-points, such as {"T_set": 20.0}; by default they are foreseen."""
+        begin, steps = self._begin(), steps_in(horizon, self._settings.zone.period)
+        planned = None if plan is None else planned_setpoints(plan, self._settings, begin, steps)
+        found = self._answer(DemandQuestion(steps, planned), steps * self._settings.zone.period).demand
+        return demand_table(found, self._settings.tz) if hourly else demand_total(found)
+
+    def compare(self, plans: Any, horizon: str | float | timedelta = "24h", *, price: Any = None) -> Frame:
+        """What plans of set-points come to, and how much more that is than under the first of them: energy [kWh], hours
+        below the set-points of the first plan, and the cost at a `price` of a kWh, each with its 95 % interval.
+
+        `plans` is a dict of plans by name, such as {"as now": {"T_set": 21.0}, "cooler": {"T_set": 20.0}}. The interval
+        of a difference is that of the difference itself: what two plans have in common cancels out.
+        """
+        if not isinstance(plans, Mapping) or len(plans) < 2:
+            raise DataError('plans must be a dict of at least two, such as {"as now": {"T_set": 21.0}, ...}')
+        settings, begin, steps = self._settings, self._begin(), steps_in(horizon, self._settings.zone.period)
+        courses = [Course(str(name), planned_setpoints(plan, settings, begin, steps)) for name, plan in plans.items()]
+        cost = None if price is None else planned_price(price, settings, begin, steps)
+        return comparison_table(self._answer(CompareQuestion(steps, courses, cost), steps * settings.zone.period))
 
     def parameters(self, levels: Sequence[float] = QUANTILES) -> Frame:
         """Quantiles at `levels` of every parameter, its unit, the bounds of its prior, and whether it is learned."""
@@ -306,17 +368,39 @@ class Model:
 
     def _asked(self, plan: Any, horizon: str | float | timedelta, levels: Sequence[float], scenarios: int = 0) -> Fan:
         """The forecast under `plan`; DataError where there is none."""
+        begin, steps = self._begin(), steps_in(horizon, self._settings.zone.period)
+        planned = planned_inputs(plan, self._settings, begin, steps)
+        return self._answer(FanQuestion(steps, planned, tuple(levels), scenarios, detail([steps + 1])))
+
+    def _begin(self) -> float:
+        """When the forecast begins, UTC s; DataError where there is none."""
         worker = self._session.worker
         if worker.unstalled is None:
             raise DataError(
                 f"there is no forecast: {worker.progress.stalled}; update the model with newer measurements"
             )
-        steps = steps_in(horizon, self._settings.zone.period)
-        planned = planned_inputs(plan, self._settings, worker.unstalled.update.forecast.valid_time, steps)
-        question = FanQuestion(steps, planned, tuple(levels), scenarios, detail([steps + 1]))
-        fan = question(worker, NO_WEATHER, lambda: False)
-        assert fan is not None
-        return fan
+        return worker.unstalled.update.forecast.valid_time
+
+    def _answer(self, question: Question[Answer | None], lead: float | None = None) -> Answer:
+        """The answer to `question`; DataError where there is none, or, over a `lead` [s], none to rely on."""
+        worker = self._session.worker
+        why = None if lead is None else refusal(worker.trust, lead)
+        if why is not None:
+            raise DataError(f"the model {why}")
+        try:
+            found = question(worker, NO_WEATHER, lambda: False)
+        except NoLaw as error:
+            raise DataError(f"the model cannot say: {error}") from None
+        assert found is not None
+        return found
+
+    def _time(self, when: Any) -> str:
+        """A time as `moment` reads it; one without a time zone is in that of the table."""
+        try:
+            stamp = pandas().Timestamp(when)
+        except (TypeError, ValueError):
+            return str(when)
+        return str((stamp if stamp.tzinfo else stamp.tz_localize(self._settings.tz)).isoformat())
 
     def _steps(self, fan: Fan) -> Any:
         """When the steps of `fan` are."""

@@ -8,50 +8,62 @@ from typing import Any
 import numpy as np
 
 from adapters.edge import PLAIN, Edge
+from adapters.fields.durations import parse_duration
+from adapters.fields.words import shown, suggestion
 from estimator.arrays import Array
-from service.config.fitting import limits_of
-from service.errors import DataError, PlanError
-from service.fields.durations import format_duration, parse_duration
-from service.fields.words import shown, suggestion
-from service.forecast.plan import Grid, Inputs, Timed, Values, check
-from service.sources.channel import edge_of
+from service.config.fitting import plannable
+from service.errors import DataError, PlanError, RequestError
+from service.forecast.plan import Grid, Inputs, Timed, Values, check, column
+from service.forecast.request import whole_steps
+from service.records.outlook import SET_POINTS
 from thermogate.arguments import duration, plain
 from thermogate.frames import clock, moments, numbers, pandas
 from thermogate.settings import Settings
-
-_ROUNDING = 1e-6
 
 
 def steps_in(horizon: object, period: float) -> int:
     """How many periods [s] make up `horizon`; DataError for none or no whole number."""
     try:
-        length = parse_duration(duration(horizon))
+        return whole_steps(parse_duration(duration(horizon)), period)
     except ValueError as error:
         raise DataError(f"horizon: {error}") from None
-    steps = round(length / period)
-    if steps < 1 or abs(steps * period - length) > _ROUNDING:
-        near = format_duration(max(1, steps) * period)
-        raise DataError(
-            f"horizon: {format_duration(length)} is not a whole number of periods of {format_duration(period)}; "
-            f"{near} would be"
-        )
-    return steps
+    except RequestError as error:
+        raise DataError(str(error)) from None
 
 
 def planned_inputs(plan: object, settings: Settings, begin: float, steps: int) -> Inputs:
     """What `plan` says of the inputs over `steps` steps from `begin`, UTC s, on, in the network's units. DataError with
     the place of what cannot be used."""
-    found, grid = {}, Grid(begin, settings.zone.period, steps)
+    found, grid, limits = {}, Grid(begin, settings.zone.period, steps), plannable(settings.zone)
     for name, given in _columns(plan, settings).items():
         for channel, edge in _meant(name, settings, plan):
             values = _in_unit(_values(name, given, settings, grid), edge)
-            limits = {channel: limits_of(settings.zone.channels[channel], settings.units[channel])}
             try:
                 check(values, channel, settings.network, limits, grid)
             except PlanError as error:
                 raise DataError(f"the plan's {shown(name)} {error}") from None
             found[channel] = values
     return found
+
+
+def planned_setpoints(plan: object, settings: Settings, begin: float, steps: int) -> Values:
+    """The set-points [degC] that `plan` says, as `planned_inputs` does; DataError for a plan of anything else."""
+    found = planned_inputs(plan, settings, begin, steps)
+    if set(found) != {SET_POINTS}:
+        others = ", ".join(name for name in found if name != SET_POINTS) or "nothing"
+        raise DataError(f'the plan has {others}; here it plans set-points only, such as {{"{SET_POINTS}": 20.0}}')
+    return found[SET_POINTS]
+
+
+def planned_price(price: object, settings: Settings, begin: float, steps: int) -> Values:
+    """What a kWh costs over `steps` steps from `begin`, UTC s, on."""
+    grid = Grid(begin, settings.zone.period, steps)
+    values = _values("price", price, settings, grid)
+    try:
+        column(values, grid)
+    except PlanError as error:
+        raise DataError(f"the price {error}") from None
+    return values
 
 
 def _columns(plan: object, settings: Settings) -> dict[str, Any]:
@@ -63,9 +75,8 @@ def _columns(plan: object, settings: Settings) -> dict[str, Any]:
     pd = pandas()
     if not isinstance(plan, pd.DataFrame):
         raise DataError('the plan must be a DataFrame or a dict such as {"u_heat": 1500.0}, not ' + shown(plan))
-    outputs = {name for output in settings.network.measured for name in (output, *settings.source_columns[output])}
-    inputs = _names(settings)
-    passed_over = (outputs | set(settings.other_columns)) - inputs.keys()
+    read = {name for column in settings.columns for name in (column.name, *column.sources)}
+    passed_over = (read | set(settings.other_columns)) - _names(settings).keys()
     return {str(name): plan[name] for name in plan.columns if str(name) not in passed_over}
 
 
@@ -73,21 +84,19 @@ def _names(settings: Settings) -> dict[str, list[tuple[str, Edge | None]]]:
     """What an input can be called in a plan: its column, in the column's unit, or its channel, in the network's. The
     conversion is None for a column that counts energy, which nobody can plan."""
     names: dict[str, list[tuple[str, Edge | None]]] = {}
-    for channel in settings.network.inputs:
-        table, columns = settings.zone.channels[channel], settings.source_columns[channel]
-        if len(columns) == 1:
-            edge = edge_of(table, settings.units[channel])
-            counts = edge.counter or table.aggregate == "energy"
-            names.setdefault(columns[0], []).append((channel, None if counts else edge))
-    for channel in settings.network.inputs:
-        names.setdefault(channel, [(channel, PLAIN)])
+    for one in settings.plannable:
+        if len(one.sources) == 1:
+            counts = one.edge.counter or one.channel.aggregate == "energy"
+            names.setdefault(one.sources[0], []).append((one.name, None if counts else one.edge))
+    for one in settings.plannable:
+        names.setdefault(one.name, [(one.name, PLAIN)])
     return names
 
 
 def _meant(name: str, settings: Settings, plan: object) -> list[tuple[str, Edge]]:
     names = _names(settings)
     if name not in names:
-        units = [f"{channel} [{settings.units[channel]}]" for channel in settings.network.inputs]
+        units = [f"{column.name} [{column.unit}]" for column in settings.plannable]
         close = suggestion(name, names, "").partition("; ")[2]
         raise DataError(
             f"the plan has {shown(name)}, which is no input of the model; its inputs are {', '.join(units)}"
@@ -96,9 +105,8 @@ def _meant(name: str, settings: Settings, plan: object) -> list[tuple[str, Edge]
     found = []
     for channel, edge in names[name]:
         if edge is None:
-            raise DataError(
-                f"the plan has {shown(name)}, which counts energy; plan {channel} in {settings.units[channel]} instead"
-            )
+            unit = settings.network.channel_unit(channel)
+            raise DataError(f"the plan has {shown(name)}, which counts energy; plan {channel} in {unit} instead")
         found.append((channel, edge))
     return found
 

@@ -7,6 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from zoneinfo import available_timezones
 
+from adapters.channel import ChannelConfig
+from adapters.csv.config import CsvChannelConfig
+from adapters.fields.problems import Problems
+from adapters.fields.words import shown, suggestion
 from estimator.network.network import Network
 from service.config.checks import ZoneDraft, check_zone
 from service.config.known_heat import heated
@@ -15,10 +19,9 @@ from service.config.network_tables import PresetConfig
 from service.config.networks import read_network
 from service.config.site import SiteConfig, Whereabouts, ZoneConfig, ZoneTable
 from service.errors import ConfigError
-from service.fields.problems import Problems
-from service.fields.words import shown, suggestion
-from service.sources.channel import ChannelConfig
-from service.sources.csv import CsvChannelConfig
+from service.records.outlook import SET_POINTS
+from service.zone.alignment import SETPOINT, unit_of
+from thermogate.frames import Column
 
 ZONE = "notebook"
 """The id of the zone, and the name of its source."""
@@ -44,14 +47,17 @@ class Settings(NamedTuple):
         return self.zone.network
 
     @property
-    def units(self) -> dict[str, str]:
-        """The unit of every channel of the network."""
-        return {name: self.network.channel_unit(name) for name in self.network.channels}
+    def columns(self) -> list[Column]:
+        """What is read from a table: the channels of the network, and the set-point where there is one."""
+        return [
+            Column(SET_POINTS if name == SETPOINT else name, f"{ZONE}/{name}", table, unit_of(self.network, name))
+            for name, table in self.zone.delivered.items()
+        ]
 
     @property
-    def source_columns(self) -> dict[str, tuple[str, ...]]:
-        """The columns of a table that every channel is read from."""
-        return {name: channel.source_columns for name, channel in self.zone.channels.items()}  # type: ignore[attr-defined]
+    def plannable(self) -> list[Column]:
+        """Those of `columns` that a plan may name."""
+        return [column for column in self.columns if column.name in (*self.network.inputs, SET_POINTS)]
 
 
 def network_of(network: object, channels: Collection[str] = ()) -> Network:
@@ -84,12 +90,14 @@ def settings_of(network: Network, columns: Mapping[str, Any], tz: str, given: Ma
         channel = problems.read(CsvChannelConfig, {**written, "source": ZONE}, place, {})
         if channel is not None:
             channels[name] = channel
+    setpoint = channels.pop(SET_POINTS, None) if SET_POINTS not in network.channels else None
     # The network is checked; a preset stands for it where the table asks for one.
-    described = {**own, "id": ZONE, "network": PresetConfig(preset="tite"), "channels": channels}
+    described = {**own, "id": ZONE, "network": PresetConfig(preset="tite"), "channels": channels, "setpoint": setpoint}
     zone = problems.read(ZoneTable, described, (), {"site": ZONE})
     if zone is not None:
         network = heated(network, zone, whereabouts, (), problems)
-    options = check_zone(ZoneDraft((), zone, network, tuple(tables), channels), {}, problems)
+    names = tuple(name for name in tables if name in network.channels)
+    options = check_zone(ZoneDraft((), zone, network, names, channels, setpoint), {}, problems)
     if problems.sentences or zone is None:
         raise ConfigError([_as_columns(sentence) for sentence in problems.sentences])
     return Settings(completed(zone, network, options, whereabouts), tz, {**given, "columns": tables})
@@ -104,14 +112,15 @@ def _column_tables(network: Network, columns: Mapping[str, Any]) -> dict[str, di
     """One table per channel, as in [zones.channels]; a channel that is not named is the column with its name."""
     if not isinstance(columns, Mapping):
         raise ConfigError([f'columns must be a dict such as {{"T_i": "Room"}}, not {shown(columns)}'])
-    problems = []
+    problems, tables = [], {}
+    known = dict.fromkeys((*network.channels, *([SET_POINTS] if SET_POINTS in columns else ())))
     for name in columns:
-        if name not in network.channels:
-            known = suggestion(name, network.channels, "its channels are")
-            problems.append(f"columns.{name}: network {shown(network.name)} has no such channel; {known}")
-    tables = {}
-    for name in network.channels:
-        unit, written = network.channel_unit(name), columns.get(name, name)
+        if name not in known:
+            near = suggestion(name, network.channels, "its channels are")
+            problems.append(f"columns.{name}: network {shown(network.name)} has no such channel; {near}")
+    for name in known:
+        unit = network.channel_unit(name) if name in network.channels else unit_of(network, SETPOINT)
+        written = columns.get(name, name)
         if isinstance(written, str):
             tables[name] = {"column": written, "unit": unit}
         elif isinstance(written, tuple) and len(written) == 2 and all(isinstance(part, str) for part in written):
@@ -131,4 +140,7 @@ def _column_tables(network: Network, columns: Mapping[str, Any]) -> dict[str, di
 
 def _as_columns(sentence: str) -> str:
     """A sentence about a channel of the configuration, with the place where a caller wrote it."""
-    return f"columns.{sentence.removeprefix('channels.')}" if sentence.startswith("channels.") else sentence
+    for place, column in (("channels.", ""), (SETPOINT, SET_POINTS)):
+        if sentence.startswith(place):
+            return f"columns.{column}{sentence.removeprefix(place)}"
+    return sentence

@@ -16,7 +16,7 @@ from estimator import registry
 from estimator.heat.known import KnownHeat
 from estimator.network.network import Network
 from service.config.site import Config, Whereabouts, ZoneConfig
-from service.records.outlook import SET_POINTS, Surroundings, WeatherLink
+from service.records.outlook import SET_POINT_RANGE, SET_POINTS, Surroundings, WeatherLink
 from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE
@@ -94,11 +94,8 @@ def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = Non
     outputs = measured_outputs(config) if outputs is None else outputs
     network = zone.network
     inputs = {name: zone.channels[name] for name in network.inputs}
-    limits = {name: limits_of(zone.channels[name], network.channel_unit(name)) for name in network.channels}
-    if zone.setpoint is not None:
-        limits.setdefault(SET_POINTS, limits_of(zone.setpoint, "degC"))
     return Surroundings(
-        limits=limits,
+        limits=plannable(zone),
         neighbours={
             name: found for name in network.boundaries if (found := _neighbour(outputs, zone, inputs[name])) is not None
         },
@@ -110,8 +107,17 @@ def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = Non
     )
 
 
-def limits_of(channel: ChannelConfig, unit: str) -> tuple[float, float]:
-    """What may be planned: what would be believed if it were measured, and no more power than is installed."""
+def plannable(zone: ZoneConfig) -> dict[str, tuple[float, float]]:
+    """What may be planned of each channel of `zone`, and of its set-point: what would be believed if it were measured,
+    and no more power than is installed; of set-points by default what rooms have."""
+    limits = {name: _limits(zone.channels[name], zone.network.channel_unit(name)) for name in zone.network.channels}
+    if zone.setpoint is not None:
+        usual = zone.setpoint.valid in (None, default_valid_range("degC"))
+        limits.setdefault(SET_POINTS, SET_POINT_RANGE if usual else _limits(zone.setpoint, "degC"))
+    return limits
+
+
+def _limits(channel: ChannelConfig, unit: str) -> tuple[float, float]:
     lower, upper = channel.valid or default_valid_range(unit)
     power = channel.installed or channel.nominal
     return (lower, upper) if power is None else (max(lower, -power), min(upper, power))

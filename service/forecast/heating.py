@@ -6,23 +6,27 @@ Each is answered from one state, by the futures that run the thermostat (`estima
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from datetime import datetime, time, timedelta, tzinfo
 from typing import NamedTuple
 
 import numpy as np
 
+from adapters.fields.durations import format_duration
+from adapters.fields.times import ZoneMissing, parse_time, utc, written_time
 from estimator.arrays import Array
 from estimator.thermostat import answers
 from estimator.thermostat.answers import Amounts
 from estimator.thermostat.live import Fan
 from estimator.types import Mixtures
 from estimator.verification.summaries import summary
-from service.errors import NoLaw, ServiceError
+from service.errors import NoLaw, PlanError, ServiceError
 from service.forecast.answers import Comparison, Demand, Hour, PlanOutcome, Preheat, Range
 from service.forecast.engine import GIVEN_UP
 from service.forecast.plan import Grid, Inputs, Values, column
+from service.forecast.request import MAX_STEPS
 from service.forecast.setpoints import why_no_law, with_law
 from service.records.outlook import SET_POINTS, Weather
-from service.records.trust import LEARNING
+from service.records.trust import LEARNING, UNTRUSTED, Trust
 from service.zone.worker import Standing, ZoneWorker
 
 COLD = 0.5
@@ -32,6 +36,41 @@ _LEVELS = np.array([0.025, 0.975])
 _HOUR = 3600.0
 _PAIRED = 4000
 """Sums of zones that are drawn for the interval of their total."""
+
+
+def refusal(trust: Trust, lead: float) -> str | None:
+    """Why nobody should rely on forecasts `lead` s ahead; None where they may."""
+    horizon = trust.at(lead)
+    if horizon is None or horizon.level != UNTRUSTED:
+        return None
+    return f"is not trusted {format_duration(horizon.lead)} ahead: {horizon.reason}"
+
+
+def moment(text: str, start: float, local: tzinfo) -> float:
+    """UTC s of `text`, which is RFC 3339 or the next such time of day after UTC s `start` in the time zone `local`;
+    PlanError for another text."""
+    try:
+        clock = time.fromisoformat(text)
+    except ValueError:
+        clock = None
+    if clock is not None and clock.tzinfo is None:
+        now = utc(start).astimezone(local)
+        when = datetime.combine(now.date(), clock, local)
+        return (when if when > now else datetime.combine(now.date() + timedelta(days=1), clock, local)).timestamp()
+    try:
+        return parse_time(text).timestamp()
+    except ZoneMissing:
+        raise PlanError("has no time zone; end it with Z for UTC or an offset such as +02:00") from None
+    except ValueError:
+        raise PlanError("is no time; write it as 06:30, or as 2026-01-31T06:30:00+01:00") from None
+
+
+def check_until(by: float, start: float, period: float) -> None:
+    """PlanError if UTC s `by` is not ahead of `start`, or further than is forecast in steps of `period` s."""
+    if by <= start:
+        raise PlanError(f"is {written_time(by)}, which is over; give a time after {written_time(start)}")
+    if by - start > MAX_STEPS * period:
+        raise PlanError(f"lies more than {format_duration(MAX_STEPS * period)} ahead, which is as far as is forecast")
 
 
 class PreheatQuestion(NamedTuple):

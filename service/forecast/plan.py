@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adapters.fields.durations import format_duration
 from adapters.units import default_valid_range
 from estimator.arrays import Array
 from estimator.network.network import Network
 from service.errors import PlanError
-from service.fields.durations import format_duration
-from service.records.outlook import SET_POINTS
+from service.records.outlook import SET_POINT_RANGE, SET_POINTS
 
 EVERY_ZONE = "*"
 """Stands for every zone that has the input, in a plan."""
@@ -85,7 +85,8 @@ def column(values: Values, grid: Grid) -> Array:
 def check(values: Values, channel: str, network: Network, limits: Limits, grid: Grid) -> None:
     """PlanError if `values` cannot be planned of `channel`: they do not fit the grid, or are beyond its limits."""
     unit = "degC" if channel == SET_POINTS else network.channel_unit(channel)
-    lower, upper = limits.get(channel, default_valid_range(unit))
+    usual = SET_POINT_RANGE if channel == SET_POINTS else default_valid_range(unit)
+    lower, upper = limits.get(channel, usual)
     planned = column(values, grid)
     wrong = planned[(planned < lower) | (planned > upper)]
     if wrong.size:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from adapters.fields.durations import format_duration
 from service.errors import PlanError, RequestError
-from service.fields.durations import format_duration
 from service.forecast.plan import EVERY_ZONE, Grid, Plan, Stepped, Timed, Values, check
 from service.records.outlook import SET_POINTS
 from service.records.update import Update
@@ -110,7 +110,18 @@ def bound(request: ForecastRequest) -> int:
     steps, values = sum(steps_of(request, view) for view in request.around) * plans, 0
     for view in zones:
         levels = len(levels_of(request, view))
-        own = (_whole_steps(request, view, levels) + 1) * plans
+        own = whole_steps(request.horizon, view.period)
+        if own > MAX_STEPS:
+            raise _too_much(
+                f"horizon {format_duration(request.horizon)} has {own} steps of {format_duration(view.period)}; "
+                f"at most {MAX_STEPS} are forecast at once, that is {format_duration(MAX_STEPS * view.period)}"
+            )
+        if own * levels > MAX_INTERVALS:
+            raise _too_much(
+                f"{own} steps with {levels} levels each are too many; at most {MAX_INTERVALS} intervals are given at "
+                "once"
+            )
+        own = (own + 1) * plans
         steps += own
         values += own * (3 + 2 * levels + request.scenarios) * len(view.network.measured)
     if steps > MOST_STEPS:
@@ -170,22 +181,13 @@ def _named(plan: Plan, zone: str) -> list[tuple[str, str]]:
     return [(owner, channel) for owner in (EVERY_ZONE, zone) for channel in plan.inputs.get(owner, ())]
 
 
-def _whole_steps(request: ForecastRequest, view: ZoneView, levels: int) -> int:
-    """The periods of the horizon; RequestError if there are none, no whole number or too many, also of intervals."""
-    horizon, period, steps = request.horizon, view.period, steps_of(request, view)
+def whole_steps(horizon: float, period: float) -> int:
+    """The periods [s] of a `horizon` [s]; RequestError if there are none, or no whole number."""
+    steps = round(horizon / period)
     if steps < 1 or abs(steps * period - horizon) > _ROUNDING:
         raise _too_much(
             f"horizon {format_duration(horizon)} is not a whole number of the zone's periods of "
             f"{format_duration(period)}; {format_duration(max(1, steps) * period)} would be"
-        )
-    if steps > MAX_STEPS:
-        raise _too_much(
-            f"horizon {format_duration(horizon)} has {steps} steps of {format_duration(period)}; "
-            f"at most {MAX_STEPS} are forecast at once, that is {format_duration(MAX_STEPS * period)}"
-        )
-    if steps * levels > MAX_INTERVALS:
-        raise _too_much(
-            f"{steps} steps with {levels} levels each are too many; at most {MAX_INTERVALS} intervals are given at once"
         )
     return steps
 

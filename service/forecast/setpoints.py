@@ -105,7 +105,7 @@ def why_no_law(network: Network, standing: Standing) -> str:
     if standing.carried.thermostat is None:
         return (
             f"no set-point was measured yet, so nobody knows what {SET_POINTS} does; give the zone a [zones.setpoint] "
-            f"channel, or plan the heating in W ({heat})"
+            f"(tg.fit: a column {SET_POINTS}), or plan the heating in W ({heat})"
         )
     return (
         f"no law of the thermostat is known: no heat in W ({heat}) has obeyed the set-point over the last days, or the "

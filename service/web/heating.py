@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from datetime import UTC, datetime, time, timedelta, tzinfo
+from datetime import UTC, tzinfo
 from http import HTTPStatus
 from typing import Annotated
 from zoneinfo import ZoneInfo
@@ -13,8 +13,6 @@ from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.errors import Away, NoLaw, PlanError
-from service.fields.durations import format_duration
-from service.fields.times import ZoneMissing, parse_time, utc, written_time
 from service.forecast.answers import Comparison, Demand, Preheat, SiteDemand, ZoneTotal
 from service.forecast.heating import (
     Called,
@@ -22,12 +20,15 @@ from service.forecast.heating import (
     Course,
     DemandQuestion,
     PreheatQuestion,
+    check_until,
+    moment,
+    refusal,
     together,
 )
-from service.forecast.plan import Plan
-from service.forecast.request import MAX_STEPS, ForecastRequest, bound, steps_of
+from service.forecast.plan import Grid, Plan, Values, check, column
+from service.forecast.request import ForecastRequest, bound, steps_of
+from service.records.outlook import SET_POINTS
 from service.records.record import document, document_of
-from service.records.trust import UNTRUSTED
 from service.records.view import Answer, Question, ZoneView
 from service.web.access import Asking, find_zone
 from service.web.models import Finite, Horizon
@@ -37,19 +38,14 @@ from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 from service.web.zones import no_forecast
 
-_LOWEST, _HIGHEST = 5.0, 35.0
-"""degC between which a set-point of a room lies."""
-
 _AT_ONCE = 4
 """Zones of a site's demand that are asked at once."""
-
-SetPoint = Annotated[Finite, Field(ge=_LOWEST, le=_HIGHEST)]
 
 
 class PreheatQuery(Parameters):
     """Query of GET /zones/{zone}/preheat."""
 
-    target: SetPoint = Field(description="temperature to reach, degC")
+    target: Finite = Field(description="temperature to reach, degC, within what may be planned as a set-point")
     by: str = Field(
         max_length=40,
         description="when: the next time of day in the site's time zone, such as 06:30, or RFC 3339 with zone",
@@ -114,16 +110,13 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
     )
     async def preheat(zone: str, caller: Asking, query: Annotated[PreheatQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
+        _check(view, 1, query.target, "query parameter 'target'")
         start = _start(view)
-        by = _moment(query.by, start, local)
-        steps = (by - start) / view.period
-        if steps <= 0.0:
-            raise invalid(
-                [f"query parameter 'by' is {written_time(by)}, which is over; give a time after {written_time(start)}"]
-            )
-        if steps > MAX_STEPS:
-            longest = format_duration(MAX_STEPS * view.period)
-            raise invalid([f"query parameter 'by' lies more than {longest} ahead, which is as far as is forecast"])
+        try:
+            by = moment(query.by, start, local)
+            check_until(by, start, view.period)
+        except PlanError as error:
+            raise invalid([f"query parameter 'by' {error}"]) from None
         question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
         return _json(await _answer(view, by - start, question), site, zone)
 
@@ -179,9 +172,10 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
         view = find_zone(zones, zone, caller)
         steps = _steps(view, body.horizon, len(body.plans))
         courses = [
-            Course(one.name, _setpoints(one.T_set, f"plans[{place}].T_set")) for place, one in enumerate(body.plans)
+            Course(one.name, _check(view, steps, one.T_set, f"field 'plans[{place}].T_set'"))
+            for place, one in enumerate(body.plans)
         ]
-        price = None if body.price is None else values_of(body.price)
+        price = None if body.price is None else _check(view, steps, body.price, "field 'price'", limited=False)
         return _json(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site, zone)
 
     return router
@@ -201,7 +195,7 @@ def _start(view: ZoneView) -> float:
 
 def _demand(view: ZoneView, body: DemandBody) -> DemandQuestion:
     steps = _steps(view, body.horizon, 1)
-    return DemandQuestion(steps, None if body.T_set is None else _setpoints(body.T_set, "T_set"))
+    return DemandQuestion(steps, None if body.T_set is None else _check(view, steps, body.T_set, "field 'T_set'"))
 
 
 def _steps(view: ZoneView, horizon: float, plans: int) -> int:
@@ -210,52 +204,27 @@ def _steps(view: ZoneView, horizon: float, plans: int) -> int:
     return steps_of(request, view)
 
 
-def _setpoints(given: PlannedInput, place: str):  # type: ignore[no-untyped-def]
-    """Planned set-points; RequestRefused for those that no room has."""
-    values = values_of(given)
-    numbers = [values] if isinstance(values, int | float) else list(getattr(values, "values", values))
-    wrong = [number for number in numbers if not _LOWEST <= number <= _HIGHEST]
-    if wrong:
-        sentence = (
-            f"field '{place}' plans {wrong[0]:g} degC; set-points of rooms lie between {_LOWEST:g} and {_HIGHEST:g}"
-        )
-        raise invalid([sentence])
+def _check(view: ZoneView, steps: int, given: PlannedInput, place: str, *, limited: bool = True) -> Values:
+    """What is planned over `steps` steps, of set-points if `limited`; RequestRefused where that cannot be."""
+    values, grid = values_of(given), Grid(_start(view), view.period, steps)
+    try:
+        if limited:
+            check(values, SET_POINTS, view.network, view.surroundings.limits, grid)
+        else:
+            column(values, grid)
+    except PlanError as error:
+        raise invalid([f"{place} {error}"]) from None
     return values
 
 
 async def _answer(view: ZoneView, lead: float, question: Question[Answer | None]) -> Answer:
     """The answer to a question over `lead` s; RequestRefused where there is none to rely on."""
-    horizon = view.trust().at(lead)
-    if horizon is not None and horizon.level == UNTRUSTED:
-        sentence = f"zone '{view.id}' is not trusted {format_duration(horizon.lead)} ahead: {horizon.reason}"
-        raise RequestRefused(HTTPStatus.CONFLICT, [sentence])
+    if (why := refusal(view.trust(), lead)) is not None:
+        raise RequestRefused(HTTPStatus.CONFLICT, [f"zone '{view.id}' {why}"])
     try:
         found = await view.ask(question)
     except NoLaw as error:
         raise RequestRefused(HTTPStatus.CONFLICT, [f"zone '{view.id}' cannot say: {error}"]) from None
-    except PlanError as error:
-        raise invalid([f"field 'T_set' {error}"]) from None
     if found is None:
         raise no_forecast(view)
     return found
-
-
-def _moment(text: str, start: float, local: tzinfo) -> float:
-    """UTC s of `text`: RFC 3339, or the next such time of day after UTC s `start`."""
-    try:
-        clock = time.fromisoformat(text)
-    except ValueError:
-        clock = None
-    if clock is not None and clock.tzinfo is None:
-        now = utc(start).astimezone(local)
-        when = datetime.combine(now.date(), clock, local)
-        return (when if when > now else datetime.combine(now.date() + timedelta(days=1), clock, local)).timestamp()
-    try:
-        return parse_time(text).timestamp()
-    except ZoneMissing:
-        raise invalid(
-            ["query parameter 'by' has no time zone; end it with Z for UTC or an offset such as +02:00"]
-        ) from None
-    except ValueError:
-        sentence = "query parameter 'by' is no time; write it as 06:30, or as 2026-01-31T06:30:00+01:00"
-        raise invalid([sentence]) from None

@@ -662,7 +662,7 @@ def test_days_that_are_not_scored_are_refused_in_one_sentence(days: Any, model: 
 @pytest.mark.parametrize(
     ("plan", "horizon", "sentence"),
     [
-        (None, "25min", "horizon: 25min is not a whole number of periods of 10min; 20min would be"),
+        (None, "25min", "horizon 25min is not a whole number of the zone's periods of 10min; 20min would be"),
         (None, "soon", 'horizon: "soon" is not a duration'),
         ({"u_het": 1.0}, "1h", 'the plan has "u_het", which is no input .* are T_out .degC., u_heat .W.; did you mean'),
         ({"T_i": 20.0}, "1h", 'the plan has "T_i", which is no input of the model'),

@@ -93,7 +93,7 @@ def test_a_wrong_preheat_is_refused_in_a_sentence(app: FastAPI, query: str, sent
 @pytest.mark.parametrize(
     ("path", "body", "sentence"),
     [
-        ("demand", {"horizon": "3h", "T_set": 210}, "set-points of rooms lie between 5 and 35"),
+        ("demand", {"horizon": "3h", "T_set": 210}, "plans 210 degC; 5 to 35 degC can be planned"),
         ("demand", {"horizon": "3h", "T_set": [20, 20]}, "has 2 values"),
         ("demand", {"horizon": "7min"}, "whole number"),
         ("what-if", {"horizon": "3h", "plans": [{"name": "one", "T_set": 20}]}, "plans"),

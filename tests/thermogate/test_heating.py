@@ -1,0 +1,87 @@
+"""Set-points in a notebook: planned, and the answers that the thermostat's law gives."""
+
+import pandas as pd
+import pytest
+from support.thermostat_house import recorded
+
+import thermogate as tg
+from service.records.trust import HorizonTrust, Trust
+
+PERIOD = 1800
+OUTPUTS, INPUTS, SETPOINTS = recorded(6, PERIOD)
+TABLE = pd.DataFrame(
+    {"T_i": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1], "Set F": SETPOINTS * 1.8 + 32.0},
+    index=pd.date_range("2025-01-10", periods=len(OUTPUTS), freq="30min", tz="Europe/Berlin"),
+)
+
+
+def fitted(table=TABLE, **columns):
+    return tg.fit(table, "tite", estimator="ekf", columns=columns, progress=False)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return fitted(T_set=("Set F", "degF"))
+
+
+def test_a_plan_of_set_points_by_channel_or_column_is_kept(model):
+    warm, cold = (model.forecast({"T_set": value})["mean"] for value in (21.0, 16.0))
+    assert warm.iloc[-1] == pytest.approx(21.0, abs=0.8)
+    assert warm.iloc[-1] - cold.iloc[-1] > 3.0
+    assert model.forecast({"Set F": 69.8}, "3h").equals(model.forecast({"T_set": 21.0}, "3h"))
+
+
+def test_a_column_of_that_name_is_the_set_point_and_is_saved_with_the_model(model, tmp_path):
+    named = fitted(TABLE.assign(T_set=SETPOINTS))
+    named.save(tmp_path / "m.npz")
+    loaded = tg.load(tmp_path / "m.npz")
+    for other in (named, loaded):
+        pd.testing.assert_frame_equal(other.demand(horizon="3h"), model.demand(horizon="3h"), rtol=1e-9)
+
+
+def test_preheat_demand_and_comparison(model):
+    start = model.preheat(20.5, "06:30")
+    assert start["issue_time"] == pd.Timestamp("2025-01-16", tz="Europe/Berlin") < start["start"]
+    assert start["by"] - start["start"] == pd.Timedelta(minutes=start["minutes"])
+    assert start["reached"] >= 0.9
+    assert start.equals(model.preheat(20.5, pd.Timestamp("2025-01-16 06:30")))
+    hours = model.demand({"T_set": [20.0] * 12}, "6h")
+    assert hours.index[-1] == pd.Timestamp("2025-01-16 05:00", tz="Europe/Berlin")
+    total = model.demand({"T_set": 20.0}, "6h", hourly=False)
+    assert total["mean"] == pytest.approx(hours["mean"].sum(), rel=1e-6)
+    assert total["lower"] < total["mean"] < total["upper"]
+    plans = model.compare({"warm": {"T_set": 21.0}, "cool": {"T_set": 18.0}}, "6h", price=0.3)
+    assert plans.loc["warm", "energy_difference"].tolist() == [0.0] * 3
+    assert plans.loc["cool", ("energy_difference", "upper")] < 0.0
+    assert plans.loc["cool", ("cost", "mean")] == pytest.approx(0.3 * plans.loc["cool", ("energy", "mean")])
+
+
+@pytest.mark.parametrize(
+    ("ask", "sentence"),
+    [
+        (lambda model: model.forecast({"T_set": 210.0}), "plans 210 degC; 5 to 35 degC can be planned"),
+        (lambda model: model.preheat(21.0, "soon"), "by is no time; write it as 06:30"),
+        (lambda model: model.preheat(21.0, "2020-01-01T00:00:00Z"), "which is over"),
+        (lambda model: model.preheat(21.0, "06:30", probability=2.0), "probability one between 0 and 1"),
+        (lambda model: model.demand({"u_heat": 500.0}), "the plan has u_heat; here it plans set-points only"),
+        (lambda model: model.compare({"one": {"T_set": 21.0}}), "a dict of at least two"),
+        (
+            lambda model: model.compare({"a": {"T_set": 21.0}, "b": {"T_set": 20.0}}, price=[0.3]),
+            "the price has 1 values",
+        ),
+        (lambda model: model.forecast({"T_sets": 21.0}), 'did you mean "T_set"'),
+        (lambda model: fitted(TABLE.iloc[:24], T_set=("Set F", "degF")).demand(), "no law of the thermostat is known"),
+        (lambda model: fitted(TABLE.iloc[:24]).demand(), "no set-point was measured yet"),
+        (lambda model: fitted(T_set=("Set F", "W")), "columns.T_set: unit 'W' cannot be converted to degC"),
+    ],
+)
+def test_what_cannot_be_answered_is_refused_in_a_sentence(model, ask, sentence):
+    with pytest.raises(tg.ServiceError, match=sentence):
+        ask(model)
+
+
+def test_a_model_that_is_not_trusted_refuses(model, monkeypatch):
+    told = Trust(0, (HorizonTrust(86400, "untrusted", "its forecasts were worse than persistence", 0),))
+    monkeypatch.setattr(model._session.worker, "trust", told)
+    with pytest.raises(tg.DataError, match="the model is not trusted 1d ahead: its forecasts were worse"):
+        model.demand()
