@@ -80,6 +80,13 @@ class CsvConfig(LayoutConfig, RecordedConfig):
     files: tuple[FilePath, ...] = Field(
         min_length=1, description='the list of files to read in order, such as ["a.csv", "b.csv.gz"]'
     )
+    follow: bool = Field(default=False, description="whether the last file grows, and what is appended counts too")
+
+    @model_validator(mode="after")
+    def _can_grow(self) -> Self:
+        if self.follow and self.files[-1].suffix.lower() == ".gz":
+            raise ValueError("follow reads a file that grows, and a .gz file cannot; name the file itself last")
+        return self
 
     @property
     def described(self) -> str:
@@ -104,4 +111,5 @@ class CsvConfig(LayoutConfig, RecordedConfig):
             decimal=self.decimal,
             encoding=self.encoding,
             pace=self.multiple,
+            follow=self.follow,
         )

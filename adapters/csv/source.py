@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from adapters.csv.cells import FAULTS, Status
+from adapters.csv.growing import GrowingFile
 from adapters.csv.table import CsvChannel, Layout, Table, column_problems, read_header, read_table
 from adapters.edge import Converter
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
@@ -23,9 +24,14 @@ __all__ = ["CsvChannel", "CsvSource"]
 # About a millisecond of work between two turns of the event loop.
 _BATCH_READINGS = 2048
 
+_LOOK_SECONDS = 0.2
+"""Between two looks at a file that grows."""
+
 
 class CsvSource:
     """CSV files, one after the other, as fast as possible or at `pace` times real time.
+
+    With `follow` the last file has no end: what is appended to it is delivered as it comes.
 
     Within a file rows are ordered by timestamp; files are taken in the given order, so a later one should not begin
     before an earlier one ends. A file whose name ends in .gz is decompressed. Cells that are empty or hold "NA", "N/A",
@@ -52,8 +58,10 @@ class CsvSource:
         decimal: str = ".",
         encoding: str = "utf-8",
         pace: float | None = None,
+        follow: bool = False,
     ) -> None:
         self.name = name
+        self._follow = follow
         self._files = tuple(files)
         self._channels = tuple(channels)
         self._pace = pace
@@ -85,8 +93,7 @@ class CsvSource:
         pacer = Pacer(self._pace)
         converters = [Converter(channel.id, channel.edge) for channel in self._channels]
         clock = -inf
-        for path in self._files:
-            table = await self._read(path)
+        async for table in self._tables():
             first = 0 if start is None else int(np.searchsorted(table.order, start))
             for begin, end in self._groups(table, first):
                 clock = max(clock, float(table.order[end - 1]))
@@ -99,11 +106,22 @@ class CsvSource:
         """End the delivery, also while a file is being read; safe to call twice."""
         self._closed = True
 
-    async def _read(self, path: Path) -> Table:
+    async def _tables(self) -> AsyncIterator[Table]:
+        """The files, and then, if the last one is followed, what is appended to it, until the source is closed."""
+        for path in self._files[:-1] if self._follow else self._files:
+            yield await self._read(path)
+        growing = GrowingFile(self._files[-1])
+        while self._follow and not self._closed:
+            if (piece := await asyncio.to_thread(growing.piece)) is None:
+                await asyncio.sleep(_LOOK_SECONDS)
+            else:
+                yield await self._read(self._files[-1], piece)
+
+    async def _read(self, path: Path, content: bytes | None = None) -> Table:
         abandoned = False
         try:
             return await asyncio.to_thread(
-                read_table, path, self._channels, self._layout, lambda: self._closed or abandoned
+                read_table, path, self._channels, self._layout, lambda: self._closed or abandoned, content
             )
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error

@@ -101,15 +101,20 @@ def _called(column: str) -> str:
 
 
 def read_table(
-    path: Path, channels: Sequence[CsvChannel], layout: Layout, stopped: Callable[[], bool] = lambda: False
+    path: Path,
+    channels: Sequence[CsvChannel],
+    layout: Layout,
+    stopped: Callable[[], bool] = lambda: False,
+    content: bytes | None = None,
 ) -> Table:
-    """Read a whole file. Raises SourceUnavailable if it cannot be read, SourceConfigError if a column is missing.
+    """Read a whole file, or `content` as if it stood there. Raises SourceUnavailable if it cannot be read,
+    SourceConfigError if a column is missing.
 
     Where `stopped` turns true on the way, what has been read so far is returned.
     """
     moments: list[Moments] = []
     parts: list[list[Cells]] = [[] for _ in channels]
-    with _opened(path, layout) as reader:
+    with _opened(path, layout, content) as reader:
         header = _header(path, reader)
         problems = column_problems(path, header, channels, layout)
         if problems:
@@ -166,13 +171,13 @@ CsvReader = Iterator[list[str]]
 
 
 @contextmanager
-def _opened(path: Path, layout: Layout) -> Iterator[CsvReader]:
-    """A CSV reader over the file; whatever reading it may raise becomes a SourceUnavailable."""
+def _opened(path: Path, layout: Layout, content: bytes | None = None) -> Iterator[CsvReader]:
+    """A CSV reader over the file, or over `content`; whatever reading it may raise becomes a SourceUnavailable."""
     # A byte-order mark would otherwise end up in the name of the first column.
     utf8 = codecs.lookup(layout.encoding).name == "utf-8"
     encoding = "utf-8-sig" if utf8 else layout.encoding
     try:
-        with path.open("rb") as raw:
+        with path.open("rb") if content is None else io.BytesIO(content) as raw:
             binary = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
             # A damaged byte spoils its own cell, which is then counted as non-numeric, and not the whole file.
             text = io.TextIOWrapper(binary, encoding=encoding, errors="replace", newline="")

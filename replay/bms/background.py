@@ -1,32 +1,43 @@
-"""The simulated BMS beside something else in the same process: the plant of the live demo."""
+"""A simulated plant beside something else in the same process."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
+from typing import Any, TypeVar
 
 from replay.bms.serving import BmsOptions, serve
 
 _STOP_SECONDS = 5.0
 
+Ready = TypeVar("Ready")
+
+
+def living_bms(options: BmsOptions) -> AbstractContextManager[list[str]]:
+    """The simulated BMS in a thread of its own while the block runs; gives what there is to say about it."""
+    return in_background(partial(serve, options))
+
 
 @contextmanager
-def living_bms(options: BmsOptions) -> Iterator[list[str]]:
-    """Serve in a thread of its own while the block runs; gives what there is to say about it.
+def in_background(
+    plant: Callable[[asyncio.Event, Callable[[Ready], None]], Coroutine[Any, Any, None]],
+) -> Iterator[Ready]:
+    """Run `plant(stop, ready)` in a thread of its own while the block runs; gives what it calls `ready` with.
 
-    Ports and files are there when the block begins. Raises what `serve` raises where the start fails.
+    Ports and files are there when the block begins. Raises what `plant` raises where the start fails.
     """
-    begun: Future[list[str]] = Future()
+    begun: Future[Ready] = Future()
     loop = asyncio.new_event_loop()
     stop = asyncio.Event()
 
     def live() -> None:
         try:
             with asyncio.Runner(loop_factory=lambda: loop) as runner:
-                runner.run(serve(options, stop, begun.set_result))
+                runner.run(plant(stop, begun.set_result))
         except BaseException as error:
             if begun.done():
                 raise

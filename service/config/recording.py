@@ -37,7 +37,13 @@ async def recorded(
                 f"sources.{name} is live ({table.kind}), and only recorded sources can be replayed; "
                 "name a zone that recordings feed with --zone, or replay another configuration"
             )
-    unpaced = {name: config.sources[name].model_copy(update={"pace": inf}) for name in config.sources if name in needed}
+    now = {"pace": inf, "follow": False}
+    """As fast as possible, and what is there."""
+    unpaced = {
+        name: table.model_copy(update={key: now[key] for key in now if key in type(table).model_fields})
+        for name, table in config.sources.items()
+        if name in needed
+    }
     config = config.model_copy(update={"sources": config.sources | unpaced})
     sources = {name: config.build_source(name) for name in config.sources if name in needed}
     routers = {name: Router(name, [binding.id for binding in config.bindings(name)]) for name in sources}

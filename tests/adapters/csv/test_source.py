@@ -247,10 +247,10 @@ def test_reading_a_large_file_leaves_the_event_loop_alive_and_stops_when_cancell
     path = write(tmp_path / "a.csv", "t,T\n" + "1746230410,20.5\n" * 1000)
     begun, read = threading.Event(), []
 
-    def read_large(file, channels, layout, stopped):
+    def read_large(file, channels, layout, stopped, content):
         begun.set()
         wait_until(stopped)
-        read.append(read_table(file, channels, layout, stopped).order.size)
+        read.append(read_table(file, channels, layout, stopped, content).order.size)
 
     async def cancel_while_reading():
         monkeypatch.setattr(adapters.csv.source, "read_table", read_large)

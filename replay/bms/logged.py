@@ -1,0 +1,179 @@
+"""The living building as a logger writes it down, in its own time: the plant of the demo.
+
+It has lived for a fortnight when the daemon comes, and goes on at its pace. The daemon follows the file that the logger
+writes; on a slow machine both are slower, and no number is another.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from functools import partial
+from math import isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from replay.bms.control import create_control
+from replay.bms.living.calendar import ZONE
+from replay.bms.simulation import Simulation
+from replay.localtime import DAY
+from replay.simulated.weather import KONSTANZ
+from service.config.overrides import apply_overrides
+from service.config.site import HttpConfig
+from service.web.server.server import HttpServer
+
+LIVED_DAYS = 14
+_ROW = 60.0
+"""Simulated seconds between two rows."""
+_FLOOR_AREA = 40.0
+"""m2 of a room; the building's parameters are those of such rooms."""
+_FILE, _CONFIGURATION = "building-SYNTHETIC.csv", "demo.toml"
+
+
+class Demo(NamedTuple):
+    """A building of `zones` rooms that lives `pace` simulated seconds in a second, logged in `directory`. Ports of 0
+    are any free ones."""
+
+    directory: Path
+    zones: int = 4
+    pace: float = 600.0
+    seed: int = 1
+    control_port: int = 0
+    overrides: tuple[str, ...] = ()
+    """Changes to the written configuration, as of `--set`."""
+
+
+class Column(NamedTuple):
+    """A column of the log: the channel of a zone that it is, its unit, the factor to that, and its value now."""
+
+    name: str
+    unit: str
+    scale: float
+    read: Callable[[], float]
+
+
+async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str]], None]) -> None:
+    """Live until `stop`; `ready` is called with the configuration and the URL of the control surface."""
+    elapsed = 0.0
+    # The simulation counts real seconds; here they pass as the rows do.
+    simulation = Simulation(zones=demo.zones, seed=demo.seed, pace=demo.pace, clock=lambda: elapsed / demo.pace)
+    rooms, weather = columns(simulation)
+    demo.directory.mkdir(parents=True, exist_ok=True)
+    configuration = demo.directory / _CONFIGURATION
+    raw = apply_overrides(_configuration(rooms, weather, simulation), demo.overrides)
+    configuration.write_text(_HEAD + tomli_w.dumps(raw), encoding="utf-8")
+    http = HttpServer(create_control(simulation), HttpConfig(port=demo.control_port), "the control surface")
+    loop, every = (
+        asyncio.get_running_loop(),
+        [*weather.values(), *(column for room in rooms for column in room.values())],
+    )
+    with (demo.directory / _FILE).open("w", encoding="utf-8") as log:
+        log.write(",".join(["time", *(column.name for column in every)]) + "\n")
+        serving = asyncio.create_task(http.run())
+        try:
+            await http.started(serving)
+            ready((configuration, http.url))
+            due = loop.time()
+            while not stop.is_set():
+                log.write(",".join([_stamp(simulation.world.now.time), *_cells(every)]) + "\n")
+                elapsed += _ROW
+                simulation.catch_up()
+                due = max(due + (_ROW / demo.pace if elapsed > LIVED_DAYS * DAY else 0.0), loop.time())
+                if elapsed > LIVED_DAYS * DAY or elapsed % DAY == 0:
+                    log.flush()
+                await asyncio.sleep(due - loop.time())
+            await http.stop(serving)
+        finally:
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
+            http.close()
+            simulation.world.close()
+
+
+def columns(simulation: Simulation) -> tuple[list[dict[str, Column]], dict[str, Column]]:
+    """What is logged of every room, and of the weather, by the channel of a zone."""
+    rooms: list[dict[str, Column]] = []
+    weather: dict[str, Column] = {}
+    for device in simulation.plant:
+        found = {
+            "T_i" if channel.zone_channel == "T_air" else channel.zone_channel: Column(
+                f"{device.name}_{channel.name}",
+                "W" if channel.factor != 1.0 else channel.unit,
+                channel.factor,
+                partial(simulation.value, device, channel),
+            )
+            for channel in device.channels
+            if channel.zone_channel is not None
+        }
+        if device.room is None:
+            weather |= found
+        else:
+            wanted = partial(_set_point, simulation, device.room)
+            rooms.append(found | {"setpoint": Column(f"{device.name}_setpoint", "degC", 1.0, wanted)})
+    return rooms, weather
+
+
+def _configuration(
+    rooms: list[dict[str, Column]], weather: dict[str, Column], simulation: Simulation
+) -> dict[str, Any]:
+    return {
+        "site": {
+            "id": "demo",
+            "state_dir": "state",
+            "time_zone": ZONE,
+            "latitude": KONSTANZ.latitude,
+            "longitude": KONSTANZ.longitude,
+            "country": "DE",
+        },
+        "http": {"host": "127.0.0.1", "port": 8080},
+        "zenoh": {"listen": ["tcp/127.0.0.1:7447"]},
+        "sources": {"logger": {"kind": "csv", "files": [_FILE], "timestamp": {"column": "time"}, "follow": True}},
+        "zones": [_zone(simulation, index, rooms, weather) for index in range(len(rooms))],
+    }
+
+
+def _zone(
+    simulation: Simulation, index: int, rooms: list[dict[str, Column]], weather: dict[str, Column]
+) -> dict[str, Any]:
+    building = simulation.building
+    read = weather | rooms[index]
+    set_point = read.pop("setpoint")
+    read |= {f"T_adj_{building.rooms[other].name}": rooms[other]["T_i"] for other in building.neighbours(index)}
+    return {
+        "id": building.rooms[index].name,
+        "period": "15min",
+        "network": "auto",
+        "floor_area": _FLOOR_AREA,
+        "channels": {name: _channel(column) for name, column in read.items()},
+        "setpoint": _channel(set_point),
+    }
+
+
+def _channel(column: Column) -> dict[str, Any]:
+    table: dict[str, Any] = {"source": "logger", "column": column.name, "unit": column.unit, "aggregate": "mean"}
+    return table | ({"scale": column.scale} if column.scale != 1.0 else {})
+
+
+def _set_point(simulation: Simulation, room: int) -> float:
+    return float(simulation.world.now.set_point[room])
+
+
+def _cells(every: list[Column]) -> Iterator[str]:
+    for column in every:
+        value = column.read()
+        yield f"{value:.3f}" if isfinite(value) else ""
+
+
+def _stamp(time: float) -> str:
+    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%dT%H:%M:%SZ}"
+
+
+_HEAD = """\
+# Written by `thermogate demo`: a SYNTHETIC building; nobody lives behind these numbers. Its logger writes a row for
+# every minute
+# of the building's own time, and the daemon follows the file.
+
+"""
