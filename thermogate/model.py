@@ -132,9 +132,9 @@ class Model:
                 f"the estimator {self.estimator} knows no physics and samples no futures; fit with another estimator"
             ) from None
         columns = {
-            self._key(output, place): fan.paths[place, :, i]
-            for i, output in enumerate(self.network.measured)
-            for place in range(len(fan.paths))
+            self._key(output.output, place): future
+            for output in fan.outputs
+            for place, future in enumerate(output.scenarios)
         }
         return table(columns, self._steps(fan))
 

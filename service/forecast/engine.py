@@ -26,7 +26,7 @@ from service.forecast.learned import model_draws
 from service.forecast.plan import Grid, Inputs, column
 from service.forecast.request import Detail
 from service.forecast.setpoints import law_room, obedient, with_law
-from service.records.fan import Fan, FanColumns
+from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import InputOrigin, Outlook, Weather
 from service.records.update import Update
 from service.zone.worker import Standing, ZoneWorker
@@ -75,7 +75,7 @@ class FanQuestion(NamedTuple):
         if lawful is not None:
             obeys = obedient(worker.network, standing, self.planned)
             origins = tuple(_by_thermostat(one) if one.channel in obeys else one for one in origins)
-        return Fan(standing.update, self.levels, _columns(worker, found, len(self.levels)), paths, origins)
+        return Fan(standing.update, self.levels, _columns(worker, found, len(self.levels), paths), origins)
 
 
 class Part(NamedTuple):
@@ -198,15 +198,16 @@ def _summaries(
     return Summary(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _columns(worker: ZoneWorker, found: Summary, count: int) -> tuple[FanColumns, ...]:
+def _columns(worker: ZoneWorker, found: Summary, count: int, paths: Array) -> tuple[CompactOutputPayload, ...]:
     return tuple(
-        FanColumns(
+        CompactOutputPayload(
             name,
             found.means[:, place],
             found.quantiles[:, place, 0],
             found.sds[:, place],
             found.quantiles[:, place, 1 : 1 + count].T,
             found.quantiles[:, place, 1 + count :].T,
+            paths[:, :, place],
         )
         for place, name in enumerate(worker.network.measured)
     )

@@ -17,7 +17,7 @@ from prometheus_client.registry import Collector
 from estimator.diagnosis.finding import FINDINGS
 from estimator.types import ALPHA_LEVELS
 from service.fields.durations import format_duration
-from service.publish.rendering import clock
+from service.publish.payloads import clock
 from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family
 from service.records.skill import Skill

@@ -1,180 +1,303 @@
-"""What leaves the daemon, on Zenoh and REST alike: JSON with a schema version, units and RFC 3339 UTC times.
-
-Numbers are written in full, so that reading one back gives the very same float64; what is not a finite number is null.
-"""
+"""What a zone tells on REST, Zenoh and MQTT alike, as records made from its updates and its status."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from typing import Annotated, Literal
-
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal, TypeVar
 
 from adapters.reading import Quality
+from adapters.units import default_valid_range
 from estimator.diagnosis.finding import Finding
+from estimator.types import ALPHA_LEVELS, Outcome
+from service.records.fan import Fan
 from service.records.outlook import InputOrigin
-from service.records.update import InputUsed, Interval, OutputForecast
+from service.records.record import Moment, Number, Time, constant, record, shown, values
+from service.records.status import ZoneStatus
+from service.records.update import InputUsed, Interval, OutputForecast, Update
+
+Limits = Mapping[str, tuple[float, float]]
+NO_LIMITS: Limits = {}
+
+_WORST_LAST = (Quality.GOOD, Quality.UNCERTAIN, Quality.BAD)
+_OUTCOME_QUALITY: Mapping[str, Quality] = {Outcome.MISSING: Quality.UNCERTAIN, Outcome.VANISHED: Quality.BAD}
+_GATE = "learning gate g_k: how much the parameters may move now, 0 to 1"
+_REGIME = "low, transitional or high volatility; constant where there is none"
+_N_EFF = "effective sample size, particles; null where the estimator has none"
+_VOLATILITY = "null where the estimator has no volatility (ekf, ukf)"
+_LEVELS = "levels of lower, median and upper"
 
 
-def _finite(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-Number = Annotated[float | None, BeforeValidator(_finite)]
-"""A float64, null where there is no finite value."""
-
-
-class Payload(BaseModel):
-    """Base of all payloads: fields go by the names they have in JSON, and none are added silently."""
-
-    model_config = ConfigDict(populate_by_name=True, extra="forbid", frozen=True)
-
-
-class Envelope(Payload):
-    """What every payload of a zone begins with."""
-
-    schema_version: Literal[1] = Field(default=1, alias="schema", description="version of this payload's schema")
-    site: str = Field(examples=["htwg"])
-    zone: str = Field(examples=["living"])
-
-
-class BlockPayload(Payload):
+@record
+class BlockPayload:
     """Quantiles of the volatility alpha of one block, and where its median stands in its own history."""
 
     block: str
-    lower: Number = Field(description="quantile of alpha at levels[0]; dimensionless")
-    median: Number = Field(description="median of alpha; dimensionless")
-    upper: Number = Field(description="quantile of alpha at levels[2]; dimensionless")
-    cdf: Number = Field(description="F_k: share of past medians below the present one, 0 to 1")
+    lower: Number = shown("quantile of alpha at levels[0]; dimensionless")
+    median: Number = shown("median of alpha; dimensionless")
+    upper: Number = shown("quantile of alpha at levels[2]; dimensionless")
+    cdf: Number = shown("F_k: share of past medians below the present one, 0 to 1")
 
 
+@record
 class AlphaPayload(BlockPayload):
     """The volatility alpha: the first block, and all of them in `blocks`. 1 is the model's nominal process noise."""
 
-    levels: list[float] = Field(description="levels of lower, median and upper")
-    unit: Literal["1"] = "1"
-    blocks: list[BlockPayload]
+    levels: tuple[float, ...] = shown(_LEVELS)
+    unit: Literal["1"] = constant("1")
+    blocks: tuple[BlockPayload, ...]
+
+    @classmethod
+    def of(cls, update: Update) -> AlphaPayload | None:
+        """The volatility in `update`; None where the estimator has none."""
+        blocks = tuple(map(BlockPayload, *update.volatility))
+        return cls(*(*values(blocks[0]), ALPHA_LEVELS, blocks)) if blocks else None
 
 
-class FanStepPayload(Payload):
-    """One step of a forecast over several steps."""
-
-    valid_time: AwareDatetime
-    outputs: tuple[OutputForecast, ...]
-
-
-class ForecastPayload(Envelope):
+@record
+class ForecastPayload:
     """The standing one-step forecast. The fields of the first output stand at the top; `outputs` has all of them."""
 
-    sample_time: AwareDatetime = Field(description="start of the last interval that was learned from")
-    issue_time: AwareDatetime = Field(examples=["2025-05-03T12:05:00Z"])
-    valid_time: AwareDatetime = Field(description="start of the interval that is forecast")
-    period_s: float = Field(description="length of an interval, s")
-    output: str = Field(description="channel of the network", examples=["T_air"])
-    unit: Literal["degC"] = Field(default="degC", description="unit of mean, median and interval bounds")
-    mean: Number = Field(description="degC", examples=[21.34])
-    median: Number = Field(description="degC", examples=[21.34])
-    sd: Number = Field(description="standard deviation in K", examples=[0.052])
+    sample_time: Time = shown("start of the last interval that was learned from")
+    issue_time: Time = shown(examples=["2025-05-03T12:05:00Z"])
+    valid_time: Time = shown("start of the interval that is forecast")
+    period_s: float = shown("length of an interval, s")
+    output: str = shown("channel of the network", examples=["T_air"])
+    unit: Literal["degC"] = constant("degC", "unit of mean, median and interval bounds")
+    mean: Number = shown("degC", examples=[21.34])
+    median: Number = shown("degC", examples=[21.34])
+    sd: Number = shown("standard deviation in K", examples=[0.052])
     intervals: tuple[Interval, ...]
     outputs: tuple[OutputForecast, ...]
-    volatility: AlphaPayload | None = Field(description="null where the estimator has no volatility (ekf, ukf)")
-    gate: Number = Field(description="learning gate g_k: how much the parameters may move now, 0 to 1")
-    regime: str = Field(description="low, transitional or high volatility; constant where there is none")
-    n_eff: Number = Field(description="effective sample size, particles; null where the estimator has none")
+    volatility: AlphaPayload | None = shown(_VOLATILITY)
+    gate: Number = shown(_GATE)
+    regime: str = shown(_REGIME)
+    n_eff: Number = shown(_N_EFF)
     inputs: tuple[InputUsed, ...]
-    quality: Quality = Field(description="the worst of the inputs' quality and what became of the last sample")
+    quality: Quality = shown("the worst of the inputs' quality and what became of the last sample")
+
+    @classmethod
+    def of(cls, update: Update, levels: Sequence[float] | None = None) -> ForecastPayload:
+        """The forecast that `update` issued; `levels` picks some of its intervals, in that order (None: all)."""
+        outputs = update.forecast.outputs
+        if levels is not None:
+            outputs = tuple(_narrowed(output, levels) for output in outputs)
+        return cls(*_standing(update, outputs))
 
 
+@record
+class FanStepPayload:
+    """One step of a forecast over several steps."""
+
+    valid_time: Time
+    outputs: tuple[OutputForecast, ...]
+
+
+@record
 class FanPayload(ForecastPayload):
     """The standing forecast and what follows it, one step per period."""
 
-    horizon_s: float = Field(description="from valid_time to the last step, s")
-    planned: list[str] = Field(description="input channels whose planned values were used; the others are foreseen")
-    origins: tuple[InputOrigin, ...] = Field(
-        description="where the values of every input come from, after the first step"
-    )
-    fan: list[FanStepPayload] = Field(description="the first step is the standing one-step forecast")
+    horizon_s: float = shown("from valid_time to the last step, s")
+    planned: tuple[str, ...] = shown("input channels whose planned values were used; the others are foreseen")
+    origins: tuple[InputOrigin, ...] = shown("where the values of every input come from, after the first step")
+    fan: tuple[FanStepPayload, ...] = shown("the first step is the standing one-step forecast")
+
+    @classmethod
+    def of_steps(cls, fan: Fan, planned: Iterable[str] = ()) -> FanPayload:
+        """All steps of `fan`; `planned` names the channels that followed a plan."""
+        forecast, steps = fan.update.forecast, _steps(fan)
+        period = forecast.valid_time - forecast.sample_time
+        told = tuple(FanStepPayload(forecast.valid_time + k * period, step) for k, step in enumerate(steps))
+        horizon = (len(steps) - 1) * period
+        return cls(*(*_standing(fan.update, steps[0]), horizon, tuple(planned), fan.origins, told))
 
 
-class VolatilityPayload(Envelope):
+@record
+class VolatilityPayload:
     """The volatility after a sample."""
 
-    sample_time: AwareDatetime
-    issue_time: AwareDatetime
-    volatility: AlphaPayload | None = Field(description="null where the estimator has no volatility (ekf, ukf)")
+    sample_time: Time
+    issue_time: Time
+    volatility: AlphaPayload | None = shown(_VOLATILITY)
+
+    @classmethod
+    def of(cls, update: Update) -> VolatilityPayload:
+        """The volatility in `update`."""
+        return cls(update.time, update.forecast.issue_time, AlphaPayload.of(update))
 
 
-class GatePayload(Envelope):
+@record
+class GatePayload:
     """The learning gate after a sample, and the state of the filter."""
 
-    sample_time: AwareDatetime
-    issue_time: AwareDatetime
-    gate: Number = Field(description="learning gate g_k: how much the parameters may move now, 0 to 1")
-    unit: Literal["1"] = "1"
-    regime: str = Field(description="low, transitional or high volatility; constant where there is none")
-    n_eff: Number = Field(description="effective sample size, particles; null where the estimator has none")
+    sample_time: Time
+    issue_time: Time
+    gate: Number = shown(_GATE)
+    unit: Literal["1"] = constant("1")
+    regime: str = shown(_REGIME)
+    n_eff: Number = shown(_N_EFF)
     resampled: bool
-    floored: bool = Field(description="true if the parameter covariance had collapsed and was held at its floor")
-    log_likelihood: Number = Field(description="log p(y_k | y_1:k-1); null when nothing was assimilated")
+    floored: bool = shown("true if the parameter covariance had collapsed and was held at its floor")
+    log_likelihood: Number = shown("log p(y_k | y_1:k-1); null when nothing was assimilated")
+
+    @classmethod
+    def of(cls, update: Update) -> GatePayload:
+        """The learning gate in `update`."""
+        value, regime = update.shown_gate
+        seen = update.shown_sample_size, update.resampled
+        return cls(update.time, update.forecast.issue_time, value, regime, *seen, update.floored, update.log_likelihood)
 
 
-class NoisePayload(Payload):
+@record
+class NoisePayload:
     """How noisy one measured temperature is."""
 
-    output: str = Field(description="channel of the network")
-    unit: Literal["K"] = "K"
-    lower: Number = Field(description="quantile of sigma_y at levels[0], K")
-    median: Number = Field(description="median of sigma_y, K")
-    upper: Number = Field(description="quantile of sigma_y at levels[2], K")
+    output: str = shown("channel of the network")
+    unit: Literal["K"] = constant("K")
+    lower: Number = shown("quantile of sigma_y at levels[0], K")
+    median: Number = shown("median of sigma_y, K")
+    upper: Number = shown("quantile of sigma_y at levels[2], K")
 
 
-class GainPayload(Envelope):
+@record
+class GainPayload:
     """What the estimator knows of what nobody measures: heat into the first measured node, and the sensors' noise."""
 
-    sample_time: AwareDatetime
-    issue_time: AwareDatetime
-    unit: Literal["W"] = Field(default="W", description="unit of lower, median and upper")
-    levels: list[float] = Field(description="levels of lower, median and upper")
-    lower: Number = Field(description="W; null for an estimator without a model of the gain")
-    median: Number = Field(description="W; a negative gain is a loss, such as an open window")
-    upper: Number = Field(description="W")
-    probability_on: Number = Field(description="probability that there is such heat now, 0 to 1")
-    measurement_sd: list[NoisePayload]
+    sample_time: Time
+    issue_time: Time
+    unit: Literal["W"] = constant("W", "unit of lower, median and upper")
+    levels: tuple[float, ...] = shown(_LEVELS)
+    lower: Number = shown("W; null for an estimator without a model of the gain")
+    median: Number = shown("W; a negative gain is a loss, such as an open window")
+    upper: Number = shown("W")
+    probability_on: Number = shown("probability that there is such heat now, 0 to 1")
+    measurement_sd: tuple[NoisePayload, ...]
+
+    @classmethod
+    def of(cls, update: Update) -> GainPayload | None:
+        """What `update` knows of what nobody measures; None where the estimator has no model of it."""
+        known, forecast = update.disturbance, update.forecast
+        if known is None:
+            return None
+        noise = zip(forecast.outputs, known.measurement_sd, strict=True)
+        noises = tuple(NoisePayload(one.output, *quantiles) for one, quantiles in noise)
+        return cls(update.time, forecast.issue_time, ALPHA_LEVELS, *known.gain, known.probability_on, noises)
 
 
-class ChannelStatus(Payload):
+@record
+class ChannelStatus:
     """When a channel last had a good reading."""
 
     channel: str
-    last_good: AwareDatetime | None = Field(description="null: never since the start")
-    age_s: Number = Field(description="age of last_good on the zone's clock, s")
-    stale: bool = Field(description="true if the last interval brought no good reading of it")
+    last_good: Moment | None = shown("null: never since the start")
+    age_s: Number = shown("age of last_good on the zone's clock, s")
+    stale: bool = shown("true if the last interval brought no good reading of it")
+
+    @classmethod
+    def of(cls, channel: str, status: ZoneStatus) -> ChannelStatus:
+        """The last good reading of `channel` of the zone with `status`."""
+        when, last = status.last_good.get(channel), status.last_sample_time
+        if when is None:
+            return cls(channel, None, _NONE, stale=True)
+        # Readings that were good since the last sample are not in a sample yet.
+        return cls(channel, when, clock(status) - when, last is not None and when < last)
 
 
-class StatusPayload(Envelope):
+@record
+class StatusPayload:
     """How a zone is doing."""
 
-    state: str = Field(description="waiting, running, stalled or failed")
-    reason: str = Field(description="one sentence; empty while running")
-    last_sample_time: AwareDatetime | None = Field(description="start of the newest interval")
-    age_s: Number = Field(description="age of last_sample_time on the zone's clock, s")
+    state: str = shown("waiting, running, stalled or failed")
+    reason: str = shown("one sentence; empty while running")
+    last_sample_time: Time | None = shown("start of the newest interval")
+    age_s: Number = shown("age of last_sample_time on the zone's clock, s")
     samples: int
-    segment: int = Field(description="counts up at every gap longer than max_gap")
-    outcome: str | None = Field(description="what became of the last sample: started, assimilated, missing or vanished")
-    delay_s: float | None = Field(description="from the newest sample to the publication of its forecast")
-    overruns: int = Field(description="forecasts since the start that came after the next sample was due")
-    faults: dict[str, int] = Field(description="bad readings by kind since the start")
-    channels: list[ChannelStatus]
-    findings: tuple[Finding, ...] = Field(description="what the zone's model does not know")
+    segment: int = shown("counts up at every gap longer than max_gap")
+    outcome: str | None = shown("what became of the last sample: started, assimilated, missing or vanished")
+    delay_s: float | None = shown("from the newest sample to the publication of its forecast")
+    overruns: int = shown("forecasts since the start that came after the next sample was due")
+    faults: Mapping[str, int] = shown("bad readings by kind since the start")
+    channels: tuple[ChannelStatus, ...]
+    findings: tuple[Finding, ...] = shown("what the zone's model does not know")
+
+    @classmethod
+    def of(cls, status: ZoneStatus, update: Update | None) -> StatusPayload:
+        """How the zone with `status` is doing, with what became of its last sample, `update`."""
+        last = status.last_sample_time
+        return cls(
+            status.state,
+            status.reason,
+            last,
+            _NONE if last is None else clock(status) - last,
+            status.samples,
+            status.segment,
+            None if update is None else update.outcome,
+            status.delay,
+            status.overruns,
+            status.faults,
+            tuple(ChannelStatus.of(channel, status) for channel in status.channels),
+            status.diagnosis.findings,
+        )
 
 
-def to_json(payload: Payload) -> bytes:
-    """Strict JSON, UTF-8."""
-    return payload.model_dump_json(by_alias=True).encode()
+_NONE = float("nan")
+Forecasted = TypeVar("Forecasted", bound=ForecastPayload)
 
 
-def to_json_with(payload: Payload, items: Iterable[bytes]) -> bytes:
-    """The same of `payload`, whose last field is an empty list, with `items` in it, each of them JSON: for lists that
-    would take much memory, and the interpreter for long, in one piece."""
-    return to_json(payload).removesuffix(b"]}") + b",".join(items) + b"]}"
+def vouched(payload: Forecasted, status: ZoneStatus, limits: Limits = NO_LIMITS) -> Forecasted:
+    """`payload`, marked bad if the zone, which is in `status`, can no longer vouch for it, or if a mean of a fan leaves
+    the `limits` of its channel."""
+    steps = payload.fan if isinstance(payload, FanPayload) else ()
+    means = ((output.output, output.mean) for step in steps for output in step.outputs)
+    return payload if credible(status, means, limits) else replace(payload, quality=Quality.BAD)
+
+
+def credible(status: ZoneStatus, means: Iterable[tuple[str, float]], limits: Limits) -> bool:
+    """Whether a zone in `status` vouches for its forecasts, and every mean of an output, by its name, lies where a
+    measurement of it would be believed."""
+    ranges = ((limits.get(output, default_valid_range("degC")), mean) for output, mean in means)
+    return status.state not in ("stalled", "failed") and all(lower <= mean <= upper for (lower, upper), mean in ranges)
+
+
+def refined(fan: Fan) -> ForecastPayload:
+    """The published forecast of `fan`, with the intervals that were asked for."""
+    return ForecastPayload(*_standing(fan.update, _steps(fan)[0]))
+
+
+def clock(status: ZoneStatus) -> float:
+    """The time that ages in `status` count from, UTC seconds."""
+    return time.time() if status.now is None else status.now
+
+
+def quality(update: Update) -> Quality:
+    """The worst of the inputs' quality and what became of the last sample: missing is uncertain, vanished is bad."""
+    inputs = update.forecast.inputs
+    found = [_OUTCOME_QUALITY.get(update.outcome, Quality.GOOD), *(used.quality for used in inputs)]
+    found += [Quality.UNCERTAIN for used in inputs if used.held]
+    return max(found, key=_WORST_LAST.index)
+
+
+def _standing(update: Update, outputs: tuple[OutputForecast, ...]) -> tuple[Any, ...]:
+    """The fields of a ForecastPayload, in their order."""
+    forecast, first = update.forecast, outputs[0]
+    times = (update.time, forecast.issue_time, forecast.valid_time, forecast.valid_time - forecast.sample_time)
+    top = (first.output, first.mean, first.median, first.sd, first.intervals, outputs)
+    filtered = (AlphaPayload.of(update), *update.shown_gate, update.shown_sample_size)
+    return (*times, *top, *filtered, forecast.inputs, quality(update))
+
+
+def _steps(fan: Fan) -> list[tuple[OutputForecast, ...]]:
+    """The forecast of every output, step by step."""
+    each = []
+    for one in fan.outputs:
+        bounds = zip(one.lower.T.tolist(), one.upper.T.tolist(), strict=True)
+        intervals = [tuple(map(Interval, fan.levels, lower, upper)) for lower, upper in bounds]
+        numbers = (one.mean.tolist(), one.median.tolist(), one.sd.tolist(), intervals)
+        each.append([OutputForecast(one.output, *step) for step in zip(*numbers, strict=True)])
+    return list(zip(*each, strict=True))
+
+
+def _narrowed(output: OutputForecast, levels: Sequence[float]) -> OutputForecast:
+    at = {interval.level: interval for interval in output.intervals}
+    return replace(output, intervals=tuple(at[level] for level in levels))

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel
 
-from service.publish.payloads import to_json
-from service.publish.rendering import (
-    forecast_payload,
-    gain_payload,
-    gate_payload,
-    status_payload,
-    volatility_payload,
+from service.publish.payloads import (
+    ForecastPayload,
+    GainPayload,
+    GatePayload,
+    StatusPayload,
+    VolatilityPayload,
     vouched,
 )
 from service.records.measures import Measure
@@ -80,26 +79,26 @@ class Announcement:
         """Whether the zone can no longer vouch for its forecast, which was good when it was issued."""
         if self.update is None:
             return False
-        issued = forecast_payload(self._site, self.zone, self.update)
+        issued = ForecastPayload.of(self.update)
         return vouched(issued, self.status).quality is not issued.quality
 
     def payload(self, topic: str) -> bytes:
         """The document of `topic`, one of `topics`; the forecast also where the status alone has changed."""
         if topic not in self._rendered:
-            told = {"skill": self.skill, "trust": self.trust}.get(topic)
-            site, zone = self._site, self.zone
-            self._rendered[topic] = to_json(self._render(topic)) if told is None else document(told, site, zone)
+            self._rendered[topic] = document(self._told(topic), self._site, self.zone)
         return self._rendered[topic]
 
-    def _render(self, topic: str) -> Any:
-        site, zone, update = self._site, self.zone, self.update
+    def _told(self, topic: str) -> Any:
+        """The record of `topic`."""
+        if topic in ("skill", "trust"):
+            return self.skill if topic == "skill" else self.trust
         if topic == "status":
-            return status_payload(site, zone, self.status, update)
-        assert update is not None, f"there is no {topic} without an update"
+            return StatusPayload.of(self.status, self.update)
+        assert self.update is not None, f"there is no {topic} without an update"
         if topic == "forecast":
-            return vouched(forecast_payload(site, zone, update), self.status)
-        render = {"volatility": volatility_payload, "gate": gate_payload, "gain": gain_payload}[topic]
-        return render(site, zone, update)
+            return vouched(ForecastPayload.of(self.update), self.status)
+        kinds = {"volatility": VolatilityPayload, "gate": GatePayload, "gain": GainPayload}
+        return kinds[topic].of(self.update)  # type: ignore[attr-defined]
 
 
 class Sink(Protocol):

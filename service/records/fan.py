@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
+from typing import Literal, NamedTuple
 
 from service.records.outlook import InputOrigin
+from service.records.record import Matrix, Vector, constant, record, shown
 from service.records.update import Update
 
-Array = npt.NDArray[np.float64]
 
+@record
+class CompactOutputPayload:
+    """The forecast of one output over all steps: arrays, the first entry of which is for valid_time."""
 
-class FanColumns(NamedTuple):
-    """The forecast of one output over h + 1 steps [degC, K], the sensor's noise included."""
-
+    # Shapes: (h + 1,), of bounds (L, h + 1), of scenarios (K, h + 1); K is 0 where none were asked for.
     output: str
-    mean: Array
-    """(h + 1,), as `median` and `sd`."""
-    median: Array
-    sd: Array
-    lower: Array
-    """(L, h + 1): the bounds of the intervals, by level."""
-    upper: Array
+    unit: Literal["degC"] = constant("degC")
+    mean: Vector
+    median: Vector
+    sd: Vector = shown("K, the sensor's noise included")
+    lower: Matrix = shown("by level and then by step")
+    upper: Matrix
+    scenarios: Matrix = shown("sampled futures, without the sensor's noise")
 
 
 class Fan(NamedTuple):
@@ -33,8 +31,6 @@ class Fan(NamedTuple):
     update: Update
     levels: tuple[float, ...]
     """(L,): of the intervals."""
-    outputs: tuple[FanColumns, ...]
-    paths: Array
-    """(K, h + 1, n_y): sampled futures [degC] without the sensor's noise; K is 0 where none were asked for."""
+    outputs: tuple[CompactOutputPayload, ...]
     origins: tuple[InputOrigin, ...]
     """Where the inputs of the later steps come from."""

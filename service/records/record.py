@@ -14,7 +14,10 @@ from functools import cache
 from operator import attrgetter
 from typing import Annotated, Any, Literal, TypeVar, dataclass_transform, get_type_hints
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import PlainSerializer, TypeAdapter, WithJsonSchema
+from pydantic_core import CoreSchema, core_schema
 
 from service.fields.times import utc
 
@@ -29,6 +32,32 @@ Time = Annotated[int, *_RFC_3339]
 """Whole UTC s, RFC 3339 in JSON."""
 Moment = Annotated[float, *_RFC_3339]
 """UTC s, RFC 3339 in JSON."""
+
+
+class _Numbers:
+    """An array in a record: lists of floats in JSON, as deep as it has axes."""
+
+    def __init__(self, axes: int) -> None:
+        self._axes = axes
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        listed: CoreSchema = core_schema.float_schema()
+        for _ in range(self._axes):
+            listed = core_schema.list_schema(listed)
+        written = core_schema.plain_serializer_function_ser_schema(np.ndarray.tolist, return_schema=listed)
+        return core_schema.any_schema(serialization=written)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        described: dict[str, Any] = {"anyOf": [{"type": "number"}, {"type": "null"}]}
+        for _ in range(self._axes):
+            described = {"items": described, "type": "array"}
+        return described
+
+
+Vector = Annotated[npt.NDArray[np.float64], _Numbers(1)]
+Matrix = Annotated[npt.NDArray[np.float64], _Numbers(2)]
+Matrices = Annotated[npt.NDArray[np.float64], _Numbers(3)]
+"""Arrays of float64 with one, two and three axes; lists in JSON, null where not finite."""
 
 Kind = TypeVar("Kind")
 
@@ -95,13 +124,18 @@ def with_items(written: bytes, items: Iterable[bytes]) -> bytes:
 
 
 @cache
-def document_of(kind: type, of_a_zone: bool = True) -> type:
-    """The type of `document` of a record of `kind`, for the schema of an answer."""
+def document_of(kind: type, of_a_zone: bool = True, name: str = "") -> type:
+    """The type of `document` of a record of `kind`, for the schema of an answer, which may have a `name` of its own."""
     about = fields(_OfAZone if of_a_zone else _OfTheSite)
     hints = get_type_hints(_OfAZone) | get_type_hints(kind, include_extras=True)
     described = [(one.name, hints[one.name], _like(one)) for one in (*about, *fields(kind))]
     space = {"__doc__": kind.__doc__, "__module__": kind.__module__, "__pydantic_config__": {"extra": "forbid"}}
-    return make_dataclass(kind.__name__, described, namespace=space)
+    return make_dataclass(name or kind.__name__, described, namespace=space)
+
+
+def enclosed(one: Any, site: str, zone: str) -> Any:
+    """What `document` writes, as a record to be part of another one."""
+    return document_of(one.__class__)(site=site, zone=zone, **dict(zip(names(one.__class__), values(one), strict=True)))
 
 
 @record

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import (
     AfterValidator,
-    AwareDatetime,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -19,7 +19,13 @@ from estimator.diagnosis.finding import Finding, VariantWeight
 from service.fields.durations import parse_duration
 from service.fields.numbers import is_level
 from service.fields.times import ZoneMissing, parse_time
-from service.publish.payloads import Envelope, Number, Payload, StatusPayload
+from service.publish.payloads import StatusPayload
+from service.records.record import Time, Vector, constant, document_of, record, shown
+
+if TYPE_CHECKING:
+    StatusDocument = StatusPayload
+else:
+    StatusDocument = document_of(StatusPayload)
 
 MAX_LEVELS = 32
 MAX_ROWS = 20_000
@@ -145,20 +151,8 @@ class PostedReadings(BaseModel):
     readings: list[PostedReading]
 
 
-class ReadingsPayload(Payload):
-    """What became of posted readings; those that are accepted are on disk."""
-
-    schema_version: Literal[1] = Field(default=1, alias="schema")
-    site: str
-    accepted: int = Field(description="in the journal; they will be in the samples of their intervals")
-    repeated: int = Field(description="accepted before: the same channel and time")
-    first_counts: int = Field(description="counts of counters from which there is no power yet")
-    refused: dict[str, int] = Field(description="by fault; they are also counted in the status of the zone")
-    unknown: int = Field(description="values that no channel asks for")
-    unknown_names: list[str] = Field(description="what some of these are called")
-
-
-class ChannelPayload(Payload):
+@record
+class ChannelPayload:
     """A channel that the zone's network needs."""
 
     channel: str
@@ -166,124 +160,133 @@ class ChannelPayload(Payload):
     role: Literal["output", "input"]
 
 
-class PriorPayload(Payload):
+@record
+class PriorPayload:
     """A parameter of the network and the box of its log-uniform prior."""
 
     name: str
     unit: str
-    free: bool = Field(description="false: held at nominal")
-    lower: Number = Field(description="in unit")
-    upper: Number = Field(description="in unit")
-    nominal: Number = Field(description="in unit")
+    free: bool = shown("false: held at nominal")
+    lower: float | None = shown("in unit")
+    upper: float | None = shown("in unit")
+    nominal: float | None = shown("in unit")
 
 
-class ZoneSummary(Payload):
+@record
+class ZoneSummary:
     """A zone in the list of zones."""
 
     id: str
     network: str
     estimator: str
     period_s: float
-    outputs: list[str]
-    state: str = Field(description="waiting, running, stalled or failed")
+    outputs: tuple[str, ...]
+    state: str = shown("waiting, running, stalled or failed")
     reason: str
     samples: int
-    last_sample_time: AwareDatetime | None
+    last_sample_time: Time | None
 
 
-class ZonesPayload(Payload):
+@record
+class ZonesPayload:
     """Every zone of the site."""
 
-    schema_version: Literal[1] = Field(default=1, alias="schema")
-    site: str
-    zones: list[ZoneSummary]
-    next: str | None = Field(default=None, description="`after` of the next page; null where there is none")
+    zones: tuple[ZoneSummary, ...]
+    next: str | None = shown("`after` of the next page; null where there is none")
 
 
-class ZonePayload(Envelope):
+@record
+class ZonePayload:
     """One zone: what it consists of and how it is doing."""
 
     network: str
     description: str
     estimator: str
     period_s: float
-    channels: list[ChannelPayload]
-    parameters: list[PriorPayload]
-    status: StatusPayload
+    channels: tuple[ChannelPayload, ...]
+    parameters: tuple[PriorPayload, ...]
+    status: StatusDocument
 
 
-class QuantilesPayload(Payload):
+@record
+class QuantilesPayload:
     """Posterior quantiles of one quantity, at the levels of the document."""
 
     name: str
     unit: str
-    free: bool = Field(description="false: held, so that all quantiles are the same")
-    quantiles: list[Number]
+    free: bool = shown("false: held, so that all quantiles are the same")
+    quantiles: Vector
 
 
-class TermPayload(Payload):
+@record
+class TermPayload:
     """Posterior quantiles of the coefficient of one term of known heat, at the levels of the document."""
 
-    name: str = Field(description="such as sun_south, sun_12, habit_06 or habit_weekend_06")
-    node: str = Field(description="the node that it heats")
-    unit: str = Field(description="m2 for an aperture, W for a habit")
-    quantiles: list[Number]
+    name: str = shown("such as sun_south, sun_12, habit_06 or habit_weekend_06")
+    node: str = shown("the node that it heats")
+    unit: str = shown("m2 for an aperture, W for a habit")
+    quantiles: Vector
 
 
-class ParametersPayload(Envelope):
+@record
+class ParametersPayload:
     """Posterior quantiles of the parameters and of what follows from them."""
 
     network: str
-    levels: list[float]
-    parameters: list[QuantilesPayload]
-    time_constants: list[QuantilesPayload] = Field(description="in h, fastest first")
-    heat_loss: QuantilesPayload = Field(
-        description="heat-loss coefficient in W/K from the first measured node to all boundaries, steady state"
+    levels: tuple[float, ...]
+    parameters: tuple[QuantilesPayload, ...]
+    time_constants: tuple[QuantilesPayload, ...] = shown("in h, fastest first")
+    heat_loss: QuantilesPayload = shown(
+        "heat-loss coefficient in W/K from the first measured node to all boundaries, steady state"
     )
-    known_heat: list[TermPayload] = Field(
-        description="sun and habits: apertures by facade or hour, the daily profile in W and what days off differ by; "
+    known_heat: tuple[TermPayload, ...] = shown(
+        "sun and habits: apertures by facade or hour, the daily profile in W and what days off differ by; "
         "empty where the zone knows none"
     )
-    variants: tuple[VariantWeight, ...] = Field(
-        description="variants of the network in a bank, largest weight first; empty where all members have the same one"
+    variants: tuple[VariantWeight, ...] = shown(
+        "variants of the network in a bank, largest weight first; empty where all members have the same one"
     )
-    findings: tuple[Finding, ...] = Field(description="what the zone's model does not know")
+    findings: tuple[Finding, ...] = shown("what the zone's model does not know")
 
 
-class HealthPayload(Payload):
+@record
+class HealthPayload:
     """The process is alive."""
 
-    status: Literal["ok"] = "ok"
+    status: Literal["ok"] = constant("ok")
     version: str
     uptime_s: float
 
 
-class ZoneReadiness(Payload):
+@record
+class ZoneReadiness:
     """Whether a zone is fed and fresh."""
 
     id: str
-    state: str = Field(description="waiting, running, stalled or failed; only running is ready")
+    state: str = shown("waiting, running, stalled or failed; only running is ready")
     reason: str
     period_s: float
-    age_s: float | None = Field(
-        description="how long ago the interval of the last sample began; null before the first. At most about two "
+    age_s: float | None = shown(
+        "how long ago the interval of the last sample began; null before the first. At most about two "
         "periods where all is well"
     )
-    channels: dict[str, float | None] = Field(
-        description="age in s of each channel's last good reading; null if it never had one"
+    channels: Mapping[str, float | None] = shown(
+        "age in s of each channel's last good reading; null if it never had one"
     )
 
 
-class ReadyPayload(Payload):
+@record
+class ReadyPayload:
     """Every zone is fed and fresh."""
 
-    status: Literal["ready"] = "ready"
-    zones: list[ZoneReadiness] = Field(description="the first 20; GET /zones lists all")
-    zone_count: int = Field(description="how many zones there are")
+    status: Literal["ready"] = constant("ready")
+    zones: tuple[ZoneReadiness, ...] = shown("the first 20; GET /zones lists all")
+    zone_count: int = shown("how many zones there are")
 
 
-class ReloadPayload(Payload):
+@record
+class ReloadPayload:
     """The configuration was read again and is in force."""
 
-    status: Literal["reloaded"] = "reloaded"
-    done: str = Field(description="what was added, changed and removed, as in the log")
+    status: Literal["reloaded"] = constant("reloaded")
+    done: str = shown("what was added, changed and removed, as in the log")

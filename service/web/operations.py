@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 import logging
 import time
 from collections.abc import Awaitable, Callable, Mapping
@@ -13,8 +14,8 @@ from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import choose_encoder, gzip_accepted
 
 from service.errors import ReloadRefused
-from service.publish.payloads import to_json
-from service.publish.rendering import status_payload
+from service.publish.payloads import StatusPayload
+from service.records.record import to_json
 from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
 from service.web.access import MOST_NAMES, Administrator
@@ -52,7 +53,7 @@ def operation_routes(
     async def healthz() -> Response:
         if found := problems():
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
-        payload = HealthPayload(version=version, uptime_s=time.monotonic() - started)
+        payload = HealthPayload(version, time.monotonic() - started)
         return Response(to_json(payload), media_type="application/json")
 
     @router.get(
@@ -71,11 +72,11 @@ def operation_routes(
                 HTTPStatus.SERVICE_UNAVAILABLE,
                 few(behind, lambda each: f"zone '{each[0].id}' is {each[1].state}: {each[1].reason}"),
                 retry_after=RETRY_SECONDS,
-                zones=[_readiness(site, *each).model_dump(mode="json") for each in behind[:MOST_NAMES]],
+                zones=[json.loads(to_json(_readiness(*each))) for each in behind[:MOST_NAMES]],
                 zone_count=len(behind),
             )
-        shown = [_readiness(site, *each) for each in every[:MOST_NAMES]]
-        return Response(to_json(ReadyPayload(zones=shown, zone_count=len(every))), media_type="application/json")
+        shown = tuple(_readiness(*each) for each in every[:MOST_NAMES])
+        return Response(to_json(ReadyPayload(shown, len(every))), media_type="application/json")
 
     @router.get(
         "/metrics",
@@ -107,18 +108,12 @@ def operation_routes(
         except ReloadRefused as error:
             # The request is right; the file, or what runs, stands against it.
             raise RequestRefused(HTTPStatus.CONFLICT, error.problems, errors=error.problems) from error
-        return Response(to_json(ReloadPayload(done=done)), media_type="application/json")
+        return Response(to_json(ReloadPayload(done)), media_type="application/json")
 
     return router
 
 
-def _readiness(site: str, zone: ZoneView, status: ZoneStatus) -> ZoneReadiness:
-    payload = status_payload(site, zone.id, status, None)
-    return ZoneReadiness(
-        id=zone.id,
-        state=payload.state,
-        reason=payload.reason,
-        period_s=zone.period,
-        age_s=payload.age_s,
-        channels={channel.channel: channel.age_s for channel in payload.channels},
-    )
+def _readiness(zone: ZoneView, status: ZoneStatus) -> ZoneReadiness:
+    told = StatusPayload.of(status, None)
+    ages = {channel.channel: channel.age_s for channel in told.channels}
+    return ZoneReadiness(zone.id, told.state, told.reason, zone.period, told.age_s, ages)

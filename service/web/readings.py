@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from http import HTTPStatus
 from itertools import islice
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import TypeAdapter, ValidationError
@@ -19,12 +19,12 @@ from starlette.requests import ClientDisconnect
 
 from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.reading import Fault, Quality
-from service.publish.payloads import to_json
 from service.records.receipt import Receipt
+from service.records.record import document, document_of
 from service.records.view import ZoneView
 from service.web.access import Caller, Writer, find_zone
 from service.web.limits import Turns
-from service.web.models import PostedReading, PostedReadings, ReadingsPayload, ReadingsQuery
+from service.web.models import PostedReading, PostedReadings, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
 from service.web.server.bodies import unread_json
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
@@ -52,19 +52,12 @@ _KINDS = {
     HTTPStatus.UNSUPPORTED_MEDIA_TYPE: "media_type",
 }
 _ENTRY: TypeAdapter[PostedReading] = TypeAdapter(PostedReading)
+_TAKEN = document_of(Receipt, of_a_zone=False, name="ReadingsPayload")
 
 _log = logging.getLogger(__name__)
 
 
-class Taken(NamedTuple):
-    """What became of a post: its readings, how many of its values no channel asks for, and some of their names."""
-
-    receipt: Receipt
-    unknown: int
-    names: tuple[str, ...]
-
-
-Take = Callable[[Sequence[Posted], str | None], Awaitable[Taken]]
+Take = Callable[[Sequence[Posted], str | None], Awaitable[Receipt]]
 """Takes what was posted, for all zones or one; what is accepted is durable on return. Raises ServiceError."""
 
 
@@ -80,7 +73,7 @@ def reading_routes(
 
     @router.post(
         "/readings",
-        response_model=ReadingsPayload,
+        response_model=_TAKEN,
         responses=responses,
         openapi_extra=body,
         summary="Readings for the channels of all zones",
@@ -90,7 +83,7 @@ def reading_routes(
 
     @router.post(
         "/zones/{zone}/readings",
-        response_model=ReadingsPayload,
+        response_model=_TAKEN,
         responses=responses,
         openapi_extra=body,
         summary="Readings for the channels of one zone",
@@ -117,17 +110,7 @@ def reading_routes(
                 complaints.note(error, request.headers, caller.name)
                 raise
             taken = await take(posted, zone)
-        receipt = taken.receipt
-        payload = ReadingsPayload(
-            site=site,
-            accepted=receipt.accepted,
-            repeated=receipt.repeated,
-            first_counts=receipt.begun,
-            refused={str(fault): count for fault, count in sorted(receipt.refused.items())},
-            unknown=taken.unknown,
-            unknown_names=list(taken.names),
-        )
-        return Response(to_json(payload), media_type="application/json")
+        return Response(document(taken, site), media_type="application/json")
 
     return router
 

@@ -12,24 +12,15 @@ from fastapi import APIRouter, Query, Response
 
 from estimator.types import ParameterSummary
 from service.errors import NoLaw, ServiceError
-from service.fields.times import utc
 from service.forecast.learned import ParametersQuestion, SkillQuestion
 from service.forecast.plan import Plan
 from service.forecast.request import ForecastRequest, bound, mistakes, published_levels
 from service.forecast.site import forecasts
-from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, Payload, to_json
-from service.publish.rendering import (
-    fan_payload,
-    forecast_payload,
-    gain_payload,
-    refined_payload,
-    status_payload,
-    vouched,
-)
+from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, StatusPayload, refined, vouched
 from service.records.fan import Fan
 from service.records.history import History
 from service.records.outlook import SET_POINTS
-from service.records.record import document, document_of
+from service.records.record import document, document_of, enclosed
 from service.records.skill import Skill
 from service.records.update import Update
 from service.records.view import ZoneView
@@ -62,28 +53,34 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -
     router = APIRouter(prefix="/zones", tags=["zones"])
     histories = Histories(site, large)
 
+    def current(view: ZoneView, payload: ForecastPayload) -> Response:
+        return _json(vouched(payload, view.status(), view.surroundings.limits), site, view.id)
+
     @router.get(
-        "", response_model=ZonesPayload, responses=documented(422, 500), summary="Every zone and how it is doing"
+        "",
+        response_model=document_of(ZonesPayload, of_a_zone=False),
+        responses=documented(422, 500),
+        summary="Every zone and how it is doing",
     )
     def list_zones(caller: Asking, query: Annotated[ZonesQuery, Query()]) -> Response:
         seen = [name for name in zones if caller.sees(name)]
         page = _page(seen, query)
         last = page[-1] if page and page[-1] != seen[-1] else None
         found = [zones[name] for name in page if name in zones]
-        return _json(ZonesPayload(site=site, zones=[_summary(zone) for zone in found], next=last))
+        return _json(ZonesPayload(tuple(map(_summary, found)), last), site)
 
     @router.get(
         "/{zone}",
-        response_model=ZonePayload,
+        response_model=document_of(ZonePayload),
         responses=documented(404, 422, 500),
         summary="One zone: channels, parameters, status, faults",
     )
     async def show_zone(zone: str, caller: Asking) -> Response:
-        return _json(_description(site, find_zone(zones, zone, caller)))
+        return _json(_description(site, find_zone(zones, zone, caller)), site, zone)
 
     @router.get(
         "/{zone}/forecast",
-        response_model=ForecastPayload | FanPayload,
+        response_model=document_of(ForecastPayload) | document_of(FanPayload),
         responses=documented(404, 422, 500, 503),
         summary="The standing forecast; with ?horizon= what follows it, inputs foreseen",
     )
@@ -93,16 +90,16 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -
         published = published_levels(update)
         levels = query.level or published
         if query.horizon is None and set(levels) <= set(published):
-            return _json(_current(view, forecast_payload(site, zone, update, levels)))
+            return current(view, ForecastPayload.of(update, levels))
         request = ForecastRequest([view], query.horizon or 0.0, levels)
         if query.horizon is None:
-            return _json(_current(view, refined_payload(site, zone, await _fan(view, request))))
+            return current(view, refined(await _fan(view, request)))
         bound(request)
-        return _json(_current(view, fan_payload(site, zone, await _fan(view, request))))
+        return current(view, FanPayload.of_steps(await _fan(view, request)))
 
     @router.post(
         "/{zone}/forecast",
-        response_model=FanPayload,
+        response_model=document_of(FanPayload),
         responses=documented(400, 404, 422, 500, 503),
         summary="The forecast under planned inputs: what a controller asks",
     )
@@ -115,11 +112,11 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -
         bound(request)
         if found := mistakes(request):
             raise invalid([f"field 'inputs.{one.channel}' {one.sentence}" for one in found])
-        return _json(_current(view, fan_payload(site, zone, await _fan(view, request), body.inputs)))
+        return current(view, FanPayload.of_steps(await _fan(view, request), body.inputs))
 
     @router.get(
         "/{zone}/parameters",
-        response_model=ParametersPayload,
+        response_model=document_of(ParametersPayload),
         responses=documented(404, 422, 500, 503),
         summary="Posterior quantiles of the parameters, time constants and the heat-loss coefficient",
     )
@@ -128,7 +125,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -
         summary = await view.ask(ParametersQuestion(tuple(query.level)))
         if summary is None:
             raise no_forecast(view)
-        return _json(_parameters(site, view, query.level, summary))
+        return _json(_parameters(view, query.level, summary), site, zone)
 
     @router.get(
         "/{zone}/skill",
@@ -141,23 +138,23 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -
         found = await view.ask(SkillQuestion())
         if found is None:
             raise no_forecast(view)
-        return _document(found, site, zone)
+        return _json(found, site, zone)
 
     @router.get(
         "/{zone}/gain",
-        response_model=GainPayload,
+        response_model=document_of(GainPayload),
         responses=documented(404, 422, 500, 503),
         summary="Unmeasured heat into the zone and the noise of its sensors, where the estimator knows of them",
     )
     async def gain(zone: str, caller: Asking) -> Response:
         view = find_zone(zones, zone, caller)
-        payload = gain_payload(site, zone, _latest(view))
+        payload = GainPayload.of(_latest(view))
         if payload is None:
             sentence = (
                 f"the estimator '{view.estimator}' of zone '{zone}' has no model of unmeasured heat; mkf and bank do"
             )
             raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
-        return _json(payload)
+        return _json(payload, site, zone)
 
     @router.get(
         "/{zone}/history",
@@ -184,11 +181,7 @@ def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:
     return names[first:] if query.limit is None else names[first : first + query.limit]
 
 
-def _json(payload: Payload) -> Response:
-    return Response(to_json(payload), media_type="application/json")
-
-
-def _document(one: object, site: str, zone: str) -> Response:
+def _json(one: object, site: str, zone: str | None = None) -> Response:
     return Response(document(one, site, zone), media_type="application/json")
 
 
@@ -223,72 +216,39 @@ async def _fan(view: ZoneView, request: ForecastRequest) -> Fan:
     return fan
 
 
-def _current(zone: ZoneView, payload: ForecastPayload) -> ForecastPayload:
-    return vouched(payload, zone.status(), zone.surroundings.limits)
-
-
 def _summary(zone: ZoneView) -> ZoneSummary:
-    status = zone.status()
-    last = status.last_sample_time
-    return ZoneSummary(
-        id=zone.id,
-        network=zone.network.name,
-        estimator=zone.estimator,
-        period_s=zone.period,
-        outputs=list(zone.network.measured),
-        state=status.state,
-        reason=status.reason,
-        samples=status.samples,
-        last_sample_time=None if last is None else utc(last),
-    )
+    status, network = zone.status(), zone.network
+    doing = (status.state, status.reason, status.samples, status.last_sample_time)
+    about = (network.name, zone.estimator, zone.period, tuple(network.measured))
+    return ZoneSummary(zone.id, *about, *doing)
 
 
 def _description(site: str, zone: ZoneView) -> ZonePayload:
     network = zone.network
-    return ZonePayload(
-        site=site,
-        zone=zone.id,
-        network=network.name,
-        description=network.description,
-        estimator=zone.estimator,
-        period_s=zone.period,
-        channels=[
-            ChannelPayload(
-                channel=channel,
-                unit=network.channel_unit(channel),
-                role="output" if channel in network.measured else "input",
-            )
-            for channel in network.channels
-        ],
-        parameters=[
-            PriorPayload(name=p.name, unit=p.unit, free=p.free, lower=p.lower, upper=p.upper, nominal=p.nominal)
-            for p in network.parameters
-        ],
-        status=status_payload(site, zone.id, zone.status(), zone.latest()),
-    )
+    channels = [
+        ChannelPayload(channel, network.channel_unit(channel), "output" if channel in network.measured else "input")
+        for channel in network.channels
+    ]
+    priors = [PriorPayload(p.name, p.unit, p.free, p.lower, p.upper, p.nominal) for p in network.parameters]
+    status = enclosed(StatusPayload.of(zone.status(), zone.latest()), site, zone.id)
+    about = (network.name, network.description, zone.estimator, zone.period)
+    return ZonePayload(*about, tuple(channels), tuple(priors), status)
 
 
-def _parameters(site: str, zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
-    status = zone.status()
-    variants = tuple(sorted(status.diagnosis.variants, key=lambda each: -each.weight))
+def _parameters(zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
+    network, diagnosis = zone.network, zone.status().diagnosis
+    own = zip(network.parameters, summary.parameters, strict=True)
+    known = zip(network.terms, summary.coefficients, strict=False)
     return ParametersPayload(
-        site=site,
-        zone=zone.id,
-        network=zone.network.name,
-        levels=list(levels),
-        parameters=[
-            QuantilesPayload(name=parameter.name, unit=parameter.unit, free=parameter.free, quantiles=row.tolist())
-            for parameter, row in zip(zone.network.parameters, summary.parameters, strict=True)
-        ],
-        time_constants=[
-            QuantilesPayload(name=f"tau_{rank}", unit="h", free=True, quantiles=(row / _HOUR).tolist())
+        network.name,
+        tuple(levels),
+        parameters=tuple(QuantilesPayload(p.name, p.unit, p.free, row) for p, row in own),
+        time_constants=tuple(
+            QuantilesPayload(f"tau_{rank}", "h", True, row / _HOUR)
             for rank, row in enumerate(summary.time_constants, start=1)
-        ],
-        heat_loss=QuantilesPayload(name="heat_loss", unit="W/K", free=True, quantiles=summary.heat_loss.tolist()),
-        known_heat=[
-            TermPayload(name=term.name, node=term.node, unit=term.unit, quantiles=row.tolist())
-            for term, row in zip(zone.network.terms, summary.coefficients, strict=False)
-        ],
-        variants=variants,
-        findings=status.diagnosis.findings,
+        ),
+        heat_loss=QuantilesPayload("heat_loss", "W/K", True, summary.heat_loss),
+        known_heat=tuple(TermPayload(term.name, term.node, term.unit, row) for term, row in known),
+        variants=tuple(sorted(diagnosis.variants, key=lambda each: -each.weight)),
+        findings=diagnosis.findings,
     )

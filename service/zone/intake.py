@@ -122,7 +122,7 @@ class Intake:
         await self.accept(samples)
         if held:
             await self._store.keep(self._zone, held)
-        return Receipt(accepted, len(readings) - len(fresh) - len(faulty), refused)
+        return Receipt(accepted, len(readings) - len(fresh) - len(faulty), 0, refused)
 
     async def recall(self) -> None:
         """Take in again what `take` had accepted for intervals that had not closed when the process ended."""

@@ -15,8 +15,8 @@ from adapters.reading import Fault, Quality, Reading
 from adapters.units import possible_range
 from estimator import registry
 from estimator.network import presets
-from service.publish.payloads import to_json
-from service.publish.rendering import forecast_payload, gate_payload, volatility_payload
+from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
+from service.records.record import to_json
 from service.records.update import Update
 from service.zone.alignment import Alignment
 from service.zone.worker import WorkerSettings, ZoneWorker
@@ -54,8 +54,8 @@ def finite(update: Update) -> None:
             assert interval.lower <= output.median <= interval.upper
     assert 0 <= update.shown_gate.value <= 1
     assert all(map(math.isfinite, update.parameters))
-    for payload in (forecast_payload, volatility_payload, gate_payload):
-        to_json(payload("site", "z", update))
+    for kind in (ForecastPayload, VolatilityPayload, GatePayload):
+        to_json(kind.of(update))
 
 
 def sound(worker: ZoneWorker) -> None:

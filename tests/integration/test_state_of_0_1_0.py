@@ -21,8 +21,8 @@ from support.harness import Daemon, thermogate
 from service.config.fitting import make_alignment, make_worker
 from service.config.load import load
 from service.config.recording import recorded
-from service.publish.payloads import to_json
-from service.publish.rendering import forecast_payload
+from service.publish.payloads import ForecastPayload
+from service.records.record import document
 
 ARCHIVE = Path(__file__).with_name("state-0.1.0.tar.xz")
 SAMPLES, RECORDED = 103, 192
@@ -78,7 +78,7 @@ def final_forecasts(path: Path) -> dict[str, Any]:
 
     asyncio.run(run())
     return {
-        zone: json.loads(to_json(forecast_payload(config.site.id, zone, worker.latest)))
+        zone: json.loads(document(ForecastPayload.of(worker.latest), config.site.id, zone))
         for zone, worker in workers.items()
         if worker.latest is not None
     }

@@ -20,7 +20,7 @@ from service.forecast.engine import FanQuestion
 from service.forecast.learned import ModelQuestion, ParametersQuestion, SkillQuestion
 from service.forecast.plan import Grid, column
 from service.publish.sinks import Announcement, Occasion
-from service.records.fan import Fan, FanColumns
+from service.records.fan import CompactOutputPayload, Fan
 from service.records.history import HistoryRow
 from service.records.model import ZoneModel
 from service.records.outlook import InputOrigin, Surroundings
@@ -43,14 +43,15 @@ def output(name: str, mean: float, sd: float, levels: Sequence[float]) -> Output
     return OutputForecast(name, mean, mean, sd, intervals)
 
 
-def columns(steps: Sequence[OutputForecast]) -> FanColumns:
-    """The forecast of one output as columns."""
+def columns(steps: Sequence[OutputForecast], scenarios: int = 0) -> CompactOutputPayload:
+    """The forecast of one output as columns, with futures of 20 degC."""
     mean, median, sd = (np.array([getattr(one, name) for one in steps]) for name in ("mean", "median", "sd"))
     lower, upper = (
         np.array([[getattr(interval, side) for interval in one.intervals] for one in steps]).T
         for side in ("lower", "upper")
     )
-    return FanColumns(steps[0].output, mean, median, sd, lower, upper)
+    futures = np.full((scenarios, len(steps)), 20.0)
+    return CompactOutputPayload(steps[0].output, mean, median, sd, lower, upper, futures)
 
 
 def make_update(step: int, network: Network | None = None, levels: Sequence[float] = (0.95,)) -> Update:
@@ -157,11 +158,13 @@ class FakeZone:
             for one in origins
         )
         outputs = tuple(
-            columns([output(o.output, o.mean + 0.01 * k, o.sd * (1 + k) ** 0.5, question.levels) for k in ahead])
+            columns(
+                [output(o.output, o.mean + 0.01 * k, o.sd * (1 + k) ** 0.5, question.levels) for k in ahead],
+                question.scenarios,
+            )
             for o in update.forecast.outputs
         )
-        paths = np.full((question.scenarios, len(ahead), len(outputs)), 20.0)
-        return Fan(update, question.levels, outputs, paths, origins)
+        return Fan(update, question.levels, outputs, origins)
 
     def _model(self, question: ModelQuestion) -> ZoneModel | None:
         self.asked.append(("model", *question))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from types import SimpleNamespace
 from typing import Any
 
 import jsonschema
@@ -11,6 +13,11 @@ from pydantic import TypeAdapter
 def check(document: object, kind: Any) -> None:
     """Check that `document` has every field of `kind`, each with a value that it may have, and no others."""
     jsonschema.validate(document, _complete(TypeAdapter(kind).json_schema(mode="serialization")))
+
+
+def objects(document: str | bytes) -> Any:
+    """JSON with attributes in place of keys."""
+    return json.loads(document, object_hook=lambda found: SimpleNamespace(**found))
 
 
 def _complete(schema: Any) -> Any:

@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from contextlib import aclosing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import NamedTuple, Protocol
 
@@ -114,7 +114,7 @@ class Feed:
         ]
         taking = (self._zones[share.zone].take(self.name, share.readings) for share in shares)
         results = await asyncio.gather(*taking, return_exceptions=True)
-        receipt, failed = NOTHING._replace(begun=received.begun), list[BaseException]()
+        receipt, failed = replace(NOTHING, begun=received.begun), list[BaseException]()
         for share, result in zip(shares, results, strict=True):
             if isinstance(result, BaseException):
                 received.take_back(share.zone)

@@ -6,12 +6,13 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
 from service.daemon.supply.feeds import Feed, Handed
-from service.records.receipt import NOTHING
-from service.web.readings import RETRY_SECONDS, Taken
+from service.records.receipt import NOTHING, Receipt
+from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
 REPEAT = 600.0
@@ -35,7 +36,7 @@ class Ingest:
         self._feeds, self._expected = feeds, expected
         self._say_at = float("-inf")
 
-    async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
+    async def take(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         """Hand `posted` to the zones, or to `zone` alone; what counts as accepted is durable on return. Raises
         RequestRefused without a source to post to, and ServiceError where the journal fails."""
         feeds = [feed for feed in self._feeds() if feed.is_posted_to]
@@ -51,7 +52,7 @@ class Ingest:
         if unknown and time.monotonic() >= self._say_at:
             self._say_at = time.monotonic() + REPEAT
             _log.info("no channel asks for %d of %d posted values, such as %s", len(unknown), len(posted), names[0])
-        return Taken(receipt, len(unknown), names)
+        return replace(receipt, unknown=len(unknown), unknown_names=names)
 
 
 async def hand(feeds: Iterable[Feed], posted: Sequence[Posted], zone: str | None) -> Handed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from http import HTTPStatus
 
 from adapters.http.posted import Posted
@@ -12,8 +13,8 @@ from service.config.site import Config
 from service.daemon.supply.feeds import Handed
 from service.errors import ServiceError
 from service.fleet.gateways.views import ShardView
-from service.records.receipt import NOTHING
-from service.web.readings import RETRY_SECONDS, Taken
+from service.records.receipt import NOTHING, Receipt
+from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
 
 TAKE_SECONDS = 30.0
@@ -36,7 +37,7 @@ class Posts:
         built = [config.build_source(name) for name in names if config.zones_of(name)]
         self._sources = [source for source in built if isinstance(source, HttpSource)]
 
-    async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
+    async def take(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         """Hand `posted` to the shards; what counts as accepted is durable on return. Raises RequestRefused without a
         source to post to, and while a zone has no shard: then all of it may be posted again."""
         if not self._sources:
@@ -58,7 +59,7 @@ class Posts:
             receipt = receipt.plus(result.receipt)
             used |= {own[place] for place in result.used}
         unknown = [one.shown for place, one in enumerate(posted) if place not in used]
-        return Taken(receipt, len(unknown), tuple(dict.fromkeys(unknown))[:_SHOWN])
+        return replace(receipt, unknown=len(unknown), unknown_names=tuple(dict.fromkeys(unknown))[:_SHOWN])
 
     def _by_name(self) -> dict[str, ShardView]:
         return {shard.peer.name: shard for shard in self._shards.values()}

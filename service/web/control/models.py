@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from adapters.reading import Quality
-from service.publish.payloads import Envelope, Number, Payload
+from service.records.fan import CompactOutputPayload
 from service.records.outlook import InputOrigin
+from service.records.record import Matrices, Matrix, Time, Vector, constant, record, shown
 from service.records.trust import HorizonTrust
 from service.web.models import Horizon, Levels, Query
 from service.web.planned import PlannedInput
@@ -70,109 +71,108 @@ class SiteForecastRequest(BaseModel):
     )
 
 
-class QuantityPayload(Payload):
+@record
+class QuantityPayload:
     """A state, input or output, in the order of the matrices."""
 
     name: str
     unit: str
 
 
-class MatricesPayload(Payload):
+@record
+class MatricesPayload:
     """x' = A x + B u + w, w ~ N(0, Q); y = C x + v, v ~ N(0, R). An unmeasured gain is the last state."""
 
-    A: list[list[Number]] = Field(description="(n_x, n_x); the last column is what the gain does, if there is one")
-    B: list[list[Number]] = Field(description="(n_x, n_u)")
-    C: list[list[Number]] = Field(description="(n_y, n_x)")
-    Q: list[list[Number]] = Field(description="(n_x, n_x), K^2 and W^2 per step")
-    R: list[list[Number]] = Field(description="(n_y, n_y), K^2")
-    state: list[Number] = Field(description="(n_x,), degC and W, at valid_time")
+    A: Matrix = shown("(n_x, n_x); the last column is what the gain does, if there is one")
+    B: Matrix = shown("(n_x, n_u)")
+    C: Matrix = shown("(n_y, n_x)")
+    Q: Matrix = shown("(n_x, n_x), K^2 and W^2 per step")
+    R: Matrix = shown("(n_y, n_y), K^2")
+    state: Vector = shown("(n_x,), degC and W, at valid_time")
 
 
-class DrawsPayload(Payload):
+@record
+class DrawsPayload:
     """K models: the same matrices with one more axis in front; C is the same for all."""
 
-    weights: list[Number] = Field(description="they add up to 1")
-    A: list[list[list[Number]]]
-    B: list[list[list[Number]]]
-    Q: list[list[list[Number]]]
-    R: list[list[list[Number]]]
-    state: list[list[Number]]
+    weights: Vector = shown("they add up to 1")
+    A: Matrices
+    B: Matrices
+    Q: Matrices
+    R: Matrices
+    state: Matrix
 
 
-class GainForecastPayload(Payload):
+@record
+class GainForecastPayload:
     """The unmeasured gain at the beginning of each step of a day."""
 
-    unit: Literal["W"] = "W"
-    mean: list[Number]
-    sd: list[Number] = Field(description="W; over the draws")
+    unit: Literal["W"] = constant("W")
+    mean: Vector
+    sd: Vector = shown("W; over the draws")
 
 
-class ModelPayload(Envelope):
-    """The linear model of a zone, at the step that was asked for."""
+@record
+class ModelAbout:
+    """What the linear model of a zone is of."""
 
-    sample_time: AwareDatetime
-    issue_time: AwareDatetime
-    valid_time: AwareDatetime = Field(description="the time of the state")
+    sample_time: Time
+    issue_time: Time
+    valid_time: Time = shown("the time of the state")
     period_s: float
     step_s: float
     network: str
     estimator: str
-    member: str = Field(description="the member of a bank whose model this is; empty for other estimators")
-    share: float = Field(description="what that member weighs in the bank's forecast a few hours ahead; otherwise 1")
-    fan_mean: str = Field(description="what gives the mean of the fan (of the member) when simulated: mean or draws")
-    states: list[QuantityPayload] = Field(description="temperatures, and then the unmeasured gain if there is one")
-    inputs: list[QuantityPayload]
-    outputs: list[QuantityPayload]
-    mean: MatricesPayload = Field(description="at the posterior mean of the log parameters")
-    covariance: list[list[Number]] = Field(description="of the state, K^2 and W^2")
+    member: str = shown("the member of a bank whose model this is; empty for other estimators")
+    share: float = shown("what that member weighs in the bank's forecast a few hours ahead; otherwise 1")
+    fan_mean: str = shown("what gives the mean of the fan (of the member) when simulated: mean or draws")
+    states: tuple[QuantityPayload, ...] = shown("temperatures, and then the unmeasured gain if there is one")
+    inputs: tuple[QuantityPayload, ...]
+    outputs: tuple[QuantityPayload, ...]
+
+
+@record
+class ModelPayload(ModelAbout):
+    """The linear model of a zone, at the step that was asked for."""
+
+    mean: MatricesPayload = shown("at the posterior mean of the log parameters")
+    covariance: Matrix = shown("of the state, K^2 and W^2")
     draws: DrawsPayload
-    known_heat: list[list[Number]] = Field(
-        description="what sun and habits add to each state over each step of a day, K, under inputs as foreseen "
+    known_heat: Matrix = shown(
+        "what sun and habits add to each state over each step of a day, K, under inputs as foreseen "
         "without a plan: x' = A x + B u + this; empty where the zone knows neither"
     )
-    gain: GainForecastPayload | None = Field(description="null for an estimator without a model of it")
+    gain: GainForecastPayload | None = shown("null for an estimator without a model of it")
 
 
-class CompactOutputPayload(Payload):
-    """The forecast of one output over all steps: arrays, the first entry of which is for valid_time."""
-
-    output: str
-    unit: Literal["degC"] = "degC"
-    mean: list[Number]
-    median: list[Number]
-    sd: list[Number] = Field(description="K, the sensor's noise included")
-    lower: list[list[Number]] = Field(description="by level and then by step")
-    upper: list[list[Number]]
-    scenarios: list[list[Number]] = Field(description="sampled futures, without the sensor's noise")
-
-
-class ZoneForecastPayload(Payload):
+@record
+class ZoneForecastPayload:
     """The forecast of one zone under one plan."""
 
     zone: str
-    problem: str | None = Field(description="why there is no forecast; null if there is one")
-    sample_time: AwareDatetime | None
-    issue_time: AwareDatetime | None
-    valid_time: AwareDatetime | None = Field(description="of the first entry of every array")
-    period_s: float = Field(description="from one entry to the next, s")
+    problem: str | None = shown("why there is no forecast; null if there is one")
+    sample_time: Time | None
+    issue_time: Time | None
+    valid_time: Time | None = shown("of the first entry of every array")
+    period_s: float = shown("from one entry to the next, s")
     quality: Quality
-    trust: HorizonTrust | None = Field(description="at the horizon of the request; null before the first sample")
+    trust: HorizonTrust | None = shown("at the horizon of the request; null before the first sample")
     inputs: tuple[InputOrigin, ...]
-    levels: list[float] = Field(description="of lower and upper")
-    outputs: list[CompactOutputPayload]
+    levels: tuple[float, ...] = shown("of lower and upper")
+    outputs: tuple[CompactOutputPayload, ...]
 
 
-class PlanForecastPayload(Payload):
+@record
+class PlanForecastPayload:
     """All zones under one plan, simulated together."""
 
     name: str
-    zones: list[ZoneForecastPayload]
+    zones: tuple[ZoneForecastPayload, ...]
 
 
-class SiteForecastPayload(Payload):
+@record
+class SiteForecastPayload:
     """Forecasts of several zones under several plans."""
 
-    schema_version: Literal[1] = Field(default=1, alias="schema")
-    site: str
     horizon_s: float
-    plans: list[PlanForecastPayload]
+    plans: tuple[PlanForecastPayload, ...]

@@ -17,13 +17,12 @@ from service.forecast.plan import Plan
 from service.forecast.request import ForecastRequest, Mistake, bound, mistakes
 from service.forecast.site import forecasts as under
 from service.forecast.site import neighbourhood
-from service.publish.payloads import Payload, to_json, to_json_with
 from service.records.fan import Fan
-from service.records.record import document, document_of
+from service.records.record import document, document_of, to_json, with_items
 from service.records.trust import Trust
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
-from service.web.control.answers import model_npz, model_payload, zone_payload
+from service.web.control.answers import model_json, model_npz, zone_forecast
 from service.web.control.models import (
     ModelPayload,
     ModelQuery,
@@ -49,7 +48,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers
 
     @router.get(
         "/zones/{zone}/model",
-        response_model=ModelPayload,
+        response_model=document_of(ModelPayload),
         responses=documented(404, 422, 500, 503) | {200: {"content": {NPZ: {"schema": {"type": "string"}}}}},
         summary="State-space matrices: posterior mean and draws, state, covariance; JSON, or npz by Accept",
     )
@@ -68,10 +67,9 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers
             raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence]) from None
         if found is None:
             raise no_forecast(view)
-        payload = await asyncio.to_thread(model_payload, site, view, found)
-        if NPZ in accept:
-            return Response(await asyncio.to_thread(model_npz, payload, found), media_type=NPZ)
-        return await _json(payload)
+        # On a thread: a large one would hold the event loop.
+        write, kind = (model_npz, NPZ) if NPZ in accept else (model_json, "application/json")
+        return Response(await asyncio.to_thread(write, site, view, found), media_type=kind)
 
     @router.get(
         "/zones/{zone}/trust",
@@ -88,7 +86,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers
 
     @router.post(
         "/forecasts",
-        response_model=SiteForecastPayload,
+        response_model=document_of(SiteForecastPayload, of_a_zone=False),
         responses=documented(400, 404, 422, 500, 503),
         summary="Forecasts of several zones under several plans, neighbours simulated together",
     )
@@ -106,16 +104,11 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers
             written = [
                 await asyncio.to_thread(_written, request, plan, await under(request, plan)) for plan in request.plans
             ]
-            envelope = SiteForecastPayload(site=site, horizon_s=body.horizon, plans=[])
-            content = await asyncio.to_thread(to_json_with, envelope, written)
+            about = document(SiteForecastPayload(body.horizon, ()), site)
+            content = await asyncio.to_thread(with_items, about, written)
         return Response(content, media_type="application/json")
 
     return router
-
-
-async def _json(payload: Payload) -> Response:
-    """`payload` rendered on a thread: a large one would hold the event loop."""
-    return Response(await asyncio.to_thread(to_json, payload), media_type="application/json")
 
 
 def _periods(step: float | None, period: float) -> int:
@@ -143,5 +136,5 @@ def _told(one: Mistake) -> str:
 
 def _written(request: ForecastRequest, plan: Plan, found: Sequence[Fan | ServiceError | None]) -> bytes:
     """All zones under `plan`, as JSON."""
-    zones = [zone_payload(view, fan, request.horizon) for view, fan in zip(request.zones, found, strict=True)]
-    return to_json(PlanForecastPayload(name=plan.name, zones=zones))
+    zones = (zone_forecast(view, fan, request.horizon) for view, fan in zip(request.zones, found, strict=True))
+    return to_json(PlanForecastPayload(plan.name, tuple(zones)))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from service.forecast.request import ForecastRequest
 from service.forecast.site import forecasts
 from service.records.series import Series
 from service.records.view import ZoneView
+from service.web.page.payloads import ExpectedPayload, SparkPayload
 
 LEADS = (3600, 6 * 3600)
 """How far ahead the overview looks, s."""
@@ -40,28 +42,29 @@ _IDLE_SECONDS = 1.0
 _log = logging.getLogger(__name__)
 
 
-class Expected(NamedTuple):
-    """The first output [degC] `lead` s after `Outlook.valid_time`, inputs held, with its 95 % interval."""
-
-    lead: float
-    mean: float
-    lower: float
-    upper: float
-
-
 class Outlook(NamedTuple):
-    """The next hours after the sample at `sample_time`; `valid_time` is when they begin. UTC s."""
+    """The next hours of the first output, inputs held, after the sample at `sample_time`; `valid_time` is when they
+    begin. UTC s."""
 
     sample_time: int
     valid_time: int
-    expected: tuple[Expected, ...]
+    expected: tuple[ExpectedPayload, ...]
 
 
 class Spark(NamedTuple):
     """The last day up to the sample at `sample_time`, UTC s."""
 
     sample_time: int
-    series: Series
+    line: SparkPayload
+
+    @classmethod
+    def of(cls, sample_time: int, series: Series) -> Spark:
+        """A line with a place for every step, measured or not."""
+        by_time: dict[int, float] = dict(zip(series.times.tolist(), series.means["y"].tolist(), strict=True))
+        first = min(by_time, default=sample_time)
+        # As a line of 24 pixels needs it: a thousand zones have 48,000 of these.
+        values = (round(by_time.get(when, math.nan), 2) for when in range(first, sample_time + 1, series.bucket))
+        return cls(sample_time, SparkPayload(first, series.bucket, tuple(values)))
 
 
 def scaled(seconds: int, period: float) -> int:
@@ -124,7 +127,7 @@ class Outlooks:
         if last is None or (known is not None and known.sample_time // step == last // step):
             return False
         end = last - last % step + step
-        self.sparks[name] = Spark(last, await view.series(end - SPARK_POINTS * step, end, SPARK_POINTS + 1))
+        self.sparks[name] = Spark.of(last, await view.series(end - SPARK_POINTS * step, end, SPARK_POINTS + 1))
         return True
 
     async def _outlook(self, name: str, view: ZoneView) -> bool:
@@ -143,6 +146,6 @@ class Outlooks:
             return False
         (output, *_), period = fan.outputs, view.period
         columns = (output.mean, output.lower[0], output.upper[0])
-        expected = tuple(Expected(step * period, *(float(column[step]) for column in columns)) for step in ahead)
+        expected = tuple(ExpectedPayload(step * period, *(float(column[step]) for column in columns)) for step in ahead)
         self.outlooks[name] = Outlook(fan.update.time, fan.update.forecast.valid_time, expected)
         return True

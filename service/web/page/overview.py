@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import AsyncIterator, Mapping, Sequence
-from datetime import datetime
 from typing import Any
 
 from fastapi import APIRouter, Depends
 from fastapi.responses import Response, StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
-from service.fields.times import utc
 from service.publish.changes import Changes
 from service.publish.events import RECONNECT_MS
-from service.publish.payloads import to_json
+from service.records.record import document, document_of
 from service.records.update import Update
 from service.records.view import ZoneView
 from service.web.access import OVERVIEW_PREFIX, Asking, Caller
 from service.web.limits import stream_slot
 from service.web.page.outlook import LEADS, Outlook, Outlooks, Spark, scaled
-from service.web.page.payloads import (
-    ExpectedPayload,
-    FindingName,
-    OverviewChange,
-    OverviewPayload,
-    OverviewRow,
-    SparkPayload,
-)
+from service.web.page.payloads import FindingName, OverviewChange, OverviewPayload, OverviewRow
 from service.web.problems import documented
 
 _MEDIA_TYPE = "text/event-stream"
@@ -56,16 +48,19 @@ def overview_routes(
     """The routes over `zones`."""
     router = APIRouter(prefix=OVERVIEW_PREFIX, tags=["overview"])
 
-    @router.get("", response_model=OverviewPayload, responses=documented(500), summary="Every zone at a glance")
+    @router.get(
+        "",
+        response_model=document_of(OverviewPayload, of_a_zone=False),
+        responses=documented(500),
+        summary="Every zone at a glance",
+    )
     def overview(caller: Asking) -> Response:
-        rows = [
+        rows = tuple(
             overview_row(zone, outlooks.outlooks.get(name), outlooks.sparks.get(name))
             for name, zone in tuple(zones.items())
             if caller.sees(name)
-        ]
-        return Response(
-            to_json(OverviewPayload(site=site, time_zone=time_zone, zones=rows)), media_type="application/json"
         )
+        return Response(document(OverviewPayload(time_zone, rows), site), media_type="application/json")
 
     @router.get(
         "/stream",
@@ -88,7 +83,7 @@ def overview_routes(
                     yield KEEPALIVE_COMMENT
                 for first in range(0, len(changed), ROWS_AT_ONCE):
                     change = _change(changed[first : first + ROWS_AT_ONCE], shown)
-                    yield format_sse_event(event="rows", data_str=to_json(change).decode())
+                    yield format_sse_event(event="rows", data_str=document(change, site).decode())
                 await watcher.rest(PAUSE)
 
     def _change(names: Sequence[str], shown: dict[str, int]) -> OverviewChange:
@@ -104,7 +99,7 @@ def overview_routes(
             if spark is not None:
                 shown[name] = spark.sample_time
             rows.append(overview_row(zone, outlooks.outlooks.get(name), spark if news else None))
-        return OverviewChange(site=site, zones=rows, removed=removed)
+        return OverviewChange(tuple(rows), tuple(removed))
 
     return router
 
@@ -116,19 +111,19 @@ def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -
     if status.state in _SILENT or (outlook is not None and _is_old(outlook, update, zone.period)):
         outlook = None
     return OverviewRow(
-        id=zone.id,
-        state=status.state,
-        reason=status.reason,
-        period_s=zone.period,
-        sample_time=None if update is None else utc(update.time),
-        temperature=None if update is None else update.y[0],
+        zone.id,
+        status.state,
+        status.reason,
+        zone.period,
+        sample_time=None if update is None else update.time,
+        temperature=math.nan if update is None else update.y[0],
         disturbed=update is not None and update.shown_gate.regime == _HIGH,
-        expected=[] if outlook is None else [_expected(*one) for one in outlook.expected],
-        expected_from=None if outlook is None else utc(outlook.valid_time),
+        expected=() if outlook is None else outlook.expected,
+        expected_from=None if outlook is None else outlook.valid_time,
         trust=None if trust is None else trust.level,
         trust_reason="" if trust is None else trust.reason,
-        findings=[FindingName(finding=one.finding, subject=one.subject) for one in status.diagnosis.findings],
-        spark=None if spark is None else _spark(spark),
+        findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
+        spark=None if spark is None else spark.line,
     )
 
 
@@ -138,23 +133,3 @@ _HIGH = "high"
 def _is_old(outlook: Outlook, update: Update | None, period: float) -> bool:
     """Whether `outlook` is of before the look at the table that is under way: nobody looks ahead while nobody looks."""
     return update is None or update.time - outlook.sample_time > max(3.0 * period, _KEPT_SECONDS)
-
-
-def _expected(lead: float, mean: float, lower: float, upper: float) -> ExpectedPayload:
-    return ExpectedPayload(lead_s=lead, mean=mean, lower=lower, upper=upper)
-
-
-def _spark(spark: Spark) -> SparkPayload:
-    """The sparkline with a place for every step, measured or not."""
-    series = spark.series
-    by_time: dict[int, float] = dict(zip(series.times.tolist(), series.means["y"].tolist(), strict=True))
-    step = series.bucket
-    first = min(by_time, default=spark.sample_time)
-    times = range(first, spark.sample_time + 1, step)
-    start: datetime = utc(first)
-    return SparkPayload(start=start, step_s=step, values=[_rounded(by_time.get(when)) for when in times])
-
-
-def _rounded(value: float | None) -> float | None:
-    """degC as a line of 24 pixels needs it: a thousand zones have 48,000 of these."""
-    return None if value is None or value != value else round(value, 2)

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
 from service.fields.times import utc
-from service.publish.payloads import to_json
+from service.records.record import document, document_of
 from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
@@ -44,7 +44,7 @@ def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
 
     @router.get(
         "/{zone}/series",
-        response_model=SeriesPayload,
+        response_model=document_of(SeriesPayload),
         responses=documented(404, 422, 500, 503),
         summary="History in a bounded number of points, with the inputs: for charts",
     )
@@ -56,50 +56,35 @@ def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         start, end = max(start, _EARLIEST), min(end, _LATEST)
         if start >= end:
             raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
-        return Response(
-            to_json(series_payload(site, view, start, end, await view.series(start, end, query.points))),
-            media_type="application/json",
-        )
+        found = _payload(view, start, end, await view.series(start, end, query.points))
+        return Response(document(found, site, zone), media_type="application/json")
 
     return router
 
 
-def series_payload(site: str, zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
+def _payload(zone: ZoneView, start: int, end: int, series: Series) -> SeriesPayload:
     """`series` of `zone` over [start, end), UTC s."""
-    means = series.means
-    low, median, high = (means[name] for name in GAIN)
-    network = zone.network
+    means = {name: _numbers(column) for name, column in series.means.items()}
+    known, told = (np.isfinite(series.means[name]).any() for name in (GAIN[1], "setpoint"))
+    units = [(channel, zone.network.channel_unit(channel)) for channel in zone.network.inputs]
     return SeriesPayload(
-        site=site,
-        zone=zone.id,
-        output=network.measured[0],
-        period_s=zone.period,
-        bucket_s=series.bucket,
-        start=utc(start),
-        end=utc(end),
-        times=[utc(when) for when in series.times.tolist()],
-        y=_numbers(means["y"]),
-        y_low=_numbers(series.y_low),
-        y_high=_numbers(series.y_high),
-        mean=_numbers(means["mean"]),
-        lower=_numbers(series.band_low),
-        upper=_numbers(series.band_high),
-        alpha=_numbers(means["alpha_median"]),
-        gate=_numbers(means["gate"]),
-        setpoint=_numbers(means["setpoint"]) if np.isfinite(means["setpoint"]).any() else None,
-        gain=SeriesGain(lower=_numbers(low), median=_numbers(median), upper=_numbers(high))
-        if np.isfinite(median).any()
-        else None,
-        inputs=[
-            SeriesInput(channel=channel, unit=network.channel_unit(channel), values=_numbers(series.inputs[:, index]))
-            for index, channel in enumerate(network.inputs)
-        ],
+        zone.network.measured[0],
+        zone.period,
+        series.bucket,
+        start,
+        end,
+        tuple(series.times.tolist()),
+        *(means["y"], _numbers(series.y_low), _numbers(series.y_high)),
+        *(means["mean"], _numbers(series.band_low), _numbers(series.band_high)),
+        *(means["alpha_median"], means["gate"], means["setpoint"] if told else None),
+        SeriesGain(*(means[name] for name in GAIN)) if known else None,
+        tuple(SeriesInput(*unit, _numbers(column)) for unit, column in zip(units, series.inputs.T, strict=True)),
     )
 
 
-def _numbers(values: Array) -> list[float | None]:
+def _numbers(values: Array) -> tuple[float, ...]:
     # A chart has a thousand pixels; sixteen digits each would be most of the answer.
-    return [float(f"{value:.6g}") for value in values.tolist()]
+    return tuple(float(f"{value:.6g}") for value in values.tolist())
 
 
 def _end(zone: ZoneView) -> int:

@@ -39,7 +39,7 @@ class Slow:
         self.meanwhile()
         repeated = sum(reading in self.taken for reading in readings)
         self.taken += readings
-        return Receipt(len(readings) - repeated, repeated, Counter())
+        return Receipt(len(readings) - repeated, repeated, 0, Counter())
 
 
 @pytest.fixture

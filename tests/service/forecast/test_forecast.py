@@ -13,6 +13,7 @@ from service.forecast.coupling import Member, coupled
 from service.forecast.engine import FixedRoom, Neighbour, Part
 from service.forecast.request import FEWEST_DRAWS, MAX_STEPS, MOST_AT_ONCE, MOST_DRAW_STEPS, detail
 from service.records.outlook import InputOrigin, Outlook
+from service.records.record import values
 from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
@@ -38,7 +39,7 @@ def test_a_forecast_begins_with_the_published_one_and_asking_changes_nothing(
         first = (output.mean[0], output.median[0], output.sd[0], output.lower[0, 0], output.upper[0, 0])
         assert first == (published.mean, published.median, published.sd, interval.lower, interval.upper)
         assert output.mean.shape == (13,)
-    for left, right in zip(*(fan.outputs[0][1:] for fan in fans if fan is not None), strict=True):
+    for left, right in zip(*(values(fan.outputs[0]) for fan in fans if fan is not None), strict=True):
         np.testing.assert_array_equal(left, right)
 
 
@@ -75,7 +76,7 @@ def test_scenarios_of_a_model_without_physics_are_refused(workers: dict[str, Zon
         asked(workers["arx"], NO_WEATHER, lambda: False)
     fan = asked(workers["ekf"], NO_WEATHER, lambda: False)
     assert fan is not None
-    assert fan.paths.shape == (5, 4, 1)
+    assert fan.outputs[0].scenarios.shape == (5, 4)
 
 
 def test_what_a_neighbour_does_is_shifted_to_when_the_forecast_begins() -> None:

@@ -81,9 +81,9 @@ def test_set_points_that_begin_later_are_the_likely_ones_before():
 
 def test_sampled_futures_are_those_of_the_thermostat():
     asked = question(DAILY, {SET_POINTS: 21.0})._replace(scenarios=20)
-    paths = asked(lived(), NO_WEATHER, lambda: False).paths
-    assert paths.shape == (20, DAILY + 1, 1)
-    assert np.abs(paths[:, 24:, 0].mean(axis=0) - 21.0).max() < 0.8
+    paths = asked(lived(), NO_WEATHER, lambda: False).outputs[0].scenarios
+    assert paths.shape == (20, DAILY + 1)
+    assert np.abs(paths[:, 24:].mean(axis=0) - 21.0).max() < 0.8
 
 
 def test_a_neighbour_sees_the_room_as_its_thermostat_keeps_it():

@@ -15,7 +15,8 @@ import service.publish.events
 import service.web.server.server
 from service.config.http import HttpConfig, LimitsConfig
 from service.publish.events import Event, Stream, Streams
-from service.publish.rendering import forecast_payload, gate_payload, volatility_payload
+from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
+from service.records.record import document
 from service.web.app import create_app
 from service.web.server.server import HttpServer
 
@@ -131,14 +132,10 @@ def test_what_stands_comes_at_once_and_then_what_is_issued():
             assert {id for _, id, _ in first} == {stamp(2)}
             update = server.announce(3)
             *_, forecast, volatility, gate, status = await client.events(9)
-            payloads = [
-                forecast_payload(SITE, "living", update),
-                volatility_payload(SITE, "living", update),
-                gate_payload(SITE, "living", update),
-            ]
-            for (_, id, data), payload in zip((forecast, volatility, gate), payloads, strict=True):
+            kinds = (ForecastPayload, VolatilityPayload, GatePayload)
+            for (_, id, data), kind in zip((forecast, volatility, gate), kinds, strict=True):
                 assert id == stamp(3)
-                assert data == json.loads(payload.model_dump_json(by_alias=True))
+                assert data == json.loads(document(kind.of(update), SITE, "living"))
             assert (status[0], status[2]["samples"]) == ("status", 4)
             head = client.text.split("\r\n\r\n")[0].lower()
             assert "200 ok" in head

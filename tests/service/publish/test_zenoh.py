@@ -20,10 +20,10 @@ from support.zenoh_plant import session as session_of
 from adapters.zenoh.connection import Connection
 from service.errors import ServiceError
 from service.publish import zenoh as module
-from service.publish.payloads import to_json
-from service.publish.rendering import forecast_payload
+from service.publish.payloads import ForecastPayload
 from service.publish.sinks import Occasion
 from service.publish.zenoh import Publisher, ZenohConfig
+from service.records.record import document
 
 ZONES = ["living", "bedroom"]
 
@@ -100,7 +100,7 @@ def test_an_update_arrives_on_four_keys_as_json(publisher: Publisher, session: z
     assert {str(sample.key_expr).rsplit("/", 1)[0] for sample in samples} == {"thermogate/htwg/living"}
     assert {str(sample.encoding) for sample in samples} == {"application/json"}
     assert all(sample.congestion_control == zenoh.CongestionControl.DROP for sample in samples)
-    assert found["forecast"].payload.to_bytes() == to_json(forecast_payload("htwg", "living", update))
+    assert found["forecast"].payload.to_bytes() == document(ForecastPayload.of(update), "htwg", "living")
     assert json.loads(found["status"].payload.to_bytes())["outcome"] == "assimilated"
 
 
@@ -141,7 +141,7 @@ def test_a_late_joiner_asks_for_the_last_values(publisher: Publisher, session: z
     for step in range(3):
         publisher.publish(announced("living", make_update(step), status))
     (forecast,) = settled(session, "thermogate/htwg/living/forecast", 1).values()
-    assert forecast == to_json(forecast_payload("htwg", "living", make_update(2)))
+    assert forecast == document(ForecastPayload.of(make_update(2)), "htwg", "living")
     everything = settled(session, "thermogate/htwg/**", 5)
     assert sorted(key.removeprefix("thermogate/htwg/") for key in everything) == [
         "bedroom/status",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +12,7 @@ from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
 from support.fake_zones import PERIOD, START, FakeZone, announced, broken, doubted, make_update, running, waiting
 from support.http_client import get, problem, request
+from support.schemas import objects
 from support.served import Client, config, serving
 from support.waiting import until
 
@@ -23,7 +23,6 @@ from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import outlook, overview
 from service.web.page.outlook import Outlook, Outlooks, scaled
-from service.web.page.payloads import OverviewChange, OverviewPayload, SeriesPayload
 
 
 @pytest.fixture
@@ -37,7 +36,7 @@ def app(zones: dict[str, FakeZone]) -> FastAPI:
 
 
 def test_the_overview_has_every_zone_in_one_answer(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    found = OverviewPayload.model_validate(get(app, "/overview").json())
+    found = objects(get(app, "/overview").text)
     assert (found.site, found.time_zone) == ("htwg", "Europe/Berlin")
     assert [zone.id for zone in found.zones] == ["living", "attic", "cellar"]
     living, attic, cellar = found.zones
@@ -50,24 +49,24 @@ def test_the_overview_has_every_zone_in_one_answer(app: FastAPI, zones: dict[str
 
 
 def test_the_overview_tells_how_far_the_next_hours_are_trusted(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    assert OverviewPayload.model_validate(get(app, "/overview").json()).zones[1].trust is None
+    assert objects(get(app, "/overview").text).zones[1].trust is None
     horizons = (
         HorizonTrust(3600, "trusted", "", START),
         HorizonTrust(21600, "doubtful", "the intervals 6 h ahead are too narrow", START),
     )
     zones["living"].trusted = Trust(START, horizons)
-    (living, *_) = OverviewPayload.model_validate(get(app, "/overview").json()).zones
+    (living, *_) = objects(get(app, "/overview").text).zones
     assert (living.trust, living.trust_reason) == ("doubtful", "the intervals 6 h ahead are too narrow")
 
 
-async def read_rows(client: Client) -> OverviewChange:
+async def read_rows(client: Client) -> Any:
     """The next event of a stream, as the payload that it carries."""
     data = b""
     while not data:
         line = (await asyncio.wait_for(client.reader.readline(), 180)).strip()
         if line.startswith(b"data: "):
             data = line.removeprefix(b"data: ")
-    return OverviewChange.model_validate(json.loads(data))
+    return objects(data)
 
 
 async def follow(server: Any, path: str = "/overview/stream") -> Client:
@@ -92,7 +91,7 @@ def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
             living = rows["living"]
             assert [one.lead_s for one in living.expected] == [3600.0, 21600.0]
             assert living.expected[0].lower < living.expected[0].mean < living.expected[0].upper
-            answer = OverviewPayload.model_validate(await whole(server))
+            answer = await whole(server)
             spark = answer.zones[0].spark
             assert spark is not None
             assert len(spark.values) <= 48
@@ -118,7 +117,7 @@ def test_what_was_expected_long_ago_is_not_shown(zones: dict[str, FakeZone]) -> 
     update = zone.updates[-1]
     fresh, old = (Outlook(update.time - age, update.time, ((3600.0, 20.0, 19.0, 21.0),)) for age in (600, 7200))
     assert overview.overview_row(zone, fresh, None).expected
-    assert overview.overview_row(zone, old, None).expected == []
+    assert overview.overview_row(zone, old, None).expected == ()
 
 
 def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -143,7 +142,7 @@ def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: 
 async def whole(server: Any) -> Any:
     client = await Client.to(server)
     try:
-        return json.loads((await client.ask("/overview")).body)
+        return objects((await client.ask("/overview")).body)
     finally:
         await client.close()
 
@@ -248,7 +247,7 @@ def test_a_key_for_some_zones_sees_these_at_a_glance(zones: dict[str, FakeZone],
 
 
 def test_a_series_is_the_history_in_buckets(app: FastAPI) -> None:
-    found = SeriesPayload.model_validate(get(app, "/zones/living/series?points=50").json())
+    found = objects(get(app, "/zones/living/series?points=50").text)
     assert found.bucket_s % PERIOD == 0
     assert len(found.times) == len(found.y) == len(found.upper) == len(found.inputs[0].values) <= 50
     assert [(one.channel, one.unit) for one in found.inputs] == [("T_out", "degC"), ("T_adj", "degC"), ("u_heat", "W")]

@@ -27,7 +27,7 @@ from service.records.receipt import Receipt
 from service.web import readings
 from service.web.app import create_app
 from service.web.keys import KeyRing, create_key
-from service.web.readings import MAX_VALUES, OF_ONE, WAITING, Taken
+from service.web.readings import MAX_VALUES, OF_ONE, WAITING
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 
 JSON = "application/json"
@@ -44,14 +44,14 @@ class Desk:
         self.failure: Exception | None = None
         self.open: asyncio.Event | None = None
 
-    async def take(self, posted: Sequence[Posted], zone: str | None) -> Taken:
+    async def take(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         self.asked += 1
         if self.open is not None:
             await self.open.wait()
         if self.failure is not None:
             raise self.failure
         self.taken.append((list(posted), zone))
-        return Taken(Receipt(len(posted), 1, Counter({Fault.OUT_OF_ORDER: 2}), 3), 4, ("cpu idle",))
+        return Receipt(len(posted), 1, 3, Counter({Fault.OUT_OF_ORDER: 2}), 4, ("cpu idle",))
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from support.fake_zones import PERIOD, START, FakeZone, broken, doubted, running
 from support.http_client import get, post, problem, request
 
 from estimator.network import presets
-from service.publish.payloads import FanPayload, ForecastPayload, to_json
-from service.publish.rendering import forecast_payload
+from service.publish.payloads import FanPayload, ForecastPayload
 from service.records.history import HISTORY_COLUMNS, HistoryRow
+from service.records.record import document, document_of
 from service.records.update import Disturbance
 from service.web.app import create_app
 from service.web.models import ParametersPayload
@@ -35,28 +35,28 @@ def app(zones: dict[str, FakeZone]) -> FastAPI:
 
 
 def test_zones_are_listed_in_order(app: FastAPI) -> None:
-    document = get(app, "/zones").json()
-    assert (document["schema"], document["site"]) == (1, "htwg")
-    assert [(zone["id"], zone["state"], zone["samples"]) for zone in document["zones"]] == [
+    told = get(app, "/zones").json()
+    assert (told["schema"], told["site"]) == (1, "htwg")
+    assert [(zone["id"], zone["state"], zone["samples"]) for zone in told["zones"]] == [
         ("living", "running", 3),
         ("attic", "waiting", 0),
         ("cellar", "running", 3),
     ]
-    assert document["zones"][0]["last_sample_time"] == "2025-05-03T00:10:00Z"
-    assert document["zones"][1]["reason"] == "no reading of T_out yet"
+    assert told["zones"][0]["last_sample_time"] == "2025-05-03T00:10:00Z"
+    assert told["zones"][1]["reason"] == "no reading of T_out yet"
 
 
 @pytest.mark.parametrize("limit", [1, 2, 3, 4])
 def test_pages_of_zones_are_all_zones_once(app: FastAPI, limit: int) -> None:
     found, after = [], ""
     while True:
-        document = get(app, f"/zones?limit={limit}{after}").json()
-        page = [zone["id"] for zone in document["zones"]]
+        told = get(app, f"/zones?limit={limit}{after}").json()
+        page = [zone["id"] for zone in told["zones"]]
         assert len(page) <= limit
         found += page
-        if document["next"] is None:
+        if told["next"] is None:
             break
-        assert document["next"] == page[-1]
+        assert told["next"] == page[-1]
         after = f"&after={page[-1]}"
     assert found == ["living", "attic", "cellar"]
     assert get(app, "/zones").json()["next"] is None
@@ -67,18 +67,18 @@ def test_a_page_after_a_zone_that_is_gone_is_refused(app: FastAPI) -> None:
 
 
 def test_a_zone_names_its_channels_parameters_and_status(app: FastAPI) -> None:
-    document = get(app, "/zones/living").json()
-    assert document["channels"][0] == {"channel": "T_air", "unit": "degC", "role": "output"}
-    assert {"channel": "u_heat", "unit": "W", "role": "input"} in document["channels"]
+    told = get(app, "/zones/living").json()
+    assert told["channels"][0] == {"channel": "T_air", "unit": "degC", "role": "output"}
+    assert {"channel": "u_heat", "unit": "W", "role": "input"} in told["channels"]
     network = presets.network("ecolar-6r4c")
-    assert [parameter["name"] for parameter in document["parameters"]] == [p.name for p in network.parameters]
-    assert document["status"]["state"] == "running"
-    assert document["status"]["age_s"] == 360.0
+    assert [parameter["name"] for parameter in told["parameters"]] == [p.name for p in network.parameters]
+    assert told["status"]["state"] == "running"
+    assert told["status"]["age_s"] == 360.0
 
 
 def test_the_standing_forecast_is_the_published_one_to_the_last_digit(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     answer = get(app, "/zones/living/forecast")
-    published = to_json(forecast_payload("htwg", "living", zones["living"].updates[-1]))
+    published = document(ForecastPayload.of(zones["living"].updates[-1]), "htwg", "living")
     assert answer.content == published
     assert answer.headers["content-type"] == "application/json"
     assert zones["living"].asked == [], "nothing was computed"
@@ -89,35 +89,35 @@ def test_parameters_come_with_findings_and_the_weights_of_variants(app: FastAPI,
     assert (plain["findings"], plain["variants"]) == ([], [])
     zones["living"].diagnosis = doubted("living").diagnosis
     told = get(app, "/zones/living/parameters").json()
-    schemas.check(told, ParametersPayload)
+    schemas.check(told, document_of(ParametersPayload))
     assert [finding["subject"] for finding in told["findings"]] == ["C_air", "C_h", "ground"]
     assert [(each["variant"], each["weight"]) for each in told["variants"]] == [("ground", 0.8), ("own", 0.2)]
     assert get(app, "/zones/living").json()["status"]["findings"] == told["findings"]
 
 
 def test_published_levels_are_not_computed_again(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    document = get(app, "/zones/living/forecast?level=.95&level=0.5&level=.95").json()
-    assert [interval["level"] for interval in document["intervals"]] == [0.95, 0.5]
+    told = get(app, "/zones/living/forecast?level=.95&level=0.5&level=.95").json()
+    assert [interval["level"] for interval in told["intervals"]] == [0.95, 0.5]
     assert zones["living"].asked == []
 
 
 def test_other_levels_come_from_the_zone(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    document = get(app, "/zones/living/forecast?level=.8&level=.95").json()
-    assert [interval["level"] for interval in document["intervals"]] == [0.8, 0.95]
+    told = get(app, "/zones/living/forecast?level=.8&level=.95").json()
+    assert [interval["level"] for interval in told["intervals"]] == [0.8, 0.95]
     assert zones["living"].asked == [("fan", 0, (0.8, 0.95), {})]
-    assert "fan" not in document
-    schemas.check(document, ForecastPayload)
+    assert "fan" not in told
+    schemas.check(told, document_of(ForecastPayload))
 
 
 def test_a_horizon_gives_the_standing_forecast_and_every_step_after(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    document = get(app, "/zones/living/forecast?horizon=6h").json()
-    schemas.check(document, FanPayload)
+    told = get(app, "/zones/living/forecast?horizon=6h").json()
+    schemas.check(told, document_of(FanPayload))
     assert zones["living"].asked == [("fan", 72, (0.5, 0.95), {})]
-    assert len(document["fan"]) == 73
-    assert document["fan"][0]["valid_time"] == document["valid_time"]
-    first, last = (datetime.fromisoformat(step["valid_time"]) for step in (document["fan"][0], document["fan"][-1]))
-    assert (last - first).total_seconds() == document["horizon_s"] == 6 * 3600
-    assert document["planned"] == []
+    assert len(told["fan"]) == 73
+    assert told["fan"][0]["valid_time"] == told["valid_time"]
+    first, last = (datetime.fromisoformat(step["valid_time"]) for step in (told["fan"][0], told["fan"][-1]))
+    assert (last - first).total_seconds() == told["horizon_s"] == 6 * 3600
+    assert told["planned"] == []
 
 
 @pytest.mark.parametrize("state", ["stalled", "failed"])
@@ -139,11 +139,11 @@ def test_a_stalled_zone_computes_nothing_new(app: FastAPI, zones: dict[str, Fake
 def test_planned_inputs_reach_the_zone_as_full_rows(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     heat = [2000.0, 1500, 0.0, 0.0, 500.5, 0.0]
     body = {"horizon": "30min", "levels": [0.9], "inputs": {"u_heat": heat, "T_out": -3}}
-    document = post(app, "/zones/living/forecast", body).json()
-    schemas.check(document, FanPayload)
+    told = post(app, "/zones/living/forecast", body).json()
+    schemas.check(told, document_of(FanPayload))
     assert zones["living"].asked == [("fan", 6, (0.9,), {"u_heat": heat, "T_out": [-3.0] * 6})]
-    assert document["planned"] == ["u_heat", "T_out"]
-    assert len(document["fan"]) == 7
+    assert told["planned"] == ["u_heat", "T_out"]
+    assert len(told["fan"]) == 7
 
 
 def test_a_plan_without_levels_uses_the_published_ones(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -152,25 +152,25 @@ def test_a_plan_without_levels_uses_the_published_ones(app: FastAPI, zones: dict
 
 
 def test_parameters_come_with_units_and_quantiles(app: FastAPI) -> None:
-    document = get(app, "/zones/living/parameters?level=.1&level=.9").json()
-    assert document["levels"] == [0.1, 0.9]
-    first = document["parameters"][0]
+    told = get(app, "/zones/living/parameters?level=.1&level=.9").json()
+    assert told["levels"] == [0.1, 0.9]
+    first = told["parameters"][0]
     assert (first["name"], first["unit"], first["free"], len(first["quantiles"])) == ("C_air", "J/K", True, 2)
-    assert document["time_constants"][3]["quantiles"] == [716400.0 * 0.96 / 3600, 716400.0 * 1.04 / 3600]
-    assert {constant["unit"] for constant in document["time_constants"]} == {"h"}
-    assert (document["heat_loss"]["unit"], len(document["heat_loss"]["quantiles"])) == ("W/K", 2)
+    assert told["time_constants"][3]["quantiles"] == [716400.0 * 0.96 / 3600, 716400.0 * 1.04 / 3600]
+    assert {constant["unit"] for constant in told["time_constants"]} == {"h"}
+    assert (told["heat_loss"]["unit"], len(told["heat_loss"]["quantiles"])) == ("W/K", 2)
     assert get(app, "/zones/living/parameters").json()["levels"] == [0.025, 0.5, 0.975]
 
 
 def test_history_is_bounded_and_complete(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     url = "/zones/living/history?start=2025-05-03T02:05:00%2B02:00&end=2025-05-03T00:10:00Z&limit=5"
-    document = get(app, url).json()
+    told = get(app, url).json()
     assert zones["living"].asked == [("history", START + PERIOD, START + 2 * PERIOD, 5)]
-    (row,) = document["rows"]
+    (row,) = told["rows"]
     expected = HistoryRow.of(zones["living"].updates[1])
     unknown = dict.fromkeys(("gain_lower", "gain_median", "gain_upper", "setpoint"))
     assert row == asdict(expected) | {"time": "2025-05-03T00:05:00Z"} | unknown
-    assert (document["output"], document["unit"], document["period_s"]) == ("T_air", "degC", 300.0)
+    assert (told["output"], told["unit"], told["period_s"]) == ("T_air", "degC", 300.0)
 
 
 def test_history_has_gain_and_set_point_where_they_are_known(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -199,10 +199,10 @@ def test_a_fraction_of_a_second_rounds_up(app: FastAPI, zones: dict[str, FakeZon
 )
 def test_an_unknown_zone_is_404_with_the_known_ones(app: FastAPI, method: str, path: str) -> None:
     body = {"json": {"horizon": "1h"}} if method == "POST" else {}
-    document = problem(request(app, method, f"/zones/livin{path}", **body), 404)
-    assert document["zones"] == ["living", "attic", "cellar"]
-    assert document["zone_count"] == 3
-    assert document["detail"] == "there is no zone 'livin'; the zones are living, attic, cellar"
+    told = problem(request(app, method, f"/zones/livin{path}", **body), 404)
+    assert told["zones"] == ["living", "attic", "cellar"]
+    assert told["zone_count"] == 3
+    assert told["detail"] == "there is no zone 'livin'; the zones are living, attic, cellar"
 
 
 def test_of_many_zones_a_404_names_few() -> None:
@@ -212,11 +212,11 @@ def test_of_many_zones_a_404_names_few() -> None:
         get(app, "/zones/room"),
         request(app, "POST", "/forecasts", json={"horizon": "1h", "zones": ["room"], "plans": [{}]}),
     ):
-        document = problem(answer, 404)
-        assert document["zones"] == [f"room-{k}" for k in range(20)]
-        assert document["zone_count"] == 500
-        assert document["detail"].endswith("room-18, room-19 and 480 more, which GET /zones lists")
-        assert len(document["detail"]) < 500
+        told = problem(answer, 404)
+        assert told["zones"] == [f"room-{k}" for k in range(20)]
+        assert told["zone_count"] == 500
+        assert told["detail"].endswith("room-18, room-19 and 480 more, which GET /zones lists")
+        assert len(told["detail"]) < 500
 
 
 @pytest.mark.parametrize(
@@ -263,10 +263,10 @@ def test_a_failing_journal_is_503_with_its_sentence(app: FastAPI) -> None:
     ],
 )
 def test_mistakes_in_a_forecast_query(app: FastAPI, query: str, sentence: str) -> None:
-    document = problem(get(app, f"/zones/living/forecast?{query}"), 422)
-    (found,) = document["errors"]
+    told = problem(get(app, f"/zones/living/forecast?{query}"), 422)
+    (found,) = told["errors"]
     assert sentence in found
-    assert document["detail"] == found
+    assert told["detail"] == found
 
 
 def test_the_longest_horizon_is_allowed(app: FastAPI, zones: dict[str, FakeZone]) -> None:

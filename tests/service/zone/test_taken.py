@@ -15,6 +15,7 @@ import service.zone.intake
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
 from service.errors import JournalError, ServiceError
+from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.zone.alignment import Alignment
 from service.zone.clock import Clock
@@ -42,10 +43,10 @@ def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared))
             first = [reading(OUTPUT, 10.0), reading(INPUT, 10.0, 5.0)]
-            assert await zone.take("post", first) == (2, 0, Counter(), 0)
-            assert await zone.take("post", first) == (0, 2, Counter(), 0)
+            assert await zone.take("post", first) == Receipt(2, 0, 0, Counter())
+            assert await zone.take("post", first) == Receipt(0, 2, 0, Counter())
             again = [reading(OUTPUT, 10.0, 99.0), reading(OUTPUT, 11.0), reading(OUTPUT, 11.0)]
-            assert await zone.take("post", again) == (1, 2, Counter(), 0)
+            assert await zone.take("post", again) == Receipt(1, 2, 0, Counter())
             assert zone.status().faults == {}
 
     asyncio.run(run())
@@ -116,7 +117,7 @@ def test_what_is_refused_is_counted_by_its_fault(tmp_path: Path) -> None:
             wrong = [reading(INPUT, 11.0), reading(INPUT, PERIOD + 1.0, float("nan"), Fault.OUT_OF_RANGE)]
             receipt = await zone.take("post", [*wrong, reading(INPUT, PERIOD + 2.0), reading(OUTPUT, 10.0)])
             refused = Counter({Fault.OUT_OF_ORDER: 1, Fault.OUT_OF_RANGE: 1})
-            assert receipt == (1, 1, refused, 0), "what has closed with its interval is known, too"
+            assert receipt == Receipt(1, 1, 0, refused), "what has closed with its interval is known, too"
             assert zone.status().faults == {"out_of_order": 1, "out_of_range": 1}
 
     asyncio.run(run())

@@ -13,9 +13,9 @@ from support.zone_samples import PERIOD, comparable, sample
 from estimator.network.presets import network
 from estimator.registry import build, resolve, structure
 from service.publish.metrics import Metrics
-from service.publish.payloads import to_json
-from service.publish.rendering import forecast_payload, gate_payload, volatility_payload
+from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
 from service.records.history import HistoryRow
+from service.records.record import to_json, values
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
 from service.zone import snapshot
@@ -37,17 +37,17 @@ def stepped(request):
 
 def test_what_it_does_not_have_is_null_and_the_rest_is_there(stepped):
     _, updates = stepped
-    forecast = json.loads(to_json(forecast_payload("s", "z", updates[-1])))
+    forecast = json.loads(to_json(ForecastPayload.of(updates[-1])))
     assert forecast["volatility"] is None
     assert forecast["n_eff"] is None
     assert (forecast["gate"], forecast["regime"], forecast["quality"]) == (1.0, "constant", "good")
     half = forecast["sd"] * 1.959964
     assert forecast["intervals"][0]["upper"] == pytest.approx(forecast["mean"] + half)
     assert forecast["median"] == forecast["mean"]
-    gate = json.loads(to_json(gate_payload("s", "z", updates[-1])))
+    gate = json.loads(to_json(GatePayload.of(updates[-1])))
     assert (gate["gate"], gate["regime"], gate["n_eff"], gate["resampled"]) == (1.0, "constant", None, False)
     assert gate["log_likelihood"] == updates[-1].log_likelihood
-    assert json.loads(to_json(volatility_payload("s", "z", updates[-1])))["volatility"] is None
+    assert json.loads(to_json(VolatilityPayload.of(updates[-1])))["volatility"] is None
 
 
 def test_the_gate_is_shut_where_nothing_was_learned(stepped):
@@ -95,7 +95,7 @@ def test_a_checkpoint_continues_bit_for_bit(stepped, tmp_path):
     for k in range(12, 20):
         assert comparable(zone.step(sample(k))) == comparable(again.step(sample(k)))
     left, right = (fan_of(w, 3, {"u_heat": 1000.0}).outputs[0] for w in (zone, again))
-    for one, other in zip(left[1:], right[1:], strict=True):
+    for one, other in zip(values(left), values(right), strict=True):
         np.testing.assert_array_equal(one, other)
 
 

@@ -17,7 +17,7 @@ import service.zone.zone
 from adapters.reading import Reading
 from service.errors import JournalError, ServiceError, StateMismatch
 from service.forecast.learned import ParametersQuestion
-from service.publish.rendering import status_payload
+from service.publish.payloads import StatusPayload
 from service.zone.alignment import Alignment
 from service.zone.zone import ATTEMPTS, Zone
 
@@ -341,8 +341,8 @@ def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
             assert zone.status().channels == zone.network.channels
             zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z", setpoint_age=3600.0))
             await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
-            *_, last = status_payload("site", "z", zone.status(), None).channels
-            assert (last.channel, last.last_good.timestamp(), last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
+            *_, last = StatusPayload.of(zone.status(), None).channels
+            assert (last.channel, last.last_good, last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
             await finished(zone, running)
 
     asyncio.run(scenario())
