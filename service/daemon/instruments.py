@@ -8,10 +8,10 @@ from service.daemon.runtime import Runtime
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
 from service.records.measures import Measure, Rows
-from service.store.interface import ZoneStore
+from service.store.journalling import JournalStore
 
 
-def instrument(metrics: Metrics, runtime: Runtime, store: ZoneStore, sinks: Sequence[Sink]) -> None:
+def instrument(metrics: Metrics, runtime: Runtime, store: JournalStore, sinks: Sequence[Sink]) -> None:
     """Register the figures of a daemon's parts with `metrics`."""
     metrics.register(source_measures(runtime))
     metrics.register(zone_measures(runtime))

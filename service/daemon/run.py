@@ -45,7 +45,7 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
 from service.publish.zenoh import Publisher
 from service.records.outlook import WeatherBook
-from service.store.interface import ZoneStore
+from service.store.journalling import JournalStore
 from service.store.retention import Limits
 from service.store.store import Store
 from service.web.app import create_app, create_questions
@@ -191,7 +191,7 @@ class Daemon:
             _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
 
     async def _serve(
-        self, store: ZoneStore, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
+        self, store: JournalStore, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
     ) -> None:
         zones = ZoneTable()
         metrics = Metrics(zones, version("thermogate"))
@@ -214,7 +214,7 @@ class Daemon:
         instrument(metrics, runtime, store, sinks)
         loop = asyncio.get_running_loop()
         organs = (
-            Organ("the journal", store.ping, JOURNAL_SECONDS),
+            Organ("the journal", partial(store.run, int), JOURNAL_SECONDS),
             Organ("the estimator's threads", lambda: loop.run_in_executor(pool, int), HUNG_SECONDS),
         )
         vitals = Vitals(zones, organs)

@@ -1,7 +1,4 @@
-"""What zones and daemon ask of a store, whatever keeps it: SQLite in a folder, or PostgreSQL.
-
-Every method that reaches the disk or the server may raise ServiceError with the place and the remedy.
-"""
+"""What a store is made of, whatever keeps it: SQLite in a folder, or PostgreSQL."""
 
 from __future__ import annotations
 
@@ -14,12 +11,9 @@ import numpy.typing as npt
 
 from adapters.reading import Reading
 from service.records.history import HistoryRow
-from service.records.measures import Measure
 from service.records.sample import Sample
-from service.records.series import Series, Stretch
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint
-from service.store.retention import Limits
 
 Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]
 """Times [UTC s] (n,), values (n, m), and where the next page begins; None: there is none."""
@@ -47,78 +41,6 @@ class Checkpoints(Protocol):
         """Set those aside that were taken later than `after`."""
 
 
-class ZoneStore(Protocol):
-    """Journal and checkpoints behind the event loop."""
-
-    @property
-    def checkpoints(self) -> Checkpoints:
-        """The checkpoints, to be asked from threads."""
-
-    async def claim(self, zone: str, fingerprint: str) -> None:
-        """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
-
-    async def append(self, zone: str, sample: Sample) -> None:
-        """Make an accepted sample durable, unless it already is; samples that come together share commits."""
-
-    async def keep(self, zone: str, readings: Sequence[Reading]) -> None:
-        """Make usable readings of an open interval durable, unless they already are."""
-
-    async def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
-        """The readings of `zone` that were kept, from `since` to `until` (UTC s), oldest first."""
-
-    def record(self, zone: str, update: Update) -> None:
-        """Add an update to the history; durable with the next `append` or `flush`."""
-
-    async def flush(self) -> None:
-        """Make the recorded history durable."""
-
-    async def skip(self, zone: str, time: int, reason: str) -> None:
-        """Mark a sample that no attempt could assimilate."""
-
-    async def forget(self, zone: str) -> None:
-        """Set all state of a zone aside."""
-
-    async def resume_after(self, zone: str, checkpoint: int | None) -> int | None:
-        """The time that telemetry of a restored `zone` goes on after; `checkpoint` is that of the one it was given."""
-
-    async def samples_ahead(self, zone: str, after: int) -> int:
-        """How many accepted samples of `zone` are later than `after`."""
-
-    async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
-        """Set aside what there is of `zone` later than `after`. `before` is its present state, `then` the one with
-        which it goes on."""
-
-    async def last_sample_time(self, zone: str) -> int | None:
-        """Time of the newest accepted sample of `zone`."""
-
-    async def samples_after(self, zone: str, time: int | None) -> list[Sample]:
-        """The next accepted samples later than `time`, at most a page of them."""
-
-    async def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` history rows with `start` <= time < `end` (None: open), oldest first."""
-
-    async def series(self, wanted: Stretch) -> Series:
-        """The history and the inputs of a stretch, thinned out."""
-
-    async def ping(self) -> None:
-        """Return once the thread of the journal has come to this."""
-
-    def problems(self) -> list[str]:
-        """What keeps the store from accepting anything; nothing if all is well."""
-
-    async def watch(self) -> None:
-        """Look for ever whether the store can accept anything, and say so in the log when it cannot."""
-
-    async def keep_within(self, limits: Limits) -> None:
-        """Delete, for ever, what the store holds beyond `limits`."""
-
-    def measures(self) -> list[Measure]:
-        """What metrics tell of the store."""
-
-    def close(self) -> None:
-        """Make durable what was recorded, and close; safe to call twice."""
-
-
 class SampleJournal(Protocol):
     """The journal under a store: blocking, for one thread at a time. Every method may raise JournalError."""
 
@@ -132,7 +54,7 @@ class SampleJournal(Protocol):
     def keep(self, zone: str, readings: Sequence[Reading]) -> None:
         """Store usable readings, durable on return; one that is there already stays."""
 
-    def kept(self, zone: str, since: float, until: float) -> list[Reading]:
+    def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
         """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first."""
 
     def record(self, zone: str, update: Update) -> None:

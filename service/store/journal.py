@@ -13,6 +13,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,6 @@ from service.store.journal_rows import (
     reading_row,
     sample_row,
     to_reading,
-    to_sample,
 )
 
 __all__ = ["HistoryRow", "Journal"]
@@ -65,14 +65,13 @@ class Journal:
     """An open journal. Not for two threads at once; every method may raise JournalError."""
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        """The journal at `path` over a `connection`, which `open` makes; over one that only reads it is looked at."""
         self._connection = connection
         self._path = path
         self._pending: list[tuple[object, ...]] = []
         self._ends: dict[str, tuple[int, int]] = {}
         """Time and link of the newest sample of each zone that was written to since the journal was opened."""
-        self._unchecked: dict[str, int] = {}
-        """Until when the rows of each zone are of version 1, which had no checksums."""
-        self._reader = HistoryReader(f"the journal {path}", self._unchecked)
+        self._reader = HistoryReader(f"the journal {path}")
         self._keeping: set[str] = set()
         """The zones that have readings of their own here."""
 
@@ -81,7 +80,6 @@ class Journal:
         """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
         journal = cls(open_database(path, _BUSY_SECONDS), path)
         try:
-            journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
             journal._keeping.update(zone for (zone,) in journal.read("SELECT DISTINCT zone FROM readings"))
         except JournalError:
             journal._connection.close()
@@ -126,7 +124,7 @@ class Journal:
             rows = [reading_row(zone, reading) for reading in readings]
             _insert(cursor, f"INSERT OR IGNORE INTO readings ({_READING_COLUMNS})", rows)
 
-    def kept(self, zone: str, since: float, until: float) -> list[Reading]:
+    def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
         """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
 
         A damaged one is left out, which the log says.
@@ -174,7 +172,10 @@ class Journal:
             with translated(self._path):
                 rows = self._connection.execute(query, (zone, after)).fetchall()
             for *values, link, skipped in rows:
-                sample = self._checked(tuple(values), link, previous)
+                try:
+                    sample = linked_sample(tuple(values), link, previous or 0)
+                except (ValueError, TypeError, AttributeError, struct.error) as error:
+                    raise damaged_sample(f"the journal {self._path}", zone, values[1], error) from error
                 if skipped is None:
                     yield sample
                 previous = link
@@ -209,8 +210,7 @@ class Journal:
                 where += f" AND {condition}"
                 bounds.append(bound)  # type: ignore[arg-type]
         query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT ?"
-        rows = (self._reader.row(zone, row, checksum) for *row, checksum in reversed(self.read(query, *bounds, limit)))
-        return [row for row in rows if row is not None]
+        return self._reader.rows(zone, reversed(self.read(query, *bounds, limit)))
 
     def history_columns(
         self, zone: str, start: int, end: int, every: int
@@ -255,11 +255,10 @@ class Journal:
         """
         aside = f"{zone}@{datetime.now(UTC).isoformat()}"
         with self.transaction() as cursor:
-            for table in ("samples", "history", "zones", "pruned", "unchecked", "readings"):
+            for table in ("samples", "history", "zones", "pruned", "readings"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
             cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
         self._ends.pop(zone, None)
-        self._unchecked.pop(zone, None)
 
     def is_forgotten(self, zone: str) -> bool:
         """Whether `zone` is being forgotten."""
@@ -294,13 +293,6 @@ class Journal:
             for table in ("samples", "history", "readings"):
                 cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
         self._ends.pop(zone, None)
-
-    @classmethod
-    def over(cls, connection: sqlite3.Connection, path: Path) -> Journal:
-        """The journal at `path` over a `connection` that only reads, and that the caller closes."""
-        journal = cls(connection, path)
-        journal._unchecked.update(journal.read("SELECT zone, time FROM unchecked"))
-        return journal
 
     def close(self) -> None:
         """Flush and close; safe to call twice."""
@@ -349,15 +341,6 @@ class Journal:
         query = "SELECT link FROM samples WHERE zone = ? AND time <= ? ORDER BY time DESC LIMIT 1"
         rows = self.read(query, zone, time) or self.read("SELECT link FROM pruned WHERE zone = ?", zone)
         return rows[0][0] if rows else None
-
-    def _checked(self, row: tuple[Any, ...], link: int | None, previous: int | None) -> Sample:
-        """The sample of a row after one with the link `previous`."""
-        try:
-            if link is None and row[1] <= self._unchecked.get(row[0], _EARLIEST):
-                return to_sample(row)
-            return linked_sample(row, link, previous or 0)
-        except (ValueError, TypeError, AttributeError, struct.error) as error:
-            raise damaged_sample(f"the journal {self._path}", row[0], row[1], error) from error
 
 
 def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> None:

@@ -8,40 +8,56 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from itertools import islice
-from math import inf
 from typing import Any, TypeVar
 
-from adapters.reading import Reading
-from service.errors import Fenced, StateMismatch
+from service.errors import Fenced, ServiceError, StateMismatch
 from service.fields.times import written_time
-from service.records.history import HistoryRow
+from service.records.measures import Measure
 from service.records.sample import Sample
 from service.records.series import Series, Stretch
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint
 from service.store.interface import Checkpoints, SampleJournal
+from service.store.retention import Limits
 from service.store.series import Buckets, Page, history_page, inputs_page, joined, series_of
 
 _PAGE = 500
+
+_BETWEEN_SLICES = 0.02
+"""Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
+
+_DONE = object()
 
 _log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 
 
-class JournalStore:
+class JournalStore(ABC):
     """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are, and `reset` how state
-    is given up there (None: by `thermogate run --reset`)."""
+    is given up there (None: by `thermogate run --reset`).
+
+    What only the journal knows is asked with `run`, and what must be durable afterwards with `write`. Every method may
+    raise ServiceError with the place and the remedy.
+    """
+
+    prune_seconds = 60.0
+    """How often the journal is looked through for what its limits no longer allow."""
+
+    look_seconds = 10.0
+    """How often the store looks whether it can accept anything."""
 
     def __init__(
         self, journal: SampleJournal, checkpoints: Checkpoints, place: object, reset: str | None = None
     ) -> None:
+        self.journal = journal
         self.checkpoints = checkpoints
-        self._journal = journal
         self._place, self._reset = place, reset
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._recorded: deque[tuple[str, Update]] = deque()
@@ -54,10 +70,10 @@ class JournalStore:
 
     async def claim(self, zone: str, fingerprint: str) -> None:
         """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
-        if await self._run(self._journal.is_forgotten, zone):
+        if await self.run(self.journal.is_forgotten, zone):
             # The power failed while the zone was forgotten: the journal knows, the checkpoints do not yet.
             await self._forget_checkpoints(zone)
-        if not await self._run(self._journal.claim, zone, fingerprint):
+        if not await self.run(self.journal.claim, zone, fingerprint):
             raise StateMismatch(zone, self._place, self._reset)
 
     async def append(self, zone: str, sample: Sample) -> None:
@@ -74,45 +90,25 @@ class JournalStore:
         if zone in refused:
             raise refused[zone]
 
-    async def keep(self, zone: str, readings: Sequence[Reading]) -> None:
-        """Make usable readings of an open interval durable, unless they already are."""
-        await self._run(self._journal.keep, zone, readings)
-
-    async def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
-        """The readings of `zone` that were kept, from `since` to `until` (UTC s), oldest first."""
-        return await self._run(self._journal.kept, zone, since, until)
-
     def record(self, zone: str, update: Update) -> None:
         """Add an update to the history; durable with the next `append` or `flush`."""
         self._recorded.append((zone, update))
 
-    async def ping(self) -> None:
-        """Return once the thread of the journal has come to this."""
-        await self._run(int)
-
-    async def flush(self) -> None:
-        """Make the recorded history durable."""
-        await self._write(self._journal.flush)
-
-    async def skip(self, zone: str, time: int, reason: str) -> None:
-        """Mark a sample that no attempt could assimilate."""
-        await self._write(self._journal.skip, zone, time, reason)
-
     async def forget(self, zone: str) -> None:
         """Set all state of a zone aside."""
-        await self._run(self._journal.forget, zone)
+        await self.run(self.journal.forget, zone)
         await self._forget_checkpoints(zone)
 
     async def _forget_checkpoints(self, zone: str) -> None:
         await asyncio.to_thread(self.checkpoints.reset, zone)
-        await self._run(self._journal.forgot, zone)
+        await self.run(self.journal.forgot, zone)
 
     async def resume_after(self, zone: str, checkpoint: int | None) -> int | None:
         """The time that telemetry of a restored `zone` goes on after; `checkpoint` is that of the one it was given.
 
         Says in the log where journal and checkpoint do not follow each other, which only a damaged disk brings about.
         """
-        last, pruned = await self._run(self._known_until, zone)
+        last, pruned = await self.run(self._known_until, zone)
         if checkpoint is not None and (last is None or last < checkpoint):
             _log.warning(
                 "zone '%s' goes on from its checkpoint at %s, but the journal ends %s: samples and history are missing",
@@ -130,10 +126,6 @@ class JournalStore:
             )
         return last
 
-    async def samples_ahead(self, zone: str, after: int) -> int:
-        """How many accepted samples of `zone` are later than `after`."""
-        return await self._run(self._journal.samples_ahead, zone, after)
-
     async def set_back(self, zone: str, before: Checkpoint | None, then: Checkpoint | None, after: int) -> None:
         """Set aside what there is of `zone` later than `after`. `before` is its present state, `then` the one with
         which it goes on.
@@ -144,20 +136,12 @@ class JournalStore:
         for checkpoint in (before, then):
             if checkpoint is not None:
                 await asyncio.to_thread(self.checkpoints.save, zone, checkpoint, keep_all=True)
-        await self._run(self._journal.set_aside, zone, after)
+        await self.run(self.journal.set_aside, zone, after)
         await asyncio.to_thread(self.checkpoints.set_aside, zone, after)
-
-    async def last_sample_time(self, zone: str) -> int | None:
-        """Time of the newest accepted sample of `zone`."""
-        return await self._run(self._journal.last_sample_time, zone)
 
     async def samples_after(self, zone: str, time: int | None) -> list[Sample]:
         """The next accepted samples later than `time`, at most a page of them."""
-        return await self._run(lambda: list(islice(self._journal.samples_after(zone, time), _PAGE)))
-
-    async def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """History rows, as `Journal.history`."""
-        return await self._run(self._journal.history, zone, start, end, limit)
+        return await self.run(lambda: list(islice(self.journal.samples_after(zone, time), _PAGE)))
 
     async def series(self, wanted: Stretch) -> Series:
         """The history and the inputs of a stretch, thinned out; other work of the journal comes in between."""
@@ -169,9 +153,55 @@ class JournalStore:
         found: list[Buckets] = []
         start: int | None = wanted.start
         while start is not None:
-            buckets, start = await self._run(page, self._journal, wanted, start)
+            buckets, start = await self.run(page, self.journal, wanted, start)
             found.append(buckets)
         return joined(found)
+
+    @abstractmethod
+    def problems(self) -> list[str]:
+        """What keeps the store from accepting anything until somebody helps; nothing if all is well."""
+
+    @abstractmethod
+    def measures(self) -> list[Measure]:
+        """What metrics tell of the store."""
+
+    @abstractmethod
+    def _look(self) -> None:
+        """In the thread of the journal: JournalError, which the log has, while nothing can be accepted."""
+
+    @abstractmethod
+    def _prune(self, limits: Limits) -> Iterator[None]:
+        """In the thread of the journal: delete what is beyond `limits`, a slice at every step."""
+
+    @abstractmethod
+    def _size(self) -> int:
+        """In the thread of the journal: how many bytes it takes."""
+
+    async def watch(self) -> None:
+        """Look for ever whether the store can accept anything, and say so in the log when it cannot."""
+        while True:
+            with suppress(ServiceError):
+                await self.run(self._look)
+            await asyncio.sleep(self.look_seconds)
+
+    async def keep_within(self, limits: Limits) -> None:
+        """Delete, for ever, what the journal holds beyond `limits`."""
+        while True:
+            try:
+                slices = self._prune(limits)
+                while await self.run(next, slices, _DONE) is not _DONE:
+                    await asyncio.sleep(_BETWEEN_SLICES)
+                size = await self.run(self._size)
+                if size > limits.max_journal:
+                    _log.warning(
+                        "the journal takes %d bytes, more than max_journal = %d, and a start may need all of it; "
+                        "raise max_journal, or see which zone writes no checkpoints",
+                        size,
+                        limits.max_journal,
+                    )
+            except ServiceError as error:
+                _log.error("the journal cannot be kept within its limits: %s", error)
+            await asyncio.sleep(self.prune_seconds)
 
     def close(self) -> None:
         """Make durable what was recorded, and close the journal; safe to call twice."""
@@ -179,39 +209,39 @@ class JournalStore:
         try:
             self._take_recorded()
         finally:
-            self._journal.close()
+            self.journal.close()
 
     async def _commit_accepted(self) -> Mapping[str, Fenced]:
         """Commit what was accepted; why the samples of some zones were not, by zone."""
         async with self._committing:
             accepted, self._accepted, self._commit = self._accepted, [], None
             try:
-                await self._write(self._journal.append_all, accepted)
+                await self.write(self.journal.append_all, accepted)
             except Fenced as error:
                 # A zone that has gone to another owner must not take the samples of the others with it.
                 rest = [(zone, sample) for zone, sample in accepted if zone not in error.zones]
                 if not rest or len(rest) == len(accepted):
                     raise
-                await self._write(self._journal.append_all, rest)
+                await self.write(self.journal.append_all, rest)
                 return dict.fromkeys(error.zones, error)
             return {}
 
     def _known_until(self, zone: str) -> tuple[int | None, int | None]:
         """The times of the newest stored sample of `zone`, and of the newest that was pruned."""
-        return self._journal.last_sample_time(zone), self._journal.pruned_until(zone)
+        return self.journal.last_sample_time(zone), self.journal.pruned_until(zone)
 
-    async def _write(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """As `_run`, for what must be durable afterwards."""
-        return await self._run(function, *arguments)
+    async def write(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """As `run`, for what must be durable afterwards."""
+        return await self.run(function, *arguments)
 
-    async def _run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+    async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """What `function` returns in the thread of the journal, after everything that was recorded before it."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, self._in_order, function, *arguments)
 
     def _in_order(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """In the journal's thread: `function` after everything that was recorded before it."""
         self._take_recorded()
         return function(*arguments)
 
     def _take_recorded(self) -> None:
         while self._recorded:
-            self._journal.record(*self._recorded.popleft())
+            self.journal.record(*self._recorded.popleft())

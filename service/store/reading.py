@@ -69,7 +69,7 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
                 "upgrade Thermogate" if version > SCHEMA_VERSION else "run the daemon on it once, which upgrades it"
             )
             raise JournalError(f"the journal {path} has schema {version}, and this reads {SCHEMA_VERSION}; {remedy}")
-        yield StoredState(Journal.over(connection, path), CheckpointStore(state_dir / CHECKPOINTS))
+        yield StoredState(Journal(connection, path), CheckpointStore(state_dir / CHECKPOINTS))
     finally:
         connection.close()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import fcntl
 import logging
@@ -22,15 +21,6 @@ from service.store.journalling import JournalStore
 from service.store.ownership import as_owner_of, open_plain
 from service.store.retention import Limits, prune
 
-PRUNE_SECONDS = 60.0
-"""How often the journal is looked through for what its limits no longer allow."""
-
-LOOK_SECONDS = 10.0
-"""How often the store looks whether its folder is still there."""
-
-_BETWEEN_SLICES = 0.02
-"""Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
-
 JOURNAL = "journal.sqlite3"
 CHECKPOINTS = "checkpoints"
 CONFIGURATION = "configuration.toml"
@@ -39,8 +29,6 @@ RESTORING = "restoring"
 """Folder in a state_dir into which a backup is unpacked; while it is there the rest is not to be trusted."""
 
 _log = logging.getLogger(__name__)
-
-_DONE = object()
 
 Result = TypeVar("Result")
 
@@ -73,31 +61,29 @@ class Store(JournalStore):
         """What keeps the store from accepting anything until somebody helps; nothing if all is well."""
         return [] if self._gone is None else [self._gone]
 
-    async def watch(self) -> None:
-        """Look for ever whether the folder is still there, and say so in the log if it is not."""
-        while True:
-            with suppress(ServiceError):
-                await self._run(self._check_place)
-            await asyncio.sleep(LOOK_SECONDS)
+    def _look(self) -> None:
+        """JournalError if the files that are open are no longer those in the folder: what is written to them now is
+        lost with the process."""
+        lost = [name for name, identity in self._files.items() if _identity(self.path / name) != identity]
+        if not lost:
+            if self._gone is not None:
+                _log.info("site.state_dir %s is back", self.path)
+            self._gone = None
+            return
+        gone = (
+            f"site.state_dir {self.path} has been deleted or replaced while the daemon runs ({' and '.join(lost)}); "
+            "nothing is accepted, because it would be lost; put the folder back, or start the daemon again"
+        )
+        if self._gone is None:
+            _log.error("%s", gone)
+        self._gone = gone
+        raise JournalError(gone)
 
-    async def keep_within(self, limits: Limits) -> None:
-        """Delete, for ever, what the journal holds beyond `limits`."""
-        while True:
-            try:
-                slices = prune(self._sqlite, self._oldest_checkpoint, limits)
-                while await self._run(next, slices, _DONE) is not _DONE:
-                    await asyncio.sleep(_BETWEEN_SLICES)
-                size = await self._run(self._sqlite.size)
-                if size > limits.max_journal:
-                    _log.warning(
-                        "the journal takes %d bytes, more than max_journal = %d, and a start may need all of it; "
-                        "raise max_journal, or see which zone writes no checkpoints",
-                        size,
-                        limits.max_journal,
-                    )
-            except ServiceError as error:
-                _log.error("the journal cannot be kept within its limits: %s", error)
-            await asyncio.sleep(PRUNE_SECONDS)
+    def _prune(self, limits: Limits) -> Iterator[None]:
+        return prune(self._sqlite, self._oldest_checkpoint, limits)
+
+    def _size(self) -> int:
+        return self._sqlite.size()
 
     def _oldest_checkpoint(self, zone: str) -> int | None:
         """As `oldest` of the checkpoints; None, with which every sample stays, also where they cannot be listed."""
@@ -126,33 +112,15 @@ class Store(JournalStore):
                 os.close(self._lock)
                 self._lock = None
 
-    async def _write(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        """As `_run`; JournalError if the folder has been taken away."""
-        return await self._run(self._in_place, function, *arguments)
+    async def write(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """As `run`; JournalError if the folder has been taken away."""
+        return await self.run(self._in_place, function, *arguments)
 
     def _in_place(self, function: Callable[..., Result], *arguments: Any) -> Result:
-        self._check_place()
+        self._look()
         result = function(*arguments)
-        self._check_place()
+        self._look()
         return result
-
-    def _check_place(self) -> None:
-        """JournalError if the files that are open are no longer those in the folder: what is written to them now is
-        lost with the process."""
-        lost = [name for name, identity in self._files.items() if _identity(self.path / name) != identity]
-        if not lost:
-            if self._gone is not None:
-                _log.info("site.state_dir %s is back", self.path)
-            self._gone = None
-            return
-        gone = (
-            f"site.state_dir {self.path} has been deleted or replaced while the daemon runs ({' and '.join(lost)}); "
-            "nothing is accepted, because it would be lost; put the folder back, or start the daemon again"
-        )
-        if self._gone is None:
-            _log.error("%s", gone)
-        self._gone = gone
-        raise JournalError(gone)
 
 
 def _warn_of_onlookers(folder: Path) -> None:

@@ -53,7 +53,7 @@ def _verify_state(folder: Path) -> Verified:
         problems = [problem for problem in problems if not problem.endswith(": ok")]
         if (strange := schema_problem(connection)) is not None:
             problems.append(f"the journal {path} {strange}")
-        journal = Journal.over(connection, path)
+        journal = Journal(connection, path)
         # What was set aside is no longer a chain.
         zones = [zone for (zone,) in journal.read("SELECT zone FROM zones ORDER BY zone") if "@" not in zone]
         for zone in zones:

@@ -14,7 +14,7 @@ from service.errors import ServiceError
 from service.pauses import GrowingPause, within
 from service.records.receipt import Receipt
 from service.records.sample import Sample
-from service.store.interface import ZoneStore
+from service.store.journalling import JournalStore
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE, SETTLING, WAITED_OUT, Clock
 from service.zone.mailbox import Accepted, Mailbox
@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 class Intake:
     """The way of a zone's telemetry from its sources to its mailbox, which only `service.zone.zone` empties."""
 
-    def __init__(self, zone: str, period: float, store: ZoneStore, clock: Clock) -> None:
+    def __init__(self, zone: str, period: float, store: JournalStore, clock: Clock) -> None:
         self.mailbox = Mailbox()
         self.alignment: Alignment | None = None
         self.live = False
@@ -98,7 +98,7 @@ class Intake:
         aligned = self.aligned
         # The interval of a reading that comes a second time may have closed meanwhile.
         late = [reading.time for reading in readings if reading.time < aligned.closed_until]
-        before = await self._store.kept(self._zone, min(late), max(late)) if late else []
+        before = await self._store.run(self._store.journal.kept, self._zone, min(late), max(late)) if late else []
         if self._closed:
             raise ServiceError(f"zone '{self._zone}' is being stopped or replaced; post the readings again")
         self.trouble.pop(source, None)
@@ -121,13 +121,13 @@ class Intake:
         held = [found for reading in readings if (found := aligned.held(reading.channel, reading.time)) is not None]
         await self.accept(samples)
         if held:
-            await self._store.keep(self._zone, held)
+            await self._store.write(self._store.journal.keep, self._zone, held)
         return Receipt(accepted, len(readings) - len(fresh) - len(faulty), 0, refused)
 
     async def recall(self) -> None:
         """Take in again what `take` had accepted for intervals that had not closed when the process ended."""
         try:
-            kept = await self._store.kept(self._zone, self.aligned.closed_until)
+            kept = await self._store.run(self._store.journal.kept, self._zone, self.aligned.closed_until)
         except ServiceError as error:
             _log.error("zone '%s': readings that were accepted cannot be read: %s", self._zone, error)
             return

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
 from service.records.outlook import WeatherBook
-from service.store.interface import ZoneStore
+from service.store.journalling import JournalStore
 from service.zone.clock import Clock
 from service.zone.questions import Questions
 
@@ -20,7 +20,7 @@ class Plumbing(NamedTuple):
     """What all zones share."""
 
     site: str
-    store: ZoneStore
+    store: JournalStore
     pool: Executor
     """Runs the estimator steps."""
     asking: Questions

@@ -85,7 +85,7 @@ class Recovery:
         if checkpoint is None:
             return
         try:
-            await self._store.flush()
+            await self._store.write(self._store.journal.flush)
             await self._in_pool(self._store.checkpoints.save, self._zone, checkpoint)
             self._unsaved = False
             self._plumbing.metrics.checkpointed(self._zone, written=True)
@@ -97,7 +97,7 @@ class Recovery:
         """Mark the sample at `when` as one that is not to be assimilated."""
         _log.error("zone '%s' passes over its sample at %d, which %s", self._zone, when, reason)
         try:
-            await self._store.skip(self._zone, when, reason)
+            await self._store.write(self._store.journal.skip, self._zone, when, reason)
         except ServiceError as failure:
             _log.error("zone '%s': %s", self._zone, failure)
 
@@ -115,7 +115,7 @@ class Recovery:
             if intake.mailbox.waiting_since is not None or not intake.is_ahead(now):
                 return False
             last = intake.aligned.last_before(now)
-            ahead = await self._store.samples_ahead(self._zone, last)
+            ahead = await self._store.run(self._store.journal.samples_ahead, self._zone, last)
             if ahead * worker.period > MOST_SET_ASIDE:
                 _log.error(
                     "zone '%s': %d samples lie ahead of the clock of this machine, too many to set aside; set the "

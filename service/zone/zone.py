@@ -175,7 +175,7 @@ class Zone:
 
     async def history(self, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
         """History rows, oldest first."""
-        return await self._plumbing.store.history(self.id, start, end, limit)
+        return await self._plumbing.store.run(self._plumbing.store.journal.history, self.id, start, end, limit)
 
     async def series(self, start: int, end: int, points: int) -> Series:
         """The history of [start, end), UTC s, thinned out."""
@@ -269,7 +269,7 @@ class Zone:
             raise
         except Exception as error:
             self._fail(error, FIRST_PAUSE)
-            return await self._plumbing.store.last_sample_time(self.id)
+            return await self._plumbing.store.run(self._plumbing.store.journal.last_sample_time, self.id)
 
     async def close_mailbox(self) -> None:
         """No sample follows: `run` ends when the mailbox is empty."""

@@ -177,7 +177,7 @@ def fill_history(folder: Path) -> None:
         store = Store(folder / "state")
         for step in range(ROWS):
             store.record("zone-one", make_update(step))
-        await store.flush()
+        await store.write(store.journal.flush)
         store.close()
 
     asyncio.run(fill())

@@ -7,7 +7,6 @@ that everything up to the last finished step is there with the same bits, and no
 from __future__ import annotations
 
 import asyncio
-import tarfile
 import tempfile
 from collections.abc import Callable, Coroutine
 from contextlib import closing
@@ -22,7 +21,6 @@ from faults.journal_workload import JournalWorkload, sample
 from service.errors import ServiceError, StateMismatch
 from service.store.backup import restore_backup, write_backup
 from service.store.checkpoint import Checkpoint, CheckpointStore
-from service.store.durable_files import sync_folder, write_file
 from service.store.journal import Journal
 from service.store.store import JOURNAL, RESTORING, Store
 
@@ -173,60 +171,6 @@ class SetBackWorkload(ResetWorkload):
             assert done < 10 or state[0] == [0, 1, 2, 3]
 
 
-VERSION_1 = Path(__file__).parents[1] / "service" / "store" / "state-version-1.tar.gz"
-"""A state folder of schema 1, taken from a running daemon: zone z with 40 samples, of which the 34th is skipped."""
-
-
-class UpgradeWorkload:
-    """A journal of version 1 is opened, brought up, and gone on with."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / JOURNAL
-        self._journal: Journal | None = None
-        with tarfile.open(VERSION_1) as archive:
-            members = [member for member in archive.getmembers() if member.name.startswith(JOURNAL)]
-            self._files = {member.name: archive.extractfile(member).read() for member in members}  # type: ignore[union-attr]
-        self.steps: list[Callable[[], object]] = [self._lay_down, self._open, self._append, self._close]
-
-    def _lay_down(self) -> None:
-        try:
-            for name, content in self._files.items():
-                write_file(self._path.with_name(name), content)
-            sync_folder(self._path.parent)
-        except OSError as error:
-            raise ServiceError(f"{self._path}: {error.strerror}") from error
-
-    def _open(self) -> None:
-        if self._journal is None:
-            self._journal = Journal.open(self._path)
-
-    def _append(self) -> None:
-        assert self._journal is not None
-        self._journal.append("z", sample(40))
-
-    def _close(self) -> None:
-        journal, self._journal = self._journal, None
-        if journal is not None:
-            journal.close()
-
-    def verify(self, folder: Path, done: int, exactly: bool) -> None:
-        if done == 0:
-            return  # what was before is not this journal's affair
-        journal = Journal.open(folder / JOURNAL)
-        try:
-            times = [item.time // 300 for item in journal.samples_after("z", None)]
-            rows = [row.time // 300 for row in journal.history("z", None, None, 100)]
-            old = [k for k in range(40) if k != 33]
-            assert times in (old, [*old, 40]), times
-            assert done < 3 or times == [*old, 40], times
-            assert rows == list(range(28)), rows
-            assert journal.read("PRAGMA user_version") == [(3,)]
-            assert journal.read("PRAGMA auto_vacuum") == [(2,)], "space can be given back"
-            assert journal.append("z", sample(50)), "it goes on"
-        finally:
-            journal.close()
-
-
 @cache
 def backup() -> bytes:
     """A backup of samples 10 to 14 and the checkpoint after the 12th."""
@@ -285,6 +229,5 @@ WORKLOADS: dict[str, Callable[[Path], Workload]] = {
     "checkpoints": CheckpointWorkload,
     "reset": ResetWorkload,
     "set back": SetBackWorkload,
-    "upgrade": UpgradeWorkload,
     "restore": RestoreWorkload,
 }

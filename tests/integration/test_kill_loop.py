@@ -10,6 +10,9 @@ from integration import kill_loop
 from integration.kill_loop import SCORES, ZONES, Loop
 from support.harness import Daemon
 
+from service.records.history import HISTORY_COLUMNS
+from service.store.journal_rows import history_checksum
+
 
 def test_killed_again_and_again_nothing_is_lost(tmp_path: Path) -> None:
     report = Loop(tmp_path, kills=5, seed=7).run(progress=False)
@@ -32,15 +35,22 @@ def test_the_loop_notices_what_is_lost_and_what_differs(tmp_path: Path, monkeypa
         if kills == 2:
             connection = sqlite3.connect(tmp_path / "state" / "journal.sqlite3")
             with connection:
-                # Without its checksum, the row passes for one of an earlier version; only the ledger knows better.
-                connection.execute("INSERT OR REPLACE INTO unchecked SELECT 'north', max(time) FROM history")
                 # All that is old: the ledger does not hear of everything, and what is new is made anew.
                 (middle,) = connection.execute(
                     "SELECT (min(time) + max(time)) / 2 FROM history WHERE zone = 'north'"
                 ).fetchone()
                 old = "zone = 'north' AND time < ?"
                 connection.execute(f"DELETE FROM history WHERE {old} AND time / 60 % 2 = 0", (middle,))
-                connection.execute(f"UPDATE history SET gate = gate / 2, checksum = NULL WHERE {old}", (middle,))
+                # With the right checksum, only the ledger knows better.
+                columns = ", ".join(HISTORY_COLUMNS)
+                for row in connection.execute(f"SELECT {columns} FROM history WHERE {old}", (middle,)).fetchall():
+                    cells = dict(zip(HISTORY_COLUMNS, row, strict=True))
+                    cells["gate"] /= 2
+                    checksum = history_checksum("north", list(cells.values()))
+                    forged = (cells["gate"], checksum, cells["time"])
+                    connection.execute(
+                        "UPDATE history SET gate = ?, checksum = ? WHERE zone = 'north' AND time = ?", forged
+                    )
             connection.close()
 
     monkeypatch.setattr(Daemon, "kill", kill_and_forge)

@@ -73,7 +73,7 @@ async def _day(store: PostgresStore, database: Database, zones: Sequence[str], p
         commits.append(time.perf_counter() - began)
         for zone in zones:
             store.record(zone, _update(when, rng))
-    await store.flush()
+    await store.write(store.journal.flush)
     zone_days = len(zones) * steps * period / _DAY
     return {
         "rows_per_zone_and_day": 2 * len(zones) * steps / zone_days,

@@ -343,7 +343,7 @@ async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) ->
         suspect = crashes.guilty.get(zone.id)
         if suspect is not None:
             _log.error("zone '%s' passes over its sample: %s", zone.id, told(suspect))
-            await leased.store.skip(zone.id, suspect.time, told(suspect))
+            await leased.store.write(leased.store.journal.skip, zone.id, suspect.time, told(suspect))
     return narrowed(config, [zone.id for zone in config.zones if zone.id not in refused]), refused
 
 

@@ -6,6 +6,7 @@ import logging
 import struct
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
+from math import inf
 from typing import Any, TypeVar
 
 import numpy as np
@@ -183,7 +184,7 @@ class PostgresJournal:
 
         self._write([zone], work)
 
-    def kept(self, zone: str, since: float, until: float) -> list[Reading]:
+    def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
         """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
 
         A damaged one is left out, which the log says.
@@ -268,8 +269,7 @@ class PostgresJournal:
         where = " AND ".join([_NUMBER, *(condition for condition, bound in bounds if bound is not None)])
         query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT %s"
         rows = self.database.read(query, zone, *(bound for _, bound in bounds if bound is not None), limit)
-        sound = (self._reader.row(zone, row, checksum) for *row, checksum in reversed(rows))
-        return [row for row in sound if row is not None]
+        return self._reader.rows(zone, reversed(rows))
 
     def history_columns(self, zone: str, start: int, end: int, every: int) -> Columns:
         """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m).

@@ -23,8 +23,8 @@ from service.errors import JournalError, StateMismatch
 from service.records.sample import Sample
 from service.records.series import Stretch
 from service.store.checkpoint import Checkpoint
-from service.store.interface import ZoneStore
 from service.store.journal import REMEMBERED
+from service.store.journalling import JournalStore
 from service.store.postgres.leases import Leases
 from service.store.postgres.store import PostgresStore
 from service.store.retention import Limits
@@ -41,12 +41,12 @@ _sites = itertools.count()
 class Kept:
     """Where a store keeps what it has; it is opened again and again."""
 
-    def __init__(self, open_one: Callable[[], ZoneStore], damage: Callable[[int], None]) -> None:
+    def __init__(self, open_one: Callable[[], JournalStore], damage: Callable[[int], None]) -> None:
         self.open = open_one
         self.damage_checkpoint = damage
         """Change a bit of the checkpoint of zone "z" at a step."""
 
-    def run(self, use: Callable[[ZoneStore], Awaitable[Result]], zones: str = "z") -> Result:
+    def run(self, use: Callable[[JournalStore], Awaitable[Result]], zones: str = "z") -> Result:
         """Open it, claim zones with the fingerprint "f", use it, close it."""
 
         async def scenario() -> Result:
@@ -102,7 +102,7 @@ def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept:
     item = Sample(START, odd[:1], odd, (Quality.BAD,), (Quality.BAD, Quality.GOOD, Quality.UNCERTAIN), np.float64(20.5))
     none = Sample(START + 1, odd[:0], odd[:0], (), ())
 
-    async def write(store: ZoneStore) -> None:
+    async def write(store: JournalStore) -> None:
         await store.append("z", item)
         await store.append("z", item._replace(outputs=np.array([99.0])))
         await store.append("z", none)
@@ -110,7 +110,7 @@ def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept:
 
     kept.run(write)
 
-    async def read(store: ZoneStore) -> list[Sample]:
+    async def read(store: JournalStore) -> list[Sample]:
         return await store.samples_after("z", None)
 
     assert [bits(one) for one in kept.run(read)] == [bits(item), bits(none)]
@@ -119,20 +119,20 @@ def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept:
 def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
     zones = [f"zone-{index}" for index in range(200)]
 
-    async def scenario(store: ZoneStore) -> tuple[list[int | None], int]:
+    async def scenario(store: JournalStore) -> tuple[list[int | None], int]:
         for zone in zones:
             await store.claim(zone, "f")
-        commits, real = 0, store._journal.append_all  # type: ignore[attr-defined]
+        commits, real = 0, store.journal.append_all  # type: ignore[attr-defined]
 
         def append_all(accepted: Any) -> int:
             nonlocal commits
             commits += 1
             return int(real(accepted))
 
-        store._journal.append_all = append_all  # type: ignore[attr-defined]
+        store.journal.append_all = append_all  # type: ignore[attr-defined]
         for step in (0, 1):
             await asyncio.gather(*(store.append(zone, make_sample(step)) for zone in zones))
-        return [await store.last_sample_time(zone) for zone in zones], commits
+        return [await store.run(store.journal.last_sample_time, zone) for zone in zones], commits
 
     times, commits = kept.run(scenario)
     assert times == [make_sample(1).time] * 200
@@ -140,30 +140,30 @@ def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
 
 
 def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(kept: Kept) -> None:
-    async def scenario(store: ZoneStore) -> int | None:
+    async def scenario(store: JournalStore) -> int | None:
         stopped = asyncio.create_task(store.append("a", sample(0)))
         waiting = asyncio.create_task(store.append("b", sample(0)))
         await asyncio.sleep(0)
         stopped.cancel()
         await waiting
         assert stopped.cancelled()
-        return await store.last_sample_time("b")
+        return await store.run(store.journal.last_sample_time, "b")
 
     assert kept.run(scenario, "ab") == sample(0).time
 
 
 def test_samples_come_back_in_pages_and_in_order_without_the_skipped_ones(kept: Kept) -> None:
-    async def write(store: ZoneStore) -> None:
+    async def write(store: JournalStore) -> None:
         await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(1200)))
-        await store.skip("z", make_sample(3).time, "failed 3 times: it's broken")
+        await store.write(store.journal.skip, "z", make_sample(3).time, "failed 3 times: it's broken")
         with pytest.raises(JournalError, match=r"no sample of zone 'z' at 7 to skip"):
-            await store.skip("z", 7, "there is none")
+            await store.write(store.journal.skip, "z", 7, "there is none")
 
-    async def read(store: ZoneStore) -> tuple[list[int], int, int]:
+    async def read(store: JournalStore) -> tuple[list[int], int, int]:
         found: list[Sample] = []
         while page := await store.samples_after("z", found[-1].time if found else None):
             found += page
-        ahead = await store.samples_ahead("z", make_sample(1000).time)
+        ahead = await store.run(store.journal.samples_ahead, "z", make_sample(1000).time)
         return [item.time for item in found], ahead, len(await store.samples_after("nobody", None))
 
     kept.run(write)
@@ -175,13 +175,13 @@ def test_samples_come_back_in_pages_and_in_order_without_the_skipped_ones(kept: 
 def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_opening(kept: Kept) -> None:
     for steps in ([0, 1, 2], [1, 3], [3, 2, 4]):
 
-        async def write(store: ZoneStore, steps: list[int] = steps) -> None:
+        async def write(store: JournalStore, steps: list[int] = steps) -> None:
             for step in steps:
                 await store.append("z", make_sample(step))
 
         kept.run(write)
 
-    async def read(store: ZoneStore) -> list[int]:
+    async def read(store: JournalStore) -> list[int]:
         return [item.time for item in await store.samples_after("z", make_sample(0).time)]
 
     assert kept.run(read) == [make_sample(step).time for step in (1, 2, 3, 4)]
@@ -190,21 +190,21 @@ def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_opening
 def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
     first = make_update(0)._replace(score=None, y=(float("nan"),), log_likelihood=-0.0, setpoint=21.5)
 
-    async def write(store: ZoneStore) -> tuple[int, int]:
+    async def write(store: JournalStore) -> tuple[int, int]:
         store.record("z", make_update(0))
-        seen = len(await store.history("z", None, None, 10))
+        seen = len(await store.run(store.journal.history, "z", None, None, 10))
         store.record("z", first)
         for step in range(1, 1500):
             store.record("z", make_update(step))
-        unread = len(await store.history("other", None, None, 10))
+        unread = len(await store.run(store.journal.history, "other", None, None, 10))
         return seen, unread
 
     assert kept.run(write) == (1, 0)
 
-    async def read(store: ZoneStore) -> tuple[list[Any], list[int], list[int]]:
-        early = await store.history("z", None, START + 2 * PERIOD, 10)
-        newest = await store.history("z", None, None, 3)
-        middle = await store.history("z", START + 4 * PERIOD, START + 6 * PERIOD, 10)
+    async def read(store: JournalStore) -> tuple[list[Any], list[int], list[int]]:
+        early = await store.run(store.journal.history, "z", None, START + 2 * PERIOD, 10)
+        newest = await store.run(store.journal.history, "z", None, None, 3)
+        middle = await store.run(store.journal.history, "z", START + 4 * PERIOD, START + 6 * PERIOD, 10)
         return early, [row.time for row in newest], [row.time for row in middle]
 
     early, newest, middle = kept.run(read)
@@ -222,7 +222,7 @@ def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeyp
     monkeypatch.setattr("service.store.journal.SERIES_ROWS", page)
     monkeypatch.setattr("service.store.postgres.journal.SERIES_ROWS", page)
 
-    async def write(store: ZoneStore) -> Any:
+    async def write(store: JournalStore) -> Any:
         await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(120)))
         for step in range(120):
             store.record("z", make_update(step))
@@ -243,21 +243,23 @@ READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", STAR
 
 
 def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
-    async def write(store: ZoneStore) -> None:
-        await store.keep("z", READINGS)
-        await store.keep("z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)])
-        await store.keep("z", [])
+    async def write(store: JournalStore) -> None:
+        await store.write(store.journal.keep, "z", READINGS)
+        await store.write(
+            store.journal.keep, "z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)]
+        )
+        await store.write(store.journal.keep, "z", [])
 
-    async def read(store: ZoneStore) -> tuple[list[Reading], list[Reading], list[Reading]]:
-        all_of_them = await store.kept("z", 0.0)
-        between = await store.kept("z", START + 1.0, START + 1.5)
-        return all_of_them, between, await store.kept("nobody", 0.0, inf)
+    async def read(store: JournalStore) -> tuple[list[Reading], list[Reading], list[Reading]]:
+        all_of_them = await store.run(store.journal.kept, "z", 0.0)
+        between = await store.run(store.journal.kept, "z", START + 1.0, START + 1.5)
+        return all_of_them, between, await store.run(store.journal.kept, "nobody", 0.0, inf)
 
-    async def go_on(store: ZoneStore) -> list[int]:
+    async def go_on(store: JournalStore) -> list[int]:
         left = []
         for time in (START + REMEMBERED, START + 1 + REMEMBERED):
             await store.append("z", make_sample(0)._replace(time=time))
-            left.append(len(await store.kept("z", 0.0)))
+            left.append(len(await store.run(store.journal.kept, "z", 0.0)))
         return left
 
     kept.run(write)
@@ -272,7 +274,7 @@ def checkpoint(step: int, fingerprint: str = "f") -> Checkpoint:
 
 
 def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
-    async def write(store: ZoneStore) -> tuple[int | None, int | None]:
+    async def write(store: JournalStore) -> tuple[int | None, int | None]:
         assert store.checkpoints.load("z", "f") is None
         before = store.checkpoints.oldest("z")
         for step in (100, 200, 300, 400):
@@ -281,7 +283,7 @@ def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
 
     assert kept.run(write) == (None, 200)
 
-    async def read(store: ZoneStore) -> Checkpoint | None:
+    async def read(store: JournalStore) -> Checkpoint | None:
         with pytest.raises(StateMismatch):
             store.checkpoints.load("z", "another")
         return store.checkpoints.load("z", "f")
@@ -293,14 +295,14 @@ def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
 
 
 def test_instead_of_a_damaged_checkpoint_the_one_before_is_used(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    async def write(store: ZoneStore) -> None:
+    async def write(store: JournalStore) -> None:
         for step in (100, 200, 300):
             store.checkpoints.save("z", checkpoint(step))
 
     kept.run(write)
     kept.damage_checkpoint(300)
 
-    async def read(store: ZoneStore) -> tuple[int, int]:
+    async def read(store: JournalStore) -> tuple[int, int]:
         found = store.checkpoints.load("z", "f")
         again = store.checkpoints.load("z", "f")
         assert found is not None
@@ -312,12 +314,12 @@ def test_instead_of_a_damaged_checkpoint_the_one_before_is_used(kept: Kept, capl
 
 
 def test_stored_samples_belong_to_one_network(kept: Kept) -> None:
-    async def empty(store: ZoneStore) -> None:
+    async def empty(store: JournalStore) -> None:
         await store.claim("z", "another")
         await store.claim("z", "f")
         await store.append("z", make_sample(0))
 
-    async def full(store: ZoneStore) -> None:
+    async def full(store: JournalStore) -> None:
         with pytest.raises(StateMismatch, match=r"zone 'z': the stored state in .* belongs to another network"):
             await store.claim("z", "another")
 
@@ -326,22 +328,26 @@ def test_stored_samples_belong_to_one_network(kept: Kept) -> None:
 
 
 def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
-    async def write(store: ZoneStore) -> None:
+    async def write(store: JournalStore) -> None:
         await store.append("z", make_sample(5))
         await store.append("other", make_sample(5))
         store.record("z", make_update(5))
-        await store.keep("z", READINGS)
+        await store.write(store.journal.keep, "z", READINGS)
         store.checkpoints.save("z", checkpoint(make_sample(5).time))
         await store.forget("z")
 
-    async def read(store: ZoneStore) -> list[Any]:
+    async def read(store: JournalStore) -> list[Any]:
         await store.claim("z", "another")
-        found = [await store.samples_after("z", None), await store.history("z", None, None, 9)]
-        found += [await store.kept("z", 0.0), store.checkpoints.load("z", "f"), await store.last_sample_time("z")]
+        found = [await store.samples_after("z", None), await store.run(store.journal.history, "z", None, None, 9)]
+        found += [
+            await store.run(store.journal.kept, "z", 0.0),
+            store.checkpoints.load("z", "f"),
+            await store.run(store.journal.last_sample_time, "z"),
+        ]
         await store.append("z", make_sample(0))
         return [*found, len(await store.samples_after("z", None)), len(await store.samples_after("other", None))]
 
-    async def both(store: ZoneStore) -> None:
+    async def both(store: JournalStore) -> None:
         await store.claim("other", "f")
         await write(store)
 
@@ -352,23 +358,26 @@ def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
 def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
     now = make_sample(5).time
 
-    async def write(store: ZoneStore) -> int:
+    async def write(store: JournalStore) -> int:
         for step in range(10):
             await store.append("z", make_sample(step))
             store.record("z", make_update(step))
         for step in (2, 7):
             store.checkpoints.save("z", checkpoint(make_sample(step).time))
-        await store.keep("z", [Reading("z/T_i", now + 5000.0, 1.0)])
-        ahead = await store.samples_ahead("z", now)
+        await store.write(store.journal.keep, "z", [Reading("z/T_i", now + 5000.0, 1.0)])
+        ahead = await store.run(store.journal.samples_ahead, "z", now)
         await store.set_back("z", checkpoint(make_sample(9).time), checkpoint(now), now)
         return ahead
 
     assert kept.run(write) == 4
 
-    async def read(store: ZoneStore) -> tuple[Any, ...]:
+    async def read(store: JournalStore) -> tuple[Any, ...]:
         found = store.checkpoints.load("z", "f")
-        newest, readings = await store.last_sample_time("z"), await store.kept("z", 0.0)
-        history = await store.history("z", None, None, 100)
+        newest, readings = (
+            await store.run(store.journal.last_sample_time, "z"),
+            await store.run(store.journal.kept, "z", 0.0),
+        )
+        history = await store.run(store.journal.history, "z", None, None, 100)
         await store.append("z", make_sample(6))
         samples = await store.samples_after("z", None)
         return found and found.step, newest, len(readings), len(history), len(samples)
@@ -380,18 +389,18 @@ def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: p
     steps, per_day = 12 * 48, DAY // PERIOD
     needed = make_sample(5 * per_day // 4).time
 
-    async def write(store: ZoneStore) -> None:
+    async def write(store: JournalStore) -> None:
         for zone in "ab":
             await asyncio.gather(*(store.append(zone, make_sample(step)) for step in range(steps)))
             for step in range(steps):
                 store.record(zone, make_update(step))
         store.checkpoints.save("a", checkpoint(make_sample(steps - 1).time))
         store.checkpoints.save("b", checkpoint(needed))
-        await store.flush()
+        await store.write(store.journal.flush)
         pruning = asyncio.create_task(store.keep_within(Limits(DAY / 4, 1e12)))
 
         async def is_done() -> bool:
-            history = [len(await store.history(zone, None, None, 10_000)) for zone in "ab"]
+            history = [len(await store.run(store.journal.history, zone, None, None, 10_000)) for zone in "ab"]
             first = (await store.samples_after("b", None))[0]
             return max(history) <= per_day // 4 + per_day and first.time > needed
 
@@ -403,10 +412,13 @@ def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: p
 
     kept.run(write, "ab")
 
-    async def read(store: ZoneStore) -> list[Any]:
+    async def read(store: JournalStore) -> list[Any]:
         found: list[Any] = []
         for zone in "ab":
-            samples, history = await store.samples_after(zone, None), await store.history(zone, None, None, 10_000)
+            samples, history = (
+                await store.samples_after(zone, None),
+                await store.run(store.journal.history, zone, None, None, 10_000),
+            )
             found += [samples[0].time, len(history)]
             await store.append(zone, make_sample(steps))
             assert (await store.samples_after(zone, samples[-1].time))[0].time == make_sample(steps).time
@@ -436,8 +448,8 @@ def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: Path) -
         asyncio.run(run())
     assert list(dict.fromkeys(announced)) == straight(items), "what was restored is announced once more"
 
-    async def rows(store: ZoneStore) -> int:
-        return len(await store.history("z", None, None, 100))
+    async def rows(store: JournalStore) -> int:
+        return len(await store.run(store.journal.history, "z", None, None, 100))
 
     assert kept.run(rows, "") == 60
 
@@ -454,14 +466,14 @@ def test_without_its_checkpoints_a_zone_learns_again_from_the_journal(kept: Kept
 
     asyncio.run(run(items))
 
-    async def spoil(store: ZoneStore) -> None:
+    async def spoil(store: JournalStore) -> None:
         await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
 
     asyncio.run(_with(kept, "mark", spoil))
     assert asyncio.run(run([]))[-1:] == straight(items)[-1:]
 
 
-async def _with(kept: Kept, fingerprint: str, use: Callable[[ZoneStore], Awaitable[None]]) -> None:
+async def _with(kept: Kept, fingerprint: str, use: Callable[[JournalStore], Awaitable[None]]) -> None:
     store = kept.open()
     try:
         await store.claim("z", fingerprint)
@@ -471,10 +483,10 @@ async def _with(kept: Kept, fingerprint: str, use: Callable[[ZoneStore], Awaitab
 
 
 def test_it_answers_and_has_no_problems(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    async def ask(store: ZoneStore) -> list[str]:
-        await store.ping()
+    async def ask(store: JournalStore) -> list[str]:
+        await store.run(int)
         watching = asyncio.create_task(store.watch())
-        await store.ping()
+        await store.run(int)
         watching.cancel()
         assert [measure.name for measure in store.measures()] == ["thermogate_journal_bytes"]
         store.close()

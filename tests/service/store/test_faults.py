@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
         yield Path(name)
 
 
-@pytest.mark.parametrize("workload", ["checkpoints", "journal", "reset", "restore", "set back", "upgrade"])
+@pytest.mark.parametrize("workload", ["checkpoints", "journal", "reset", "restore", "set back"])
 def test_nothing_acknowledged_is_lost_at_any_position(workload: str, library: Path, folder: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(SCRIPT), str(folder), str(STRIDE), workload],

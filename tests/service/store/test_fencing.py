@@ -137,11 +137,11 @@ async def _append(store: PostgresStore) -> None:
 
 
 async def _keep(store: PostgresStore) -> None:
-    await store.keep("z", [Reading("z/T_i", make_sample(1).time + 1.0, 20.0)])
+    await store.write(store.journal.keep, "z", [Reading("z/T_i", make_sample(1).time + 1.0, 20.0)])
 
 
 async def _skip(store: PostgresStore) -> None:
-    await store.skip("z", make_sample(0).time, "why not")
+    await store.write(store.journal.skip, "z", make_sample(0).time, "why not")
 
 
 async def _save(store: PostgresStore) -> None:
@@ -166,7 +166,7 @@ async def _give_up(store: PostgresStore) -> None:
 
 async def _record(store: PostgresStore) -> None:
     store.record("z", make_update(1))
-    await store.flush()
+    await store.write(store.journal.flush)
 
 
 async def _take(store: PostgresStore) -> None:
@@ -174,7 +174,7 @@ async def _take(store: PostgresStore) -> None:
 
 
 async def _prune(store: PostgresStore) -> None:
-    await store._run(lambda: list(prune(store._own, Limits(1.0, 1.0))))
+    await store.run(lambda: list(prune(store._own, Limits(1.0, 1.0))))
 
 
 WRITING: dict[str, Act] = {
@@ -261,7 +261,7 @@ def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(fle
             with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
                 await attempt
         stale.record("z", make_update(1))
-        await stale.flush()
+        await stale.write(stale.journal.flush)
         assert _everything(fleet) == before
 
     asyncio.run(scenario())
@@ -279,7 +279,7 @@ def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along(fleet
         await other.claim("b", "f")
         store.record("b", make_update(1))
         results = await asyncio.gather(*(store.append(zone, make_sample(0)) for zone in "abc"), return_exceptions=True)
-        history = [len(await other.history(zone, None, None, 10)) for zone in "abc"]
+        history = [len(await other.run(other.journal.history, zone, None, None, 10)) for zone in "abc"]
         assert history == [1, 1, 1]
         return results, len(await other.samples_after("a", None)), len(await other.samples_after("b", None))
 
@@ -424,7 +424,7 @@ def test_a_process_that_slept_through_its_lease_is_fenced_when_it_wakes(fleet: F
 
         async def go_on() -> int:
             await store.claim("z", "f")
-            last = await store.last_sample_time("z")
+            last = await store.run(store.journal.last_sample_time, "z")
             assert last is not None
             for step in range(3):
                 await store.append("z", make_sample(0, 2.0)._replace(time=last + 1 + step))
@@ -468,7 +468,7 @@ def test_a_zone_moves_to_another_owner_and_goes_on_bit_for_bit(fleet: Fleet, tmp
         async with plumbing(tmp_path, announcer, store=store) as shared:
             zone = make(shared)
             await finished(zone, await fed(zone, items))
-            rows = len(await store.history("z", None, None, 100))
+            rows = len(await store.run(store.journal.history, "z", None, None, 100))
         return [comparable(update) for _, update in announcer.updates], rows
 
     assert asyncio.run(first()) == straight(items)[:25]
@@ -499,7 +499,7 @@ def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
         await stores[0].give_up("left")
         for number, store in enumerate(stores):
             store.record(f"z{number}", make_update(0)._replace(time=times[0]))
-            await store.flush()
+            await store.write(store.journal.flush)
             await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number]))
         assert _months(fleet) == sorted(
             [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
@@ -509,7 +509,7 @@ def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
             assert _months(fleet) == there, "a leap in time makes nothing old"
             monkeypatch.setattr(retention, "LEAP", leap)
             for store in stores:
-                await store._run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
+                await store.run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
         stays = [month_of("samples", when).name for when in times[1:]]
         assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
         for number, store in enumerate(stores):
@@ -537,13 +537,13 @@ def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
             await store.claim(zone, "f")
         await store.append("z", make_sample(0))
         store.record("z", make_update(0)._replace(time=make_sample(0).time))
-        await store.flush()
+        await store.write(store.journal.flush)
         for table in ("samples", "history"):
             fleet.sql(f"DROP TABLE {{}}.{month_of(table, make_sample(0).time).name}")
         store.record("old", make_update(0)._replace(time=make_sample(0).time))
         await store.append("old", make_sample(0))
-        assert await store.last_sample_time("old") == make_sample(0).time
-        assert len(await store.history("old", None, None, 10)) == 1
+        assert await store.run(store.journal.last_sample_time, "old") == make_sample(0).time
+        assert len(await store.run(store.journal.history, "old", None, None, 10)) == 1
 
     asyncio.run(scenario())
     assert not [
@@ -592,7 +592,7 @@ def test_a_row_that_comes_while_its_month_is_dropped_stays(fleet: Fleet, monkeyp
     writer.join()
     dropper.join()
     assert month_of("samples", old).name in _months(fleet)
-    assert asyncio.run(other.last_sample_time("late")) == old
+    assert asyncio.run(other.run(other.journal.last_sample_time, "late")) == old
 
 
 def _months(fleet: Fleet) -> list[str]:
@@ -613,12 +613,12 @@ def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet) -> N
         await store.forget("z")
         await store.claim("z", "f")
         await store.append("z", make_sample(5))
-        before = await store._run(store._own.size)
+        before = await store.run(store._own.size)
         await asyncio.to_thread(store.checkpoints.save, "other", Checkpoint("f", 1, {"x": np.arange(100_000.0)}, {}))
-        assert 0 < before == await store._run(store._own.size), "checkpoints are no part of the journal"
-        await store._run(lambda: list(prune(store._own, Limits(1e9, 1e12))))
+        assert 0 < before == await store.run(store._own.size), "checkpoints are no part of the journal"
+        await store.run(lambda: list(prune(store._own, Limits(1e9, 1e12))))
         assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)]
-        await store._run(lambda: list(prune(store._own, Limits(1e9, 1.0))))
+        await store.run(lambda: list(prune(store._own, Limits(1e9, 1.0))))
         assert len(await store.samples_after("z", None)) == 1, "a zone without checkpoints needs every sample"
 
     asyncio.run(scenario())
@@ -644,7 +644,7 @@ def test_a_zone_is_reset_as_the_operations_page_tells(fleet: Fleet) -> None:
         store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
         await store.claim("living", "g")
         assert await asyncio.to_thread(store.checkpoints.load, "living", "g") is None
-        assert await store.last_sample_time("living") is None
+        assert await store.run(store.journal.last_sample_time, "living") is None
         assert await store.append("living", make_sample(0)) is None
 
     asyncio.run(learn())

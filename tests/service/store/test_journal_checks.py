@@ -92,17 +92,14 @@ def test_a_whole_log_is_no_word_worth(path: Path, tmp_path: Path, caplog: pytest
     assert not caplog.records
 
 
-def test_what_sqlite_leaves_out_of_its_log_is_told(
-    path: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_behind_a_damaged_place_in_its_log_nothing_is_made_up(path: Path, tmp_path: Path) -> None:
     copy = killed_log(path, tmp_path / "copy")
     log = copy.with_name(f"{JOURNAL}-wal")
     content = bytearray(log.read_bytes())
     content[-2 * 4120 + 100] ^= 1
     log.write_bytes(content)
     with closing(Journal.open(copy)) as journal:
-        assert len(list(journal.samples_after("living", None))) == 12
-    assert "the last 2 transactions" in caplog.text
+        assert len(list(journal.samples_after("living", None))) == 12, "as after an earlier crash"
 
 
 def make(shared) -> Zone:  # type: ignore[no-untyped-def]

@@ -74,15 +74,3 @@ def test_a_damaged_one_is_said_and_left_out(column: str, tmp_path: Path, caplog:
         assert again.kept("z", 0.0, inf) == [FIRST[1]]
     assert "damaged reading of zone 'z'" in caplog.text
     again.close()
-
-
-def test_a_journal_of_before_gets_the_table(tmp_path: Path) -> None:
-    path = tmp_path / "journal.sqlite3"
-    Journal.open(path).close()
-    with sqlite3.connect(path) as connection:
-        connection.execute("DROP TABLE readings")
-    connection.close()
-    journal = Journal.open(path)
-    journal.keep("z", FIRST)
-    assert journal.kept("z", 0.0, inf) == FIRST
-    journal.close()

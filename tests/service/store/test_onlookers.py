@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import sqlite3
 import stat
 from pathlib import Path
 
 import pytest
-from support.zone_samples import sample
 
 from service.errors import JournalError, ServiceError
 from service.store import store as module
@@ -39,31 +37,11 @@ def test_only_the_owner_can_open_the_lock(tmp_path: Path) -> None:
 
 def test_a_journal_that_has_been_cut_off_is_refused_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "journal.sqlite3"
-    journal = Journal.open(path)
-    journal.close()
+    Journal.open(path).close()
     for size in (path.stat().st_size - 4096, path.stat().st_size - 1):
         os.truncate(path, size)
-        with pytest.raises(JournalError, match="has been cut off"):
+        with pytest.raises(JournalError, match=r"malformed.*if the file itself is damaged, restore a backup"):
             Journal.open(path)
-
-
-def test_a_journal_that_has_been_cut_off_behind_its_log_is_refused_too(tmp_path: Path) -> None:
-    """With a write-ahead log beside it, SQLite had opened it, and failed at the first sample."""
-    path, killed = tmp_path / "journal.sqlite3", tmp_path / "killed"
-    journal = Journal.open(path)
-    for zone in range(200):
-        journal.append(f"zone-{zone:03}", sample(0))
-    journal.close()
-    journal = Journal.open(path)
-    journal.append("zone-000", sample(1))
-    killed.mkdir()
-    for name in ("journal.sqlite3", "journal.sqlite3-wal"):
-        shutil.copy(tmp_path / name, killed / name)
-    journal.close()
-    cut = killed / "journal.sqlite3"
-    os.truncate(cut, cut.stat().st_size // 2)
-    with pytest.raises(JournalError, match="has been cut off"):
-        Journal.open(killed / "journal.sqlite3")
 
 
 def test_a_disk_that_fails_is_thought_of_before_the_file(tmp_path: Path) -> None:

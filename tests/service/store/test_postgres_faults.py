@@ -148,7 +148,7 @@ def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
         ended.set()
         await asyncio.gather(*feeds)
         assert store.problems() == []
-        rows = [len(await store.history(zone, None, None, 100_000)) for zone in zones]
+        rows = [len(await store.run(store.journal.history, zone, None, None, 100_000)) for zone in zones]
         return written, [await every_sample(store, zone) for zone in zones], rows
 
     written, found, rows = shard.run(use)
@@ -166,11 +166,11 @@ async def _append(store: PostgresStore) -> None:
 
 
 async def _keep(store: PostgresStore) -> None:
-    await store.keep("z", [Reading("z/T_i", 100.0, 20.0)])
+    await store.write(store.journal.keep, "z", [Reading("z/T_i", 100.0, 20.0)])
 
 
 async def _skip(store: PostgresStore) -> None:
-    await store.skip("z", make_sample(0).time, "broken")
+    await store.write(store.journal.skip, "z", make_sample(0).time, "broken")
 
 
 async def _save(store: PostgresStore) -> None:
@@ -212,9 +212,12 @@ def test_what_a_cut_connection_left_open_is_done_once(
         cutting.word = word
         await act(store)
         assert cutting.cuts == 1
-        found = [[item.time for item in await store.samples_after("z", None)], await store.kept("z", 0.0)]
+        found = [
+            [item.time for item in await store.samples_after("z", None)],
+            await store.run(store.journal.kept, "z", 0.0),
+        ]
         saved = store.checkpoints.load("z", "f")
-        return [*found, len(await store.history("z", None, None, 9)), saved and saved.step]
+        return [*found, len(await store.run(store.journal.history, "z", None, None, 9)), saved and saved.step]
 
     with caplog.at_level(logging.INFO):
         found = shard.run(use, cutting.connection)
@@ -330,7 +333,9 @@ def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
             assert store._database.read("SELECT pg_backend_pid()") != session, "it may find another primary"
             store.record("z", make_update(1))
             assert len(await store.samples_after("z", None)) == 1
-            assert len(await store.history("z", None, None, 9)) == 1, "what cannot be written yet is not read either"
+            assert len(await store.run(store.journal.history, "z", None, None, 9)) == 1, (
+                "what cannot be written yet is not read either"
+            )
         finally:
             fragile.run(
                 "SET default_transaction_read_only = off",
@@ -340,7 +345,7 @@ def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
             await until(lambda: fragile.run("SHOW default_transaction_read_only") == [("off",)])
         await in_the_end(lambda: store.append("z", make_sample(1)))
         assert len(await store.samples_after("z", None)) == 2
-        assert len(await store.history("z", None, None, 9)) == 2
+        assert len(await store.run(store.journal.history, "z", None, None, 9)) == 2
 
     shard.run(use)
     shard.leases.close()
@@ -431,15 +436,15 @@ def test_damaged_rows_and_readings_are_left_out_and_told_once(
     async def use(store: PostgresStore) -> tuple[int, int]:
         for step in range(5):
             store.record("z", make_update(step))
-        await store.keep("z", [Reading("z/T_i", 100.0 + n, 20.0) for n in range(2)])
-        await store.flush()
+        await store.write(store.journal.keep, "z", [Reading("z/T_i", 100.0 + n, 20.0) for n in range(2)])
+        await store.write(store.journal.flush)
         postgres_server.run(
             f"UPDATE {shard.schema()}.history SET gate = gate + 0.001 WHERE time = {make_sample(3).time}",
             f"UPDATE {shard.schema()}.readings SET value = 21 WHERE time = 100",
         )
         for _ in range(2):
-            rows = len(await store.history("z", None, None, 9))
-        return rows, len(await store.kept("z", 0.0))
+            rows = len(await store.run(store.journal.history, "z", None, None, 9))
+        return rows, len(await store.run(store.journal.kept, "z", 0.0))
 
     assert shard.run(use) == (4, 1)
     assert caplog.text.count("damaged history row of zone 'z'") == 1
@@ -513,7 +518,7 @@ def test_a_dump_is_a_backup(shard: Shard, postgres_server: Server, tmp_path: Pat
             zone = make(shared)
             running = await fed(zone, items)
             await finished(zone, running)
-            rows = len(await store.history("z", None, None, 100))
+            rows = len(await store.run(store.journal.history, "z", None, None, 100))
         return [comparable(update) for _, update in announcer.updates], rows
 
     announced, rows = asyncio.run(go_on())

@@ -35,7 +35,7 @@ def site(postgres_server: Server) -> Iterator[str]:
             checkpoint = Checkpoint("mark", make_sample(step).time, {"state": np.arange(3.0) + step}, {})
             await asyncio.to_thread(store.checkpoints.save, "z", checkpoint)
         await store.claim("empty", "mark")
-        await store.flush()
+        await store.write(store.journal.flush)
 
     asyncio.run(fill())
     postgres_server.run(

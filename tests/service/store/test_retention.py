@@ -225,7 +225,7 @@ def test_appends_come_in_between_the_slices(journal: Journal) -> None:
 def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service.store.store, "PRUNE_SECONDS", 0.01)
+    monkeypatch.setattr(service.store.store.Store, "prune_seconds", 0.01)
     items = [sample(k) for k in range(120)]
 
     async def part(first: int, last: int) -> list[str]:

@@ -25,7 +25,7 @@ def filled(folder: Path, steps: range, missing: frozenset[int] = frozenset()) ->
                 if step not in missing:
                     await store.append("z", make_sample(step))
                     store.record("z", make_update(step))
-            await store.flush()
+            await store.write(store.journal.flush)
         finally:
             store.close()
 

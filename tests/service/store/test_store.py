@@ -21,7 +21,7 @@ def store(tmp_path):
 
 def spied(store, monkeypatch, failures=()):
     """How many samples each commit took; the first commits raise `failures`."""
-    commits, real, left = [], store._journal.append_all, list(failures)
+    commits, real, left = [], store.journal.append_all, list(failures)
 
     def append_all(accepted):
         commits.append(len(accepted))
@@ -29,7 +29,7 @@ def spied(store, monkeypatch, failures=()):
             raise left.pop(0)
         return real(accepted)
 
-    monkeypatch.setattr(store._journal, "append_all", append_all)
+    monkeypatch.setattr(store.journal, "append_all", append_all)
     return commits
 
 
@@ -39,7 +39,7 @@ def test_samples_that_come_at_once_share_commits(store, monkeypatch):
 
     async def scenario():
         await asyncio.gather(*(store.append(zone, sample(0)) for zone in zones))
-        return [await store.last_sample_time(zone) for zone in zones]
+        return [await store.run(store.journal.last_sample_time, zone) for zone in zones]
 
     assert asyncio.run(scenario()) == [sample(0).time] * 200
     assert sum(commits) == 200
@@ -62,9 +62,9 @@ def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(store,
     async def scenario():
         first = await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"), return_exceptions=True)
         assert [type(result) for result in first] == [JournalError] * 3
-        assert await store.last_sample_time("a") is None
+        assert await store.run(store.journal.last_sample_time, "a") is None
         await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"))
-        assert await store.last_sample_time("c") == sample(0).time
+        assert await store.run(store.journal.last_sample_time, "c") == sample(0).time
 
     asyncio.run(scenario())
     assert commits == [3, 3]
@@ -78,7 +78,7 @@ def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(store):
         stopped.cancel()
         await waiting
         assert stopped.cancelled()
-        return await store.last_sample_time("b")
+        return await store.run(store.journal.last_sample_time, "b")
 
     assert asyncio.run(scenario()) == sample(0).time
 
@@ -86,7 +86,7 @@ def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(store):
 def test_what_was_recorded_is_seen_at_once_and_outlives_the_store(store, tmp_path):
     async def scenario():
         store.record("living", make_update(0))
-        seen = await store.history("living", None, None, 10)
+        seen = await store.run(store.journal.history, "living", None, None, 10)
         store.record("living", make_update(1))
         return seen
 
@@ -94,7 +94,7 @@ def test_what_was_recorded_is_seen_at_once_and_outlives_the_store(store, tmp_pat
     store.close()
     again = Store(tmp_path)
     try:
-        assert len(asyncio.run(again.history("living", None, None, 10))) == 2
+        assert len(asyncio.run(again.run(again.journal.history, "living", None, None, 10))) == 2
     finally:
         again.close()
 
@@ -129,8 +129,8 @@ def test_nothing_is_accepted_into_a_folder_that_has_been_taken_away(tmp_path, ca
             with pytest.raises(JournalError, match="has been deleted or replaced while the daemon runs"):
                 await store.append("z", sample(1))
         with pytest.raises(JournalError):
-            await store.flush()
-        assert await store.last_sample_time("z") == sample(0).time, "reading goes on"
+            await store.write(store.journal.flush)
+        assert await store.run(store.journal.last_sample_time, "z") == sample(0).time, "reading goes on"
         return store.problems()
 
     try:
@@ -142,7 +142,7 @@ def test_nothing_is_accepted_into_a_folder_that_has_been_taken_away(tmp_path, ca
 
 
 def test_a_folder_that_is_put_back_is_written_to_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(service.store.store, "LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(service.store.store.Store, "look_seconds", 0.01)
     folder = tmp_path / "state"
     store = Store(folder)
 
@@ -161,5 +161,5 @@ def test_a_folder_that_is_put_back_is_written_to_again(tmp_path, monkeypatch):
     asyncio.run(scenario())
     store.close()
     again = Store(folder)
-    assert asyncio.run(again.last_sample_time("z")) == sample(0).time
+    assert asyncio.run(again.run(again.journal.last_sample_time, "z")) == sample(0).time
     again.close()

@@ -252,7 +252,7 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
         async with living(folder, Wall()) as life:
             await life.live(2 * HOUR)
             store = life.store
-            real = store._journal.set_aside
+            real = store.journal.set_aside
             failures = [JournalError("the journal failed (disk full); free space")] * trouble
 
             def failing(zone, after):
@@ -260,7 +260,7 @@ def test_what_fails_half_way_is_done_again_with_the_same_result(tmp_path, monkey
                     raise failures.pop()
                 real(zone, after)
 
-            store._journal.set_aside = failing
+            store.journal.set_aside = failing
             for attempt in range(trouble + 1):
                 # Once more from the same moment, so that all come to the same end.
                 life.wall.now = NOON + HOUR - PERIOD / 2 if attempt else life.wall.now - HOUR - PERIOD / 2

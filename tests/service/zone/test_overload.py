@@ -60,7 +60,9 @@ def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
             async with asyncio.timeout(180):
                 await zone.accept(items)
             assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
-            assert await shared.store.last_sample_time("z") == items[-1].time, "each was journaled"
+            assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time, (
+                "each was journaled"
+            )
             assert zone.status().samples == 0
             allowed.set()
             await caught_up(zone, items)
@@ -100,12 +102,14 @@ def test_a_recording_waits_for_the_estimator(tmp_path):
             accepting = asyncio.create_task(zone.accept(items))
             # One is in the estimator's hands and one waits at the door.
             async with asyncio.timeout(180):
-                while await shared.store.last_sample_time("z") != items[mailbox.ROOM + 1].time:
+                while (
+                    await shared.store.run(shared.store.journal.last_sample_time, "z") != items[mailbox.ROOM + 1].time
+                ):
                     await asyncio.sleep(0.01)
             await asyncio.sleep(0.3)
             assert not accepting.done()
             assert zone.busy.waiting == mailbox.ROOM + 1, "with the one under way"
-            assert await shared.store.last_sample_time("z") == items[mailbox.ROOM + 1].time
+            assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[mailbox.ROOM + 1].time
             allowed.set()
             await accepting
             await caught_up(zone, items)

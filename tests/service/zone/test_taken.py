@@ -156,17 +156,17 @@ def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared))
 
-            async def full(*_: object) -> None:
+            def full(*_: object) -> None:
                 raise JournalError("the journal failed (disk full); free space on its disk")
 
             with monkeypatch.context() as failing:
-                failing.setattr(shared.store, "keep", full)
+                failing.setattr(shared.store.journal, "keep", full)
                 with pytest.raises(JournalError):
                     await zone.take("post", [reading(OUTPUT, 10.0, 21.5)])
-            assert await shared.store.kept("z", 0.0) == []
+            assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []
             receipt = await zone.take("post", [reading(OUTPUT, 10.0, 99.0)])
             assert receipt.repeated == 1
-            kept = await shared.store.kept("z", 0.0)
+            kept = await shared.store.run(shared.store.journal.kept, "z", 0.0)
             assert kept == [reading(OUTPUT, 10.0, 21.5)], "what the sample will hold is what is on disk"
 
     asyncio.run(run())
@@ -179,7 +179,7 @@ def test_a_zone_that_is_being_stopped_takes_nothing(tmp_path: Path) -> None:
             await zone.close_mailbox()
             with pytest.raises(ServiceError, match="being stopped or replaced; post the readings again"):
                 await zone.take("post", [reading(OUTPUT, 10.0)])
-            assert await shared.store.kept("z", 0.0) == []
+            assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []
 
     asyncio.run(run())
 
@@ -191,7 +191,7 @@ def test_clocks_are_those_of_the_machine(tmp_path: Path) -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared._replace(clock=Clock(lambda: DAY + 1.0, lambda: 0.0))))
             await zone.take("post", [reading(OUTPUT, 10.0), reading(OUTPUT, 5 * PERIOD)])
-            assert await shared.store.last_sample_time("z") is None
+            assert await shared.store.run(shared.store.journal.last_sample_time, "z") is None
             assert (await zone.take("post", [reading(OUTPUT, 2 * PERIOD)])).accepted == 1
 
     asyncio.run(run())

@@ -1,8 +1,8 @@
-"""State that Thermogate 0.1.0 wrote goes on in the daemon of today: same forecasts, nothing lost, no new segment.
+"""State that the second generation wrote goes on in the daemon of today: same forecasts, nothing lost, no new segment.
 
-`state-0.1.0.tar.xz` holds a configuration, its recording, and the state folder of a daemon 0.1.0 that was killed with
-SIGKILL in mid-recording. Of its checkpoints the newest of each zone is kept; its journal is still in the write-ahead
-log.
+`state-of-generation-2.tar.xz` holds a configuration, its recording, and the state folder of a daemon of commit 0c0203e
+that was killed with SIGKILL in mid-recording. Of its checkpoints the newest of each zone is kept; its journal is still
+in the write-ahead log.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from service.config.recording import recorded
 from service.publish.payloads import ForecastPayload
 from service.records.record import document
 
-ARCHIVE = Path(__file__).with_name("state-0.1.0.tar.xz")
-SAMPLES, RECORDED = 103, 192
+ARCHIVE = Path(__file__).with_name("state-of-generation-2.tar.xz")
+SAMPLES, RECORDED = 114, 192
 """Samples of each zone in the journal, and in the whole recording."""
-BEYOND = {"room-1": 5, "room-2": 13}
+BEYOND = {"room-1": 65, "room-2": 27, "room-3": 31}
 """Samples of each zone in the journal that are later than its checkpoint."""
 TOLERANCE = 1e-9
 """Relative. Between processors of another kind the last digits may differ."""
@@ -109,7 +109,7 @@ def test_the_daemon_of_today_goes_on(
         kept = tmp_path / "kept.tar"
         done = thermogate("backup", site, kept)
         assert (done.returncode, done.stderr) == (0, "")
-        assert "zones with a checkpoint: 2" in done.stdout
+        assert "zones with a checkpoint: 3" in done.stdout
         settings = {"site.state_dir": str(tmp_path / "restored")}
         done = thermogate("restore", site, kept, "--set", f'site.state_dir="{tmp_path / "restored"}"')
         assert (done.returncode, done.stderr) == (0, "")
@@ -133,7 +133,7 @@ def test_the_daemon_of_today_goes_on(
         assert not re.search("damaged|corrupt|Traceback| ERROR ", log), log
 
 
-@pytest.mark.parametrize(("zone", "estimator"), [("room-1", "rbpf"), ("room-2", "ekf")])
+@pytest.mark.parametrize(("zone", "estimator"), [("room-1", "rbpf"), ("room-2", "ekf"), ("room-3", "bank")])
 def test_its_checkpoints_are_shown(site: Path, zone: str, estimator: str) -> None:
     (checkpoint,) = (site.parent / "state" / "checkpoints" / zone).glob("*.npz")
     shown = thermogate("inspect", checkpoint)
