@@ -10,35 +10,28 @@ of forecasts whose time has come (`verified`), and from the residuals of one ste
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import exp
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import ndtri
 
 from estimator.arrays import Array
 from estimator.blackbox.options import ARXOptions
+from estimator.blackbox.regression import FARTHEST, LEVEL, Regression
 from estimator.network.network import Network
-from estimator.types import Mixture, Mixtures, Outcome, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, Outcome, Posterior
 
-_SCALE = {"degC": 10.0, "W": 1000.0, "W/m2": 100.0}
-"""What a channel of this unit varies by: inputs are divided by it, so that one prior suits all."""
 _PRIOR_SD = 0.3
 """Standard deviation of every scaled coefficient a priori."""
 _FIRST_SD = 0.1
 """Standard deviation [K] of a residual before there is any."""
-LEVEL = 20.0
-"""degC that temperatures count from."""
 _LEAST_SD = 1e-6
 """Standard deviation [K] of a residual at least: that of a sensor which stands still would vanish."""
-_FARTHEST = 15.0
-"""K from its forecast beyond which a sample, if 10 standard deviations away too, is not explained."""
 _BEYOND, _BEYOND_SHARE = 2.0, 0.5
 """K, and share of the range measured so far, that a forecast may leave that range by: a regression on little data may
 be unstable."""
-_WIDEST_SPREAD = (_FARTHEST / _FIRST_SD) ** 2
+_WIDEST_SPREAD = (FARTHEST / _FIRST_SD) ** 2
 """Squares of a residual that a spread comes to at most."""
 _RESIDUAL_DAYS = 2.0
 """Time constant with which old residuals are forgotten [d]: the first ones, of a regression that knew nothing, soon."""
@@ -75,15 +68,14 @@ class ARXState(NamedTuple):
 _LEADS = 8
 
 
-class ARX:
+class ARX(Regression):
     """The model of one zone. See `estimator.types.Estimator` for the moves."""
 
+    state_type = ARXState
+
     def __init__(self, network: Network, period: float, options: ARXOptions) -> None:
-        self.network = network.validate()
-        self.period = period
+        super().__init__(network, period)
         self.options = options
-        self.blocks: tuple[str, ...] = ()
-        self._scale, self.level = scales_of(network)
         self._width = 1 + options.past_outputs + options.past_inputs * len(self.level)
         self._prior = (_PRIOR_SD / _FIRST_SD) ** 2
         self._forgetting = exp(-period / (options.memory_days * _DAY))
@@ -91,21 +83,12 @@ class ARX:
         # Of each lead an error becomes known every hour, or with every sample.
         self._verified_forgetting = exp(-max(3600.0, period) / (options.verified_memory_days * _DAY))
 
-    forecast_draws = 1
-    physical = False
-    verifies_itself = False
-
-    @property
-    def issue_type(self) -> type[ARXState]:
-        """The model's state."""
-        return ARXState
-
     def start(self, seed: int, outputs: Array, inputs: Array) -> ARXState:
         """Persistence, from the first sample: its outputs (n_y,) and inputs (n_u,)."""
         count = len(self.network.measured)
         coefficients = np.zeros((count, self._width))
         coefficients[:, 1] = 1.0
-        filled = self.filled(outputs)
+        filled = self._past(outputs)
         return ARXState(
             coefficients=coefficients,
             covariance=np.tile(self._prior * np.eye(self._width), (count, 1, 1)),
@@ -124,7 +107,7 @@ class ARX:
         lowest, highest = state.seen.T
         return state._replace(
             seen=np.column_stack([np.fmin(lowest, outputs), np.fmax(highest, outputs)]),
-            outputs=self.filled(outputs),
+            outputs=self._past(outputs),
             inputs=np.tile(inputs, (self.options.past_inputs, 1)),
             echo=np.zeros_like(state.echo),
             spread=np.zeros_like(state.spread),
@@ -134,16 +117,12 @@ class ARX:
         """One period on under `inputs` (n_u,) held over the step."""
         past = _shifted(state.inputs.T, inputs).T
         outputs, echo, spread = state.outputs.copy(), state.echo.copy(), state.spread.copy()
-        _move(state.coefficients, outputs, self._scaled(past), echo, spread, self._bounds(state), LEVEL)
+        _move(state.coefficients, outputs, self._scaled(past).ravel(), echo, spread, self._bounds(state), LEVEL)
         return state._replace(outputs=outputs, inputs=past, echo=echo, spread=spread)
 
     def predictive(self, state: ARXState) -> Mixture:
         """A Gaussian for every output at the state's time, as a mixture of one."""
         return Mixture(np.ones(1), state.outputs[:, :1], self._theory(state)[:, None])
-
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Gaussian quantiles (L,) of one output."""
-        return np.asarray(mixture.means[output, 0] + mixture.sds[output, 0] * ndtri(levels), dtype=np.float64)
 
     def update(self, state: ARXState, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,), the newest of which `state` has forecast; NaN for a missing one."""
@@ -151,10 +130,10 @@ class ARX:
         if not measured.any():
             return self._posterior(state, Outcome.MISSING)
         sds = self._theory(state)
-        if not (np.abs(outputs - state.outputs[:, 0])[measured] < _FARTHEST + 10.0 * sds[measured]).all():
+        if not (np.abs(outputs - state.outputs[:, 0])[measured] < FARTHEST + 10.0 * sds[measured]).all():
             return self._posterior(state, Outcome.VANISHED)
         learned = ARXState(*(array.copy() for array in state))
-        regressors, log_likelihood = self._scaled(state.inputs), 0.0
+        regressors, log_likelihood = self._scaled(state.inputs).ravel(), 0.0
         for i in np.flatnonzero(measured):
             error = outputs[i] - state.outputs[i, 0]
             log_likelihood -= 0.5 * (error / sds[i]) ** 2 + float(np.log(sds[i] * np.sqrt(2.0 * np.pi)))
@@ -169,16 +148,12 @@ class ARX:
 
     def futures(self, state: ARXState, plan: Array) -> tuple[Array, Array]:
         """Means and standard deviations (h + 1, n_y) at the state's time and after each row of `plan` (h, n_u)."""
-        scaled = ((np.concatenate([state.inputs[::-1], plan]) - self.level) / self._scale)[::-1]
+        scaled = self._scaled(np.concatenate([state.inputs[::-1], plan]))[::-1]
         means, spreads = _moved(
             state.coefficients, state.outputs, np.ascontiguousarray(scaled), self.options.past_inputs, state.echo,
             state.spread, self._bounds(state), LEVEL,
         )  # fmt: skip
         return means, self._spreads(state, spreads)
-
-    def issue(self, state: ARXState, count: int) -> ARXState:
-        """The state itself: one forecast."""
-        return state
 
     def unfold(self, issue: ARXState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
@@ -195,25 +170,6 @@ class ARX:
         sums[place[0], known] *= self._verified_forgetting
         sums[place[0], known] += np.column_stack([errors[known] ** 2, np.ones(known.sum())])
         return state._replace(leads=leads, errors=sums)
-
-    def parameters(self, state: ARXState, levels: Array) -> ParameterSummary:
-        """Not a number throughout: the model has no parameters of a building."""
-        return ParameterSummary.unknown(self.network, levels)
-
-    def draws(self, state: ARXState, count: int) -> None:
-        """None: the model has no physics."""
-
-    def member_weights(self, state: ARXState) -> Mapping[str, Array]:
-        """None: there are no members."""
-        return {}
-
-    def pack(self, state: ARXState) -> dict[str, Array]:
-        """The arrays of a state, by name."""
-        return state._asdict()
-
-    def unpack(self, arrays: Mapping[str, Array]) -> ARXState:
-        """The state of packed arrays."""
-        return ARXState(**arrays)
 
     def _spreads(self, state: ARXState, spreads: Array) -> Array:
         """Standard deviations (h + 1, n_y) [K] one step ahead and farther.
@@ -236,6 +192,10 @@ class ARX:
             theory[1:, i] = np.sqrt((_SURE * theory[1:, i] ** 2 + own * missed**2) / (_SURE + own))
         return theory
 
+    def _past(self, outputs: Array) -> Array:
+        """A past (n_y, past_outputs + 1) in which nothing has changed."""
+        return np.tile(self.filled(outputs)[:, None], self.options.past_outputs + 1)
+
     def _bounds(self, state: ARXState) -> Array:
         """(n_y, 2): what no forecast goes beyond [degC]."""
         beyond = _BEYOND + _BEYOND_SHARE * (state.seen[:, 1] - state.seen[:, 0])
@@ -244,29 +204,6 @@ class ARX:
     def _theory(self, state: ARXState) -> Array:
         """Standard deviation (n_y,) [K] at the state's time, if residuals were independent."""
         return _residual_sd(state) * np.sqrt(np.clip(state.spread, 1e-6, _WIDEST_SPREAD))
-
-    def filled(self, outputs: Array) -> Array:
-        """A past (n_y, past_outputs) in which nothing has changed."""
-        first = float(np.nanmean(outputs)) if np.isfinite(outputs).any() else LEVEL
-        return np.tile(np.where(np.isnan(outputs), first, outputs)[:, None], self.options.past_outputs + 1)
-
-    def _scaled(self, past: Array) -> Array:
-        """The inputs (past_inputs, n_u) as regressors, in a row."""
-        return ((past - self.level) / self._scale).ravel()
-
-    def _posterior(self, state: ARXState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
-        return Posterior(
-            state=state,
-            outcome=outcome,
-            log_likelihood=log_likelihood,
-            parameters=np.full(len(self.network.parameters), np.nan),
-        )
-
-
-def scales_of(network: Network) -> tuple[Array, Array]:
-    """What every input of `network` varies by, and what it counts from: (n_u,) each."""
-    units = [network.channel_unit(channel) for channel in network.inputs]
-    return np.array([_SCALE.get(unit, 1.0) for unit in units]), np.array([LEVEL * (unit == "degC") for unit in units])
 
 
 def _residual_sd(state: ARXState) -> Array:

@@ -7,16 +7,16 @@ Before the first day is over, the first sample stands for the day before.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.blackbox.arx import ARX, LEVEL, ARXState
+from estimator.blackbox.arx import ARX, ARXState
 from estimator.blackbox.options import ARXOptions
+from estimator.blackbox.regression import LEVEL, Regression
 from estimator.network.network import Network
-from estimator.types import Mixture, Mixtures, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, Posterior
 
 _DAY = 86400.0
 
@@ -48,42 +48,33 @@ class DailyState(NamedTuple):
         return self._replace(**differences._asdict())
 
 
-class Daily:
+class Daily(Regression):
     """The model of one zone. See `estimator.types.Estimator` for the moves."""
 
-    forecast_draws = 1
-    physical = False
-    verifies_itself = False
+    state_type = DailyState
 
     def __init__(self, network: Network, period: float, options: ARXOptions) -> None:
-        self.network = network.validate()
-        self.period = period
+        super().__init__(network, period)
         self.options = options
-        self.blocks: tuple[str, ...] = ()
         self._arx = ARX(network, period, options)
         self._steps = max(1, round(_DAY / period))
 
-    @property
-    def issue_type(self) -> type[DailyState]:
-        """The model's state."""
-        return DailyState
-
     def start(self, seed: int, outputs: Array, inputs: Array) -> DailyState:
         """Nothing has changed since yesterday: outputs (n_y,) and inputs (n_u,) of the first sample."""
-        filled = self._arx.filled(outputs)[:, 0]
-        differences = self._arx.start(seed, np.full(len(filled), LEVEL), self._arx.level)
+        filled = self.filled(outputs)
+        differences = self._arx.start(seed, np.full(len(filled), LEVEL), self.level)
         return DailyState(*differences, *self._day(filled, inputs))
 
     def restart(self, state: DailyState, outputs: Array, inputs: Array) -> DailyState:
         """The first sample after a gap: another day, the same regression."""
-        filled = self._arx.filled(outputs)[:, 0]
-        differences = self._arx.restart(state.differences(), np.full(len(filled), LEVEL), self._arx.level)
+        filled = self.filled(outputs)
+        differences = self._arx.restart(state.differences(), np.full(len(filled), LEVEL), self.level)
         return DailyState(*differences, *self._day(filled, inputs))
 
     def predict(self, state: DailyState, inputs: Array) -> DailyState:
         """One period on under `inputs` (n_u,) held over the step."""
         now = state.outputs[:, 0] - LEVEL + state.day_outputs[:, 0]
-        differences = self._arx.predict(state.differences(), inputs - state.day_inputs[0] + self._arx.level)
+        differences = self._arx.predict(state.differences(), inputs - state.day_inputs[0] + self.level)
         return DailyState(
             *differences,
             np.concatenate([state.day_outputs[:, 1:], now[:, None]], axis=1),
@@ -95,23 +86,15 @@ class Daily:
         change = self._arx.predictive(state.differences())
         return change._replace(means=change.means - LEVEL + state.day_outputs[:, :1])
 
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Gaussian quantiles (L,) of one output."""
-        return self._arx.quantiles(mixture, levels, output)
-
     def update(self, state: DailyState, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,), the newest of which `state` has forecast; NaN for a missing one."""
         posterior = self._arx.update(state.differences(), outputs - state.day_outputs[:, 0] + LEVEL)
         return posterior._replace(state=state.with_differences(posterior.state))
 
-    def issue(self, state: DailyState, count: int) -> DailyState:
-        """The state itself: one forecast."""
-        return state
-
     def unfold(self, issue: DailyState, plan: Array) -> Mixtures:
         """What the issue forecasts under `plan` (h, n_u)."""
         yesterday = np.concatenate([issue.day_inputs, plan])[: len(plan)]
-        changes, sds = self._arx.futures(issue.differences(), plan - yesterday + self._arx.level)
+        changes, sds = self._arx.futures(issue.differences(), plan - yesterday + self.level)
         means = changes - LEVEL
         for first in range(0, len(means), self._steps):
             day = slice(first, first + self._steps)
@@ -122,25 +105,6 @@ class Daily:
     def verified(self, state: DailyState, lead: int, errors: Array) -> DailyState:
         """Learn from the errors (n_y,) [K] of a forecast `lead` steps ahead whose time has come; NaN where unknown."""
         return state.with_differences(self._arx.verified(state.differences(), lead, errors))
-
-    def parameters(self, state: DailyState, levels: Array) -> ParameterSummary:
-        """Not a number throughout: the model has no parameters of a building."""
-        return ParameterSummary.unknown(self.network, levels)
-
-    def draws(self, state: DailyState, count: int) -> None:
-        """None: the model has no physics."""
-
-    def member_weights(self, state: DailyState) -> Mapping[str, Array]:
-        """None: there are no members."""
-        return {}
-
-    def pack(self, state: DailyState) -> dict[str, Array]:
-        """The arrays of a state, by name."""
-        return state._asdict()
-
-    def unpack(self, arrays: Mapping[str, Array]) -> DailyState:
-        """The state of packed arrays."""
-        return DailyState(**arrays)
 
     def _day(self, outputs: Array, inputs: Array) -> tuple[Array, Array]:
         """A day in which nothing has changed."""

@@ -13,19 +13,17 @@ was ever seen to change in that time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import exp
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import ndtri
 
 from estimator.arrays import Array
-from estimator.blackbox.arx import LEVEL, scales_of
 from estimator.blackbox.options import DirectOptions
+from estimator.blackbox.regression import FARTHEST, LEVEL, Regression
 from estimator.network.network import Network
-from estimator.types import Mixture, Mixtures, Outcome, ParameterSummary, Posterior
+from estimator.types import Mixture, Mixtures, Outcome, Posterior
 
 _HOUR, _DAY = 3600.0, 86400.0
 _LEADS = (0.0, 1.0, 2.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0)
@@ -48,8 +46,6 @@ grows, less than that of a random walk, and the hours after which it no longer d
 _PRESUMED = 0.5
 """What an expected spread counts as, in forecasts that do not overlap."""
 _LEAST_SD = 1e-3
-_FARTHEST = 15.0
-"""K from its forecast beyond which a sample, if 10 standard deviations away too, is not explained."""
 
 
 class DirectState(NamedTuple):
@@ -92,19 +88,14 @@ class DirectIssue(NamedTuple):
     seen: Array
 
 
-class Direct:
+class Direct(Regression):
     """The model of one zone. See `estimator.types.Estimator` for the moves."""
 
-    physical = False
-    verifies_itself = False
-    forecast_draws = 1
+    state_type = DirectState
 
     def __init__(self, network: Network, period: float, options: DirectOptions) -> None:
-        self.network = network.validate()
-        self.period = period
+        super().__init__(network, period)
         self.options = options
-        self.blocks: tuple[str, ...] = ()
-        self._scale, self._level = scales_of(network)
         self._day = max(1, round(_DAY / period))
         self._leads = np.unique([max(1, round(hours * _HOUR / period)) for hours in _LEADS])
         self._windows = np.array([max(1, round(hours * _HOUR / period)) for hours in (*_PAST, *_LAST, *_CHANGES)])
@@ -160,10 +151,6 @@ class Direct:
         sds = _spread(self._sds(state), self._leads, _unmeasured(state.measured), np.zeros(1))
         return Mixture(np.ones(1), state.outputs[:, -1:].copy(), sds)
 
-    def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
-        """Gaussian quantiles (L,) of one output."""
-        return np.asarray(mixture.means[output, 0] + mixture.sds[output, 0] * ndtri(levels), dtype=np.float64)
-
     def update(self, state: DirectState, outputs: Array) -> Posterior:
         """Learn from `outputs` (n_y,), the newest of which `state` has forecast; NaN for a missing one."""
         measured = ~np.isnan(outputs)
@@ -171,7 +158,7 @@ class Direct:
             return self._posterior(state, Outcome.MISSING)
         now = self.predictive(state)
         errors, sds = (outputs - now.means[:, 0])[measured], now.sds[measured, 0]
-        if not (np.abs(errors) < _FARTHEST + 10.0 * sds).all():
+        if not (np.abs(errors) < FARTHEST + 10.0 * sds).all():
             return self._posterior(state, Outcome.VANISHED)
         past, known = state.outputs.copy(), state.measured.copy()
         past[measured, -1], known[measured, -1] = outputs[measured], 1.0
@@ -224,29 +211,6 @@ class Direct:
         late = _unmeasured(issue.measured)
         return Mixtures.of_gaussians(means, _spread(issue.sds, self._leads, late, np.arange(0.0, steps)).T)
 
-    def verified(self, state: DirectState, lead: int, errors: Array) -> DirectState:
-        """The state itself: the regressions verify themselves, at every sample."""
-        return state
-
-    def parameters(self, state: DirectState, levels: Array) -> ParameterSummary:
-        """Not a number throughout: the model has no parameters of a building."""
-        return ParameterSummary.unknown(self.network, levels)
-
-    def draws(self, state: DirectState, count: int) -> None:
-        """None: the model has no physics."""
-
-    def member_weights(self, state: DirectState) -> Mapping[str, Array]:
-        """None: there are no members."""
-        return {}
-
-    def pack(self, state: DirectState) -> dict[str, Array]:
-        """The arrays of a state, by name."""
-        return state._asdict()
-
-    def unpack(self, arrays: Mapping[str, Array]) -> DirectState:
-        """The state of packed arrays."""
-        return DirectState(**arrays)
-
     def verified_share(self, step: int) -> float:
         """What a step leaves of the sums over verified forecasts, `step` steps after the start: the first ones, of
         regressions that knew nothing, are soon forgotten."""
@@ -254,15 +218,14 @@ class Direct:
 
     def _begun(self, outputs: Array, inputs: Array) -> tuple[Array, Array, Array]:
         """Outputs, what of them is measured, and inputs of two days in which nothing has changed."""
-        first = float(np.nanmean(outputs)) if np.isfinite(outputs).any() else LEVEL
-        past = np.tile(np.where(np.isnan(outputs), first, outputs)[:, None], 2 * self._day + 1)
+        past = np.tile(self.filled(outputs)[:, None], 2 * self._day + 1)
         measured = np.zeros_like(past)
         measured[:, -1] = np.isfinite(outputs)
         return past, measured, np.tile(inputs, (2 * self._day, 1))
 
     def _sums(self, inputs: Array) -> Array:
         """(m + 1, n_u): sums of the first rows of scaled `inputs` (m, n_u)."""
-        return np.concatenate([np.zeros((1, inputs.shape[1])), np.cumsum((inputs - self._level) / self._scale, axis=0)])
+        return np.concatenate([np.zeros((1, inputs.shape[1])), np.cumsum(self._scaled(inputs), axis=0)])
 
     def _trust(self, state: DirectState) -> Array:
         """(n_y, L): what share of a foretold change has come true; 0 before any was verified."""
@@ -283,14 +246,6 @@ class Direct:
             own, expected = _PRESUMED * lead, before * np.exp(2.0 * growth[n])
             variances[:, n] = before = (own * expected + squares[:, n]) / (own + number[:, n])
         return np.asarray(np.maximum(np.sqrt(variances), _LEAST_SD))
-
-    def _posterior(self, state: DirectState, outcome: Outcome, log_likelihood: float = float("nan")) -> Posterior:
-        return Posterior(
-            state=state,
-            outcome=outcome,
-            log_likelihood=log_likelihood,
-            parameters=np.full(len(self.network.parameters), np.nan),
-        )
 
 
 def _unmeasured(measured: Array) -> Array:

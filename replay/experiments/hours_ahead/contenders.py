@@ -1,4 +1,4 @@
-"""Who makes forecasts: naive rules, direct regressions, a fit, and every estimator as a user gets it."""
+"""Who makes forecasts: naive rules, direct regressions, and every estimator as a user gets it."""
 
 from __future__ import annotations
 
@@ -11,23 +11,21 @@ from estimator import registry
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.direct import BLIND, BOOSTING, DIRECT, RIDGE, DirectRun, lightgbm, run_direct
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE, YESTERDAY, NaiveRun, run_naive
-from replay.experiments.hours_ahead.horizons import LATER, leads_of, windows_of
+from replay.experiments.hours_ahead.horizons import leads_of
 from replay.experiments.hours_ahead.recordings import Recording
-from replay.experiments.hours_ahead.runs import STARTS, HoursRun, run_hours
+from replay.experiments.hours_ahead.runs import HoursRun, run_hours
 from replay.experiments.jobs import Job
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun
-from replay.experiments.series.least_squares import STEPS_A_START
 from replay.experiments.series.networks import zone_of
 
 NAIVE = (PERSISTENCE, YESTERDAY)
-LEAST_SQUARES = "least-squares"
 REGRESSIONS = ("arx", "daily", "direct", *DIRECT)
 """Those that know no physics."""
 BANK = "bank"
 DRAWS_NOTHING = ("arx", "daily", "direct", "ekf", "ukf")
 _USUAL = (
-    *(*NAIVE, RIDGE, BLIND, BOOSTING, LEAST_SQUARES),
+    *(*NAIVE, RIDGE, BLIND, BOOSTING),
     *("arx", "daily", "direct", "ekf", "ukf", "rbpf:preset='paper'", "rbpf", "mkf", BANK),
 )
 
@@ -72,7 +70,7 @@ def contenders(request: Request) -> list[Contender]:
 def _named(text: str) -> Contender:
     """NAME, or NAME:OPTIONS with the options of an estimator as between the braces of a TOML table."""
     name, _, given = text.partition(":")
-    known = (*NAIVE, *DIRECT, LEAST_SQUARES, *registry.ESTIMATORS)
+    known = (*NAIVE, *DIRECT, *registry.ESTIMATORS)
     if name not in known:
         raise ReplayError(f"--contender {text}: there is no '{name}'; the contenders are {', '.join(known)}")
     if given and name not in registry.ESTIMATORS:
@@ -97,10 +95,6 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
         yield Job(label, seeds[0], run_naive, NaiveRun(contender.name, series, period, leads), rows)
     elif contender.name in DIRECT:
         yield Job(label, seeds[0], run_direct, DirectRun(contender.name, series, period, leads, seeds[0]), rows)
-    elif contender.name == LEAST_SQUARES:
-        fitted = windows_of(series)[LATER].begin
-        run = FilterRun("ekf", {}, recording.network.without_terms(), period, series, seeds[0])
-        yield Job(label, seeds[0], run_hours, HoursRun(run, leads, fitted), STARTS * STEPS_A_START + rows)
     else:
         registry.resolve(contender.name, recording.network, period, contender.options)
         for seed in seeds if contender.seeded else seeds[:1]:

@@ -19,7 +19,7 @@ from replay.experiments.hours_ahead.contenders import (
 )
 from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key, weight
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE
-from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, SHARE, WINDOWS, leads_of
+from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, WINDOWS, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
@@ -86,14 +86,9 @@ def _report(
                 "No single setting serves all horizons: what follows every sample closely drifts over a day. Compare "
                 "the columns row by row, and then how far a column is behind the best of its row at worst.",
             ),
-            (_ranking(compared, LATER), *_by_recording(results, known, LATER)),
+            (_ranking("ranking", "the best forecast of all", compared, LATER), *_by_recording(results, known, LATER)),
         ),
         _first_days(results, known),
-        Section(
-            "After 30 % of the record",
-            ("The same forecasts, counted from another time on.",),
-            _by_recording(results, known, SHARE),
-        ),
         *_learned(results, known),
         *_members(results, known),
         _settings(results, known, entered, compared),
@@ -128,8 +123,7 @@ def _done(results: Results, known: Mapping[str, Recording], request: Request, se
             f"runs of estimators took {minutes:.0f} minutes.",
             "persistence: nothing changes. yesterday: as at the same time the day before. ridge: for each horizon a "
             "regression of the change until then, fitted anew every day; ridge-blind is not told the inputs to come; "
-            "boosting has the regressors of ridge in trees. least-squares: the network fitted in open loop to the "
-            "first days, then simulated from the state of an EKF. The others are Thermogate's estimators.",
+            "boosting has the regressors of ridge in trees. The others are Thermogate's estimators.",
             f"Hours ahead, the particles of an RBPF are thinned to {SAMPLES} (`Estimator.issue`), and an MKF draws as "
             "many scenarios as it does by default. The others make the fans that they publish.",
             "The first three days are a table of their own; where that leaves less than a quarter of the record, they "
@@ -231,18 +225,13 @@ def ranked(results: Results, known: Mapping[str, Recording], window: str, over: 
     )
 
 
-def _ranking(standings: Sequence[Standing], window: str) -> Table:
-    return Table(
-        "ranking",
-        f"CRPS over that of the best forecast of all, {window}",
-        ("forecast", "geometric mean", "worst", "where it is worst"),
-        tuple(standings),
-        "1 would be the best everywhere. The best is chosen afterwards for every recording and horizon.",
-    )
+def _ranking(name: str, over: str, standings: Sequence[Standing], window: str) -> Table:
+    heading = ("forecast", "geometric mean", "worst", "where it is worst")
+    return Table(name, f"CRPS over that of {over}, {window}", heading, tuple(standings))
 
 
 def _by_recording(results: Results, known: Mapping[str, Recording], window: str) -> tuple[Table, ...]:
-    slug = window.replace(" ", "-").replace("%", "percent")
+    slug = window.replace(" ", "-")
     return tuple(
         results.across(f"{name}-{slug}", f"{title}, {window}", _horizons(known, score, window), "ahead")
         for name, title, score in (
@@ -260,12 +249,7 @@ def _horizons(known: Mapping[str, Recording], score: str, window: str) -> dict[s
 
 def _first_days(results: Results, known: Mapping[str, Recording]) -> Section:
     standings = ranked(results, known, FIRST_DAYS, PERSISTENCE)
-    over = Table(
-        "first-three-days-over-persistence",
-        "CRPS over that of persistence, first three days",
-        ("forecast", "geometric mean", "worst", "where it is worst"),
-        tuple(standings),
-    )
+    over = _ranking("first-three-days-over-persistence", "persistence", standings, FIRST_DAYS)
     largest = results.across(
         "largest-error-first-three-days",
         "Largest error of the mean, K, first three days",
@@ -276,7 +260,7 @@ def _first_days(results: Results, known: Mapping[str, Recording]) -> Section:
         "The first three days",
         (
             "Forecasts that were made and came true in the first three days: what somebody sees who has just "
-            "switched it on. least-squares is fitted to these days and has no forecasts of them.",
+            "switched it on.",
         ),
         (*((over,) if standings else ()), *_by_recording(results, known, FIRST_DAYS), largest),
     )
@@ -291,8 +275,7 @@ def _learned(results: Results, known: Mapping[str, Recording]) -> tuple[Section,
         "What was learned after three weeks, against EnergyPlus",
         {name: name for name in LEARNED},
         note="Heat loss: the learned one over that of a co-heating test in EnergyPlus; 1 is right. Gain: unmeasured "
-        "heat in the week after; an error of 0 is right, and that of saying that there is none is 1. P(on): 0.5 is "
-        "chance.",
+        "heat in the week after; an error of 0 is right, and that of saying that there is none is 1.",
     )
     return (
         Section(

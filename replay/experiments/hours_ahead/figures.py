@@ -12,9 +12,8 @@ from replay.experiments.hours_ahead.horizons import LATER, leads_of, windows_of
 from replay.experiments.hours_ahead.recordings import Known, Recording
 from replay.experiments.jobs import Arrays
 from replay.experiments.study import Figures
-from replay.localtime import DAY, HOUR, Seconds
+from replay.localtime import DAY, Seconds
 from replay.scores import interval_scores, rmse
-from replay.scores.learning import area_under_roc
 from replay.scores.windows import Window
 
 CRPS, COVERAGE, RMSE, WIDTH, WINKLER, LARGEST, COUNT = (
@@ -25,13 +24,9 @@ SCORES = (COUNT, RMSE, CRPS, COVERAGE, WIDTH, WINKLER, LARGEST)
 
 LEARNING = 21 * DAY
 """Time [s] after which what was learned is scored."""
-ON = 150.0
-"""W: a gain beyond this, in either direction, is one that acts; appliances on standby are not."""
-LOSS, GAIN, HOURLY, DARK, GAIN_COVERAGE, ROC = (
-    *("heat loss over the true one", "rms error of the gain over its rms", "the same of hourly means"),
-    *("the same without sun", "coverage of the gain's 95 % interval", "area under the ROC curve of P(on)"),
+LOSS, GAIN, GAIN_COVERAGE = LEARNED = (
+    *("heat loss over the true one", "rms error of the gain over its rms", "coverage of the gain's 95 % interval"),
 )
-LEARNED = (LOSS, GAIN, HOURLY, DARK, GAIN_COVERAGE, ROC)
 
 
 def key(score: str, horizon: str, window: str = LATER) -> str:
@@ -87,25 +82,20 @@ def _scores(y: Array, forecasts: Forecasts, place: int, window: Window) -> Itera
 def learned(known: Known, times: Seconds, arrays: Arrays) -> Figures:
     """What a run with `arrays` (see `run_hours`) over samples at `times` (K,) knew after LEARNING of what is `known`.
 
-    The error of the gain is its rms over the rms of the true gain: at every step, as means over an hour, and at the
-    steps without sun, where no aperture can be wrong. What was not known, or is longer than the recording, is left out.
+    The error of the gain is its rms over the rms of the true gain. What was not known, or is longer than the recording,
+    is left out.
     """
     since = times - times[0]
     later = since >= LEARNING
     gain, truth = arrays["gain"][later], known.gain[later]
     lower, middle, upper = gain.T
     reached = arrays["heat_loss"][since[arrays["heat_loss_rows"]] >= LEARNING]
-    an_hour = max(1, round(HOUR / float(times[1] - times[0])))
-    dark = later & known.dark
     found = {
         LOSS: float(reached[0]) / known.heat_loss if len(reached) else np.nan,
         GAIN: _relative_error(middle, truth),
-        HOURLY: _relative_error(_means(middle, an_hour), _means(truth, an_hour)),
-        DARK: _relative_error(arrays["gain"][dark, 1], known.gain[dark]),
         GAIN_COVERAGE: float(((lower <= truth) & (truth <= upper)).mean())
         if later.any() and np.isfinite(middle).all()
         else np.nan,
-        ROC: area_under_roc(arrays["on"][later], np.abs(truth) > ON) if later.any() else np.nan,
     }
     return {name: value for name, value in found.items() if np.isfinite(value)}
 
@@ -113,8 +103,3 @@ def learned(known: Known, times: Seconds, arrays: Arrays) -> Figures:
 def _relative_error(found: Array, truth: Array) -> float:
     """Root mean square of the error over that of the truth; NaN where anything is missing."""
     return float(np.sqrt(np.mean((found - truth) ** 2) / np.mean(truth**2))) if len(found) else np.nan
-
-
-def _means(values: Array, count: int) -> Array:
-    """Means of `count` values each; what is left over at the end counts for nothing."""
-    return np.asarray(values[: len(values) // count * count].reshape(-1, count).mean(axis=1))

@@ -17,8 +17,8 @@ AHEAD = {"1 h": HOUR, "6 h": 6 * HOUR, "24 h": DAY}
 EVERY = 2 * HOUR
 """Time from one forecast of the hours ahead to the next [s]; one step ahead is forecast at every step."""
 
-FIRST_DAYS, LATER, SHARE = "first three days", "after three days", "after 30 %"
-WINDOWS = (FIRST_DAYS, LATER, SHARE)
+FIRST_DAYS, LATER = "first three days", "after three days"
+WINDOWS = (FIRST_DAYS, LATER)
 """Which forecasts are scored together: those made and come true in the first three days, and those made later."""
 
 
@@ -43,4 +43,4 @@ def windows_of(series: Series) -> Mapping[str, Window]:
     count = len(series.times)
     third = int(np.searchsorted(series.times, series.times[0] + 3 * DAY))
     first = third if third <= 0.75 * count else count // 2
-    return {FIRST_DAYS: Window(0, first), LATER: Window(first, count), SHARE: Window(int(0.3 * count), count)}
+    return {FIRST_DAYS: Window(0, first), LATER: Window(first, count)}

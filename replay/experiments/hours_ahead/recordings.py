@@ -13,17 +13,15 @@ from replay.experiments.series.filtering import Series
 from replay.experiments.series.networks import zone_of
 from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.localtime import DAY
-from replay.scores.intervals import Mask
 from service.config.load import load
 from service.config.site import Config, Whereabouts, ZoneConfig
 
 
 class Known(NamedTuple):
     """What only a simulator knows of a room: the unmeasured heat without the sun (K,) [W], the mean over the step that
-    ends at each row, whether that step was `dark` (K,), and the heat loss to outdoors [W/K]."""
+    ends at each row, and the heat loss to outdoors [W/K]."""
 
     gain: Array
-    dark: Mask
     heat_loss: float
 
 
@@ -44,7 +42,7 @@ class Recording(NamedTuple):
     def first_days(self, days: int) -> Recording:
         """The first `days` of it."""
         first = self.series.times < self.series.times[0] + days * DAY
-        known = self.known and Known(self.known.gain[first], self.known.dark[first], self.known.heat_loss)
+        known = self.known and Known(self.known.gain[first], self.known.heat_loss)
         return self._replace(series=self.series.rows(first), known=known)
 
 

@@ -17,47 +17,34 @@ from estimator.network.discretise import heat_loss
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture
 from estimator.verification.scores import crps
-from replay.experiments.hours_ahead.forecasts import Forecasts, no_forecasts
+from replay.experiments.hours_ahead.forecasts import no_forecasts
 from replay.experiments.hours_ahead.horizons import issued
 from replay.experiments.jobs import Arrays, Tick
 from replay.experiments.series.filtering import FilterRun, Series, Step, steps
-from replay.experiments.series.following import frozen
-from replay.experiments.series.least_squares import LeastSquaresRun, fit, segments_of
 from replay.localtime import DAY
 from replay.scores import LEVEL
 from service.config.fitting import known_heat
 
 SAMPLES = 200
 """What a filter's particles are reduced to before a fan is unfolded (`Estimator.issue`)."""
-STARTS = 4
-"""Of the least-squares fit."""
 _TAILS = np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
 _LEVELS = np.array([0.025, 0.5, 0.975])
 
 
 class HoursRun(NamedTuple):
-    """A filter over a series, and the steps ahead at which its forecasts are kept.
-
-    `fitted` rows at the beginning are for a least-squares fit, whose parameters the filter then keeps; the forecasts of
-    these rows are not kept. 0: no fit.
-    """
+    """A filter over a series, and the steps ahead at which its forecasts are kept."""
 
     filter: FilterRun
     leads: tuple[int, ...]
-    fitted: int = 0
 
 
 def run_hours(run: HoursRun, tick: Tick) -> Arrays:
-    """The arrays of `Forecasts` (K, H), and of what is learned the .025, .5 and .975 quantiles `gain` (K, 3) [W], with
-    `on` (K,), the probability that there is one; `heat_loss` (D,) of the median parameters to the first boundary
-    [W/K], once a day at `heat_loss_rows` (D,); `seconds` (); of a bank also `members` (E,), and `weights`
-    (n, E, L) at `weight_rows` (n,) and `weight_leads` (L,).
+    """The arrays of `Forecasts` (K, H), and of what is learned the .025, .5 and .975 quantiles `gain` (K, 3) [W];
+    `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at `heat_loss_rows` (D,);
+    `seconds` (); of a bank also `members` (E,), and `weights` (n, E, L) at `weight_rows` (n,) and `weight_leads` (L,).
     """
     began = time.perf_counter()
     name, options, network, period, series, seed, whereabouts = run.filter
-    if run.fitted:
-        first_part = segments_of(series.rows(slice(run.fitted)))
-        network = frozen(network, fit(LeastSquaresRun(network, period, first_part, STARTS, seed), tick)["theta"])
     estimator = registry.build(name, network, period, options)
     known = known_heat(estimator.network, period, whereabouts)
     keeper = _Keeper(estimator, series, run.leads, known)
@@ -65,10 +52,7 @@ def run_hours(run: HoursRun, tick: Tick) -> Arrays:
         keeper.take(step)
         keeper.learn(step)
         tick(1)
-    arrays = keeper.arrays() | {"seconds": np.array(time.perf_counter() - began)}
-    for name in Forecasts._fields:
-        arrays[name][: run.fitted] = np.nan
-    return arrays
+    return keeper.arrays() | {"seconds": np.array(time.perf_counter() - began)}
 
 
 def _to_first_boundary(network: Network, theta: Array) -> float:
@@ -89,7 +73,7 @@ class _Keeper:
         self._issued = {lead: set(issued(series, estimator.period, lead).tolist()) for lead in leads if lead > 1}
         self._weights: dict[int, Array] = {}
         self._a_day = max(1, round(DAY / estimator.period))
-        self._gain, self._on = np.full((len(series.times), 3), np.nan), np.full(len(series.times), np.nan)
+        self._gain = np.full((len(series.times), 3), np.nan)
         self._heat_loss: dict[int, float] = {}
 
     def take(self, step: Step) -> None:
@@ -111,8 +95,7 @@ class _Keeper:
     def learn(self, step: Step) -> None:
         """Keep what the sample of `step` has taught."""
         if step.posterior.disturbance is not None:
-            known = step.posterior.disturbance()
-            self._gain[step.row], self._on[step.row] = known.gain, known.probability_on
+            self._gain[step.row] = step.posterior.disturbance().gain
         if self._estimator.physical and step.row % self._a_day == 0:
             median = self._estimator.parameters(step.state, _LEVELS).parameters[:, 1]
             self._heat_loss[step.row] = _to_first_boundary(self._estimator.network, median)
@@ -120,7 +103,7 @@ class _Keeper:
     def arrays(self) -> Arrays:
         """The forecasts, what was learned, and the weights of a bank."""
         arrays: Arrays = self._kept._asdict()
-        arrays |= {"gain": self._gain, "on": self._on}
+        arrays["gain"] = self._gain
         arrays["heat_loss"] = np.array([*self._heat_loss.values()], dtype=np.float64)
         arrays["heat_loss_rows"] = np.array([*self._heat_loss], dtype=np.int64)
         if isinstance(self._estimator, Bank):

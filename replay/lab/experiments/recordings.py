@@ -168,8 +168,7 @@ def _energyplus(name: str, room: str, heating: str, weather: str, location: Loca
     ended = np.concatenate([[np.nan], life.truth.gain[:-1, index]])
     where = f"its room '{room}', heating {heating}, weather {weather}"
     what = f"{building.what}, simulated by EnergyPlus: {where}; the network auto"
-    dark = np.concatenate([[False], life.irradiance[:-1] == 0.0])
-    known = Known(ended, dark, float(loss.outdoors[index]))
+    known = Known(ended, float(loss.outdoors[index]))
     return Recording(f"EnergyPlus {name}", what, False, network, round(STEP), series, known, Whereabouts(location))
 
 

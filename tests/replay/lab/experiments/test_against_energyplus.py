@@ -9,50 +9,43 @@ import numpy as np
 import pytest
 from support.energyplus import needs_energyplus
 
-from replay.experiments.hours_ahead.figures import DARK, GAIN, GAIN_COVERAGE, HOURLY, LEARNING, LOSS, ON, ROC, learned
+from replay.experiments.hours_ahead.figures import GAIN, GAIN_COVERAGE, LEARNING, LOSS, learned
 from replay.experiments.hours_ahead.recordings import Known, recordings
 from replay.experiments.request import Request
 from replay.lab.experiments import recordings as catalogue
 from replay.lab.experiments.recordings import RECORDINGS
-from replay.localtime import DAY, HOUR
 
 TIMES = 1800 * np.arange(28 * 48, dtype=np.int64)
 LATER = TIMES >= LEARNING
-NIGHT = TIMES % DAY < 6 * HOUR
 
 
-def arrays(gain: np.ndarray, on: np.ndarray, loss: np.ndarray) -> dict[str, np.ndarray]:
-    return {"gain": gain, "on": on, "heat_loss": loss, "heat_loss_rows": 48 * np.arange(28)}
+def arrays(gain: np.ndarray, loss: np.ndarray) -> dict[str, np.ndarray]:
+    return {"gain": gain, "heat_loss": loss, "heat_loss_rows": 48 * np.arange(28)}
 
 
 def test_errors_are_relative_to_the_truth_after_three_weeks() -> None:
     rng = np.random.default_rng(1)
     truth = np.where(rng.random(len(TIMES)) < 0.3, 500.0, 60.0)
     truth[0] = np.nan
-    # Right by 100 W too much, with an interval of 300 W, after weeks of nonsense; means over an hour keep the offset.
+    # Right by 100 W too much, with an interval of 300 W, after weeks of nonsense.
     median = np.where(LATER, truth + 100.0, 1e6)
     gain = np.column_stack([median - 150.0, median, median + 150.0])
     loss = np.array([100.0] * 21 + [80.0] + [2.0] * 6)
-    # In the night it is right.
-    gain[NIGHT] = truth[NIGHT, None]
-    found = learned(Known(truth, NIGHT, 100.0), TIMES, arrays(gain, (truth > ON).astype(float), loss))
+    found = learned(Known(truth, 100.0), TIMES, arrays(gain, loss))
     assert found[LOSS] == pytest.approx(0.8), "the first value after three weeks"
-    assert found[GAIN] == pytest.approx(100.0 * np.sqrt(0.75) / np.sqrt(np.mean(truth[LATER] ** 2)))
-    hourly = truth[LATER].reshape(-1, 2).mean(axis=1)
-    assert found[HOURLY] == pytest.approx(100.0 * np.sqrt(0.75) / np.sqrt(np.mean(hourly**2)))
-    assert found[DARK] == 0.0
-    assert (found[GAIN_COVERAGE], found[ROC]) == (1.0, 1.0)
+    assert found[GAIN] == pytest.approx(100.0 / np.sqrt(np.mean(truth[LATER] ** 2)))
+    assert found[GAIN_COVERAGE] == 1.0
 
 
 def test_what_was_not_known_has_no_figure() -> None:
     truth = np.full(len(TIMES), 100.0)
-    unknown = arrays(np.full((len(TIMES), 3), np.nan), np.full(len(TIMES), np.nan), np.empty(0))
+    unknown = arrays(np.full((len(TIMES), 3), np.nan), np.empty(0))
     unknown["heat_loss_rows"] = np.empty(0, dtype=np.int64)
-    assert learned(Known(truth, NIGHT, 100.0), TIMES, unknown) == {}
+    assert learned(Known(truth, 100.0), TIMES, unknown) == {}
     # A recording that is too short teaches nothing, whatever its estimator says.
     short = slice(5 * 48)
-    early = arrays(np.zeros((5 * 48, 3)), np.zeros(5 * 48), np.ones(5)) | {"heat_loss_rows": 48 * np.arange(5)}
-    assert learned(Known(truth[short], NIGHT[short], 100.0), TIMES[short], early) == {}
+    early = arrays(np.zeros((5 * 48, 3)), np.ones(5)) | {"heat_loss_rows": 48 * np.arange(5)}
+    assert learned(Known(truth[short], 100.0), TIMES[short], early) == {}
 
 
 @needs_energyplus
