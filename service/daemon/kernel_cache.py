@@ -37,7 +37,9 @@ def guard_kernel_cache() -> None:
             cache.disable()
             return None
         try:
-            return load(cache, *arguments)
+            if (kernel := load(cache, *arguments)) is None:
+                _tell("compiling the estimators, which takes up to a minute once; later starts find them", logging.INFO)
+            return kernel
         # What unpickling makes of a damaged file can be anything.
         except Exception as error:
             _set_aside(cache, error)
@@ -113,8 +115,8 @@ def _reason(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
 
 
-def _tell(sentence: str) -> None:
+def _tell(sentence: str, level: int = logging.ERROR) -> None:
     """Log it, once in the life of the process: there are dozens of kernels."""
     if sentence not in _told:
         _told.add(sentence)
-        _log.error("%s", sentence)
+        _log.log(level, "%s", sentence)

@@ -44,7 +44,10 @@ def files(tmp_path: Path, ending: str) -> list[Path]:
 
 
 def test_a_sound_cache_is_used(kernel: Callable[[], Any], caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
     assert kernel()(1) == 2
+    assert [record.message.partition(",")[0] for record in caplog.records] == ["compiling the estimators"]
+    caplog.clear()
     again = kernel()
     assert again(1) == 2
     assert sum(again.stats.cache_hits.values()) == 1
