@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -12,6 +12,7 @@ from adapters.edge import Edge
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Text
 from adapters.reading import Source
+from adapters.timestamps import Array
 from adapters.units import ENERGIES, conversion, default_valid_range
 
 
@@ -58,6 +59,11 @@ class ChannelConfig(BaseModel):
     def switched(self) -> bool:
         """Whether its value is known to be either on or off."""
         return False
+
+    @property
+    def foreknown(self) -> Callable[[Array], Array] | None:
+        """Its values at times (h,) [UTC s], of a channel that has them ahead of time."""
+        return None
 
     @property
     def stated_unit(self) -> str | None:

@@ -9,6 +9,7 @@ from adapters.home_assistant.config import HomeAssistantConfig
 from adapters.http.config import HttpSourceConfig
 from adapters.modbus.config import ModbusConfig
 from adapters.mqtt.config import MqttSourceConfig
+from adapters.schedule.config import ScheduleConfig
 from adapters.series.config import InfluxConfig, PrometheusConfig
 from adapters.zenoh.config import ZenohSourceConfig
 
@@ -23,6 +24,7 @@ SOURCE_KINDS: dict[str, type[SourceConfig]] = {
         ModbusConfig,
         MqttSourceConfig,
         PrometheusConfig,
+        ScheduleConfig,
         ZenohSourceConfig,
     )
 }

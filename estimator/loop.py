@@ -29,6 +29,7 @@ from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
 from estimator.thermostat import thermostat as thermostats
+from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
 from estimator.thermostat.live import Live, LiveForecasts
 from estimator.thermostat.thermostat import Thermostat, no_thermostat
 from estimator.types import Estimator, Mixture, Mixtures, Outcome, Posterior
@@ -113,6 +114,7 @@ class Loop:
         levels: Sequence[float],
         *,
         known_heat: KnownHeat | None = None,
+        to_come: ToCome = NOTHING_KNOWN,
         proposes_bounds: bool = False,
         single_steps: bool = False,
     ) -> None:
@@ -126,7 +128,7 @@ class Loop:
         self.estimator = estimator
         self.verification = Verification(estimator)
         self.as_issued = AsIssued(estimator)
-        self.live = LiveForecasts(estimator, seed)
+        self.live = LiveForecasts(estimator, seed, to_come)
         self._known_heat = known_heat
         self._seed = seed
         self._levels = tuple(levels)

@@ -35,12 +35,12 @@ LEVELS = {
     "adapters": (
         {"kinds"},
         {"weather"},
-        {"bacnet", "csv", "home_assistant", "http", "modbus", "mqtt", "series", "zenoh"},
+        {"bacnet", "csv", "home_assistant", "http", "modbus", "mqtt", "schedule", "series", "zenoh"},
         {"messages"},
         {"payload"},
         {"channel"},
         {"edge", "rhythm", "pacing", "fields", "routing"},
-        {"reading", "units", "timestamps", "credentials", "scanning"},
+        {"reading", "units", "timestamps", "holidays", "credentials", "scanning"},
         {"errors", "cancelling"},
     ),
     "service": (

@@ -34,6 +34,7 @@ from adapters.modbus import config as modbus_models
 from adapters.mqtt import config as mqtt_models
 from adapters.mqtt import fields as mqtt_broker_models
 from adapters.reading import Fault, Quality
+from adapters.schedule import config as schedule_models
 from adapters.series import config as series_models
 from adapters.units import conversion, default_valid_range
 from adapters.weather import config as weather_models
@@ -111,6 +112,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "Zenoh sessions": zenoh_session_models.SessionConfig,
     "Zenoh as a source": zenoh_models.ZenohSourceConfig,
     "HTTP as a source": http_source_models.HttpSourceConfig,
+    "A weekly schedule": schedule_models.ScheduleConfig,
+    "`days`": schedule_models.DaysConfig,
     "`tls`": zenoh_session_models.TlsConfig,
     "`[mqtt]`": publish_mqtt.MqttConfig,
     "Brokers": mqtt_broker_models.BrokerConfig,
@@ -130,6 +133,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "Channels of Modbus": modbus_models.ModbusChannelConfig,
     "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
     "Channels of HTTP": http_source_models.HttpChannelConfig,
+    "Channels of a weekly schedule": schedule_models.ScheduleChannelConfig,
     "Channels of MQTT": mqtt_models.MqttChannelConfig,
     "A preset with changes": network_models.PresetConfig,
     "Bounds": network_models.BoundsConfig,
@@ -232,6 +236,9 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
         for source in raw["sources"].values():
             zenoh_models.ZenohSourceConfig.model_validate(source, context=context)
+    elif raw.keys() == {"sources"}:
+        for source in raw["sources"].values():
+            assert schedule_models.ScheduleConfig.model_validate(source).country == "DE-BW"
     elif raw["zones"].keys() == {"setpoint"}:
         channel = csv.CsvChannelConfig.model_validate(raw["zones"]["setpoint"], context={"folder": tmp_path})
         assert (channel.address, channel.max_age) == ("Setpoint", 86400.0)
@@ -304,6 +311,7 @@ def test_no_model_of_the_configuration_is_left_out() -> None:
         fleet_models,
         http_models,
         http_source_models,
+        schedule_models,
         message_models,
         modbus_models,
         mqtt_broker_models,

@@ -1,12 +1,14 @@
 """Set-points to come where nobody plans them: as now, as yesterday, as a week ago, as usual at this hour.
 
-Nobody knows what people will set. Each guess becomes a future of its own, and what it proved to be worth decides how
+Where a schedule sets them, they are known, and "as now" means as the schedule of now goes on. Elsewhere nobody knows
+what people will set. Each guess becomes a future of its own, and what it proved to be worth decides how
 much it counts (`estimator.thermostat.live`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from estimator.arrays import Array, Indices
 from estimator.thermostat.memory import Memory, at, slot
 
 _DAY = 86400
+
+Schedule = Callable[[Array], Array]
+"""Set-points (h,) [degC] that are known ahead, at times (h,) [UTC s]."""
 
 GUESSES = ("as-now", "as-yesterday", "as-last-week", "as-usual")
 
@@ -27,17 +32,29 @@ def weekday_or_weekend(times: Array) -> Indices:
     return np.asarray((times // _DAY + 3) % 7 >= 5, dtype=np.int64)
 
 
-def guesses(memory: Memory, now: float, times: Array, kinds: KindOfDay = weekday_or_weekend) -> Array:
+class ToCome(NamedTuple):
+    """What is known of the days and the set-points to come."""
+
+    kinds: KindOfDay = weekday_or_weekend
+    schedule: Schedule | None = None
+
+
+NOTHING_KNOWN = ToCome()
+
+
+def guesses(memory: Memory, now: float, times: Array, known: ToCome = NOTHING_KNOWN) -> Array:
     """(len(GUESSES), h): set-points [degC] of the intervals that begin at `times` (h,) [UTC s], ascending, if they come
     as in each of GUESSES; `now` [degC] where it is not remembered."""
     begin = times[0] if len(times) else 0.0
     found = np.full((len(GUESSES), len(times)), now)
+    if known.schedule is not None:
+        found[0] = known.schedule(times)
     if len(memory.times):
         for row, back in ((1, _DAY), (2, 7 * _DAY)):
             # Beyond its length a period repeats.
             periods = (times - begin) // back + 1.0
             found[row] = at(memory, memory.setpoints, times - back * periods)
-        found[3] = _usual(memory, times, kinds)
+        found[3] = _usual(memory, times, known.kinds)
     return np.where(np.isnan(found), now, found)
 
 

@@ -27,7 +27,7 @@ from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.weights import COMPONENTS, Costs, between, costs_of, no_costs, weights, with_cost
 from estimator.thermostat.closed_loop import Paths, Start, started
-from estimator.thermostat.futures import GUESSES, KindOfDay, guesses, weekday_or_weekend
+from estimator.thermostat.futures import GUESSES, NOTHING_KNOWN, ToCome, guesses
 from estimator.thermostat.law import Laws
 from estimator.thermostat.memory import Memory, at, reaches_back
 from estimator.thermostat.thermostat import Thermostat
@@ -48,6 +48,9 @@ LEVEL = 0.95
 
 _PRIOR = (0.4, 1.0, 0.5, 0.7, 0.4, 0.6)
 """What each future weighs before it has proved anything, relative to the others."""
+
+_SCHEDULED = (8.0, *_PRIOR[1:])
+"""The same where a schedule sets the set-points."""
 
 _DISCOUNT, _RATE, _SHARING = 0.998, 0.1, 0.5
 _FEEDBACK, _FIRST = 0.02, 1.0
@@ -157,10 +160,10 @@ class Told(NamedTuple):
 class LiveForecasts:
     """The forecasts of one zone with a set-point, by `estimator`. Every method is pure."""
 
-    def __init__(self, estimator: Estimator, seed: int, kinds: KindOfDay = weekday_or_weekend) -> None:
+    def __init__(self, estimator: Estimator, seed: int, to_come: ToCome = NOTHING_KNOWN) -> None:
         self._estimator = estimator
         self._seed = seed
-        self._kinds = kinds
+        self._to_come = to_come
         bank = estimator if isinstance(estimator, Bank) else None
         members = [estimator] if bank is None else bank.members
         self._places = [place for place, member in enumerate(members) if member.physical]
@@ -171,7 +174,8 @@ class LiveForecasts:
         leads = {round(horizon / estimator.period) for horizon in HORIZONS}
         self.leads = tuple(sorted(lead for lead in leads if lead > 1))
         """Steps ahead at which both questions are verified; the first step is the published forecast, whoever asks."""
-        self._prior = np.tile(np.array(_PRIOR)[:, None], len(self.leads))
+        prior = np.array(_PRIOR if to_come.schedule is None else _SCHEDULED)
+        self._prior = np.tile(prior[:, None], len(self.leads))
         self._hours = max(1, round(_EVERY / estimator.period)) * estimator.period / _HOUR
 
     def begin(self) -> Live:
@@ -248,7 +252,7 @@ class LiveForecasts:
         chances = self._chances(live, thermostat)[-1, : len(GUESSES)]
         if not chances.any():
             return np.full(len(times), np.nan)
-        told = guesses(thermostat.memory, thermostat.setpoint, times, self._kinds)
+        told = guesses(thermostat.memory, thermostat.setpoint, times, self._to_come)
         return np.asarray(told[int(np.argmax(chances))])
 
     def learned(self, live: Live, thermostat: Thermostat, outputs: Array) -> tuple[Live, tuple[Told, ...]]:
@@ -439,7 +443,7 @@ class LiveForecasts:
             shares = self._shares(live, state)
             starts = self._started(state, laws, shares, steps, count, time // round(period))
             scales = self._scales(live, PLANNED, leads)
-            told = guesses(memory, thermostat.setpoint, times, self._kinds)
+            told = guesses(memory, thermostat.setpoint, times, self._to_come)
             for place in np.flatnonzero(chosen[: len(GUESSES)]).tolist():
                 outputs, paths, own = self._under(starts, shares, thermostat, told[place], rows, before, leads, scales)
                 found[place] = outputs, _heat(paths, own)

@@ -15,12 +15,13 @@ from adapters.units import conversion, default_valid_range
 from estimator import registry
 from estimator.heat.known import KnownHeat
 from estimator.network.network import Network
+from estimator.thermostat.futures import ToCome
 from service.config.site import Config, Whereabouts, ZoneConfig
 from service.records.outlook import SET_POINT_RANGE, SET_POINTS, Surroundings, WeatherLink
 from service.zone import snapshot
 from service.zone.alignment import Alignment
 from service.zone.clock import PLAUSIBLE
-from service.zone.local_time import calendar
+from service.zone.local_time import calendar, kinds_of_day
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 _MOST_EMPTY = 1000
@@ -34,7 +35,12 @@ def make_worker(zone: ZoneConfig) -> ZoneWorker:
     settings = WorkerSettings(
         zone.seed, zone.levels, zone.max_gap, zone.hold_inputs, zone.max_ages, zone.proposes_bounds
     )
-    return ZoneWorker(estimator, settings, known_heat(estimator.network, zone.period, zone.whereabouts))
+    where, setpoint = zone.whereabouts, zone.setpoint
+    to_come = ToCome(
+        kinds_of_day(calendar(where.time_zone, where.country, where.location)),
+        None if setpoint is None else setpoint.foreknown,
+    )
+    return ZoneWorker(estimator, settings, known_heat(estimator.network, zone.period, where), to_come)
 
 
 def known_heat(network: Network, period: float, where: Whereabouts) -> KnownHeat | None:

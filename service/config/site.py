@@ -32,6 +32,7 @@ from adapters.fields.values import (
     whole,
 )
 from adapters.fields.words import shown
+from adapters.holidays import public_holidays
 from adapters.reading import Source
 from adapters.weather.config import WeatherConfig
 from adapters.weather.forecast import WeatherSource
@@ -45,12 +46,11 @@ from service.config.network_tables import NetworkConfig
 from service.config.usual import usual
 from service.publish.kinds import SINK_KINDS
 from service.zone.alignment import SETPOINT, unit_of
-from service.zone.local_time import check_country
 
 
 def _country(value: object) -> str:
     """The code of a country or a part of it whose public holidays are known."""
-    check_country(text(value))
+    public_holidays(text(value))
     return str(value)
 
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Container
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import lru_cache
 
 import numpy as np
 
+from adapters.holidays import public_holidays
 from adapters.timestamps import time_zone
 from estimator.arrays import Array
 from estimator.heat.known import Calendar, LocalTime
 from estimator.heat.sun import Location
+from estimator.thermostat.futures import KindOfDay
 
 _NOWHERE: frozenset[object] = frozenset()
 _SATURDAY = 5
+_HOUR = 3600.0
 
 
 def calendar(name: str | None, country: str | None, location: Location | None) -> Calendar:
@@ -25,7 +26,7 @@ def calendar(name: str | None, country: str | None, location: Location | None) -
     sentence for a country that nobody knows.
     """
     zone = _zone(name, location)
-    holidays = _NOWHERE if country is None else _holidays(country)
+    holidays = _NOWHERE if country is None else public_holidays(country)
 
     def local(times: Array) -> LocalTime:
         found = [datetime.fromtimestamp(time, UTC).astimezone(zone) for time in times.tolist()]
@@ -37,29 +38,17 @@ def calendar(name: str | None, country: str | None, location: Location | None) -
     return local
 
 
-def check_country(country: str) -> None:
-    """ValueError with one sentence if the public holidays of `country` are not known."""
-    _holidays(country)
+def kinds_of_day(local: Calendar) -> KindOfDay:
+    """1 on weekends and public holidays of `local` time, 0 otherwise; to the hour."""
+
+    @lru_cache(maxsize=4096)
+    def of_hour(hour: float) -> int:
+        return int(local(np.array([hour * _HOUR])).off[0])
+
+    return lambda times: np.array([of_hour(hour) for hour in (times // _HOUR).tolist()], dtype=np.int64)
 
 
 def _zone(name: str | None, location: Location | None) -> tzinfo:
     if name is not None:
         return time_zone(name)
     return timezone(timedelta(hours=0 if location is None else round(location.longitude / 15.0)))
-
-
-@lru_cache(maxsize=16)
-def _holidays(country: str) -> Container[object]:
-    try:
-        package = importlib.import_module("holidays")
-    except ImportError:
-        raise ValueError(
-            "needs the package holidays, which has the public holidays of most countries; install it with "
-            "pip install 'thermogate[holidays]', or remove country: weekends are known without it"
-        ) from None
-    code, _, part = country.partition("-")
-    try:
-        found: Container[object] = package.country_holidays(code, subdiv=part or None)
-    except NotImplementedError:
-        raise ValueError(f'"{country}" is not a country that it knows; use a code such as "DE", or "DE-BW"') from None
-    return found

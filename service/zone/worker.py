@@ -19,6 +19,7 @@ from estimator.foresight import Day
 from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop, Step
 from estimator.network.network import Network
+from estimator.thermostat.futures import NOTHING_KNOWN, ToCome
 from estimator.types import Estimator, ParameterSummary, Posterior
 from estimator.verification.one_step import OneStep
 from service.records.sample import Sample
@@ -97,16 +98,23 @@ class Standing(NamedTuple):
 class ZoneWorker:
     """The state of one zone between two samples, and `step`, which takes it over one."""
 
-    def __init__(self, estimator: Estimator, settings: WorkerSettings, known_heat: KnownHeat | None = None) -> None:
+    def __init__(
+        self,
+        estimator: Estimator,
+        settings: WorkerSettings,
+        known_heat: KnownHeat | None = None,
+        to_come: ToCome = NOTHING_KNOWN,
+    ) -> None:
         """`known_heat` is needed where the estimator's network has terms."""
         self.estimator = estimator
         self.settings = settings
-        self._known_heat = known_heat
+        self._known_heat, self._to_come = known_heat, to_come
         self.loop = Loop(
             estimator,
             settings.seed,
             settings.levels,
             known_heat=known_heat,
+            to_come=to_come,
             proposes_bounds=settings.proposes_bounds,
         )
         self.foresight = Foresight(estimator.network, self.period)
@@ -145,7 +153,7 @@ class ZoneWorker:
 
     def anew(self) -> ZoneWorker:
         """A worker of the same zone that has seen nothing."""
-        return ZoneWorker(self.estimator, self.settings, self._known_heat)
+        return ZoneWorker(self.estimator, self.settings, self._known_heat, self._to_come)
 
     def resume(self, standing: Standing, input_quality: tuple[Quality, ...], progress: Progress, trust: Trust) -> None:
         """Go on from where another worker of this zone stood."""

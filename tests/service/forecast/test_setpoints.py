@@ -5,10 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 from support.forecasts import fan_of, question
-from support.thermostat_house import recorded
+from support.thermostat_house import morning, recorded
 
 from estimator.network.presets import network
 from estimator.registry import build
+from estimator.thermostat.futures import NOTHING_KNOWN
 from service.errors import NoLaw
 from service.forecast.engine import PartQuestion
 from service.forecast.plan import Plan, Timed
@@ -22,9 +23,9 @@ PERIOD = 1800
 DAILY = 48
 
 
-def worker_after(steps, estimator="ekf", told=True):
+def worker_after(steps, estimator="ekf", told=True, to_come=NOTHING_KNOWN):
     net = network("tite")
-    zone = ZoneWorker(build(estimator, net, PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0))
+    zone = ZoneWorker(build(estimator, net, PERIOD, {}), WorkerSettings(5, (0.95,), 3, 900.0), to_come=to_come)
     for k, (outputs, inputs, setpoint) in enumerate(zip(*(rows[:steps] for rows in DATA), strict=True)):
         zone.step(Sample.measured(k * PERIOD, outputs, inputs)._replace(setpoint=setpoint if told else np.nan))
     return zone
@@ -60,6 +61,13 @@ def test_without_a_plan_the_schedule_of_the_days_before_comes():
     held = mean(lived(), {"u_heat": lived().carried.held.values[1]})[:-1] - expected
     assert np.sqrt(np.mean(apart**2)) < 0.7 < np.sqrt(np.mean(held**2))
     assert origin(lived()) == "thermostat"
+
+
+def test_a_schedule_is_followed_although_no_day_before_was_like_it():
+    def schedule(times):
+        return np.array([morning(time / 3600.0) if time < 6 * 86400.0 else 16.0 for time in times.tolist()])
+
+    assert mean(worker_after(6 * DAILY, to_come=NOTHING_KNOWN._replace(schedule=schedule)))[24:].max() < 18.0
 
 
 def test_a_plan_in_watts_is_answered_in_watts():

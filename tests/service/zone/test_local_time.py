@@ -9,8 +9,9 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+from adapters.holidays import public_holidays
 from estimator.heat.sun import Location
-from service.zone.local_time import calendar, check_country
+from service.zone.local_time import calendar
 
 BERLIN = ZoneInfo("Europe/Berlin")
 
@@ -43,4 +44,4 @@ def test_without_a_time_zone_the_sun_tells_the_hour() -> None:
 def test_a_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "holidays", None)
     with pytest.raises(ValueError, match=r"install it with pip install 'thermogate\[holidays\]', or remove country"):
-        check_country("SE")
+        public_holidays("SE")

@@ -1,0 +1,1 @@
+"""A weekly schedule of values, such as set-points, written in the configuration."""

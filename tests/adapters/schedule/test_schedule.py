@@ -1,0 +1,117 @@
+"""A weekly schedule: what it has when, how it is written, and that forecasts know it."""
+
+import asyncio
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+from adapters.fields.problems import Problems
+from adapters.schedule.config import ScheduleConfig
+from adapters.schedule.source import ScheduleSource
+from service.config.load import load
+
+DAYS = [
+    {"on": ["mon", "tue", "wed", "thu", "fri"], "at": {"06:30": 21.0, "22:00": 17.0}},
+    {"on": ["sat", "sun", "holiday"], "at": {"09:00": 20.0, "23:00": 16.0}},
+]
+TABLE = {"kind": "schedule", "time_zone": "Europe/Berlin", "country": "DE-BW", "days": DAYS}
+
+
+def table(**changes):
+    return ScheduleConfig(**(TABLE | changes))
+
+
+def week():
+    return table().channel(source="hours").within(table()).week
+
+
+@pytest.mark.parametrize(
+    ("time", "value"),
+    [
+        ("2025-03-24T06:29:00+01:00", 16.0),  # Monday morning: still as on Sunday evening
+        ("2025-03-24T06:30:00+01:00", 21.0),
+        ("2025-03-25T02:00:00+01:00", 17.0),
+        ("2025-03-29T10:00:00+01:00", 20.0),
+        ("2025-03-31T06:30:00+02:00", 21.0),  # the first morning of summer time
+        ("2025-01-06T08:00:00+01:00", 16.0),  # Epiphany, a Monday, which not all of Germany keeps
+        ("2025-01-06T09:00:00+01:00", 20.0),
+    ],
+)
+def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
+    assert week().at(datetime.fromisoformat(time).timestamp()) == value
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"days": [*DAYS, {"on": ["mon"], "at": {"00:00": 20.0}}]}, "days: mon named twice; name every day once"),
+        ({"days": DAYS[:1]}, "days: nothing for sat, sun; name every day of the week once"),
+        ({"country": None}, 'days has values for "holiday"; give the country whose public holidays are meant'),
+        ({"country": "XX"}, 'country: "XX" is not a country that it knows'),
+        ({"days": [{"on": ["monday"], "at": {"00:00": 20.0}}]}, "must be one of mon, tue, wed, thu, fri, sat, sun"),
+        ({"days": [{"on": ["mon"], "at": {"25:00": 20.0}}]}, 'must be a time of day such as "06:30", not "25:00"'),
+        ({"time_zone": "Mars"}, "time_zone"),
+    ],
+)
+def test_a_mistake_is_one_sentence_with_its_place(changes, sentence):
+    written = {name: value for name, value in (TABLE | changes).items() if value is not None}
+    problems = Problems({"sources": {"hours": written}})
+    problems.read(ScheduleConfig, written, ("sources", "hours"), {})
+    (found,) = problems.sentences
+    assert found.startswith("sources.hours")
+    assert sentence in found
+
+
+def test_the_source_delivers_what_the_schedule_has_now():
+    source = table().build("hours", [])
+
+    async def first():
+        async for batch in source.batches(None):
+            await source.close()
+            return batch
+
+    assert isinstance(source, ScheduleSource)
+    assert asyncio.run(first()).readings == []
+    assert source.check() == []
+
+
+def test_a_zone_takes_its_set_points_from_it(tmp_path):
+    (tmp_path / "site.toml").write_text(
+        """
+[site]
+id = "home"
+state_dir = "state"
+
+[sources.posted]
+kind = "http"
+
+[sources.hours]
+kind = "schedule"
+time_zone = "Europe/Berlin"
+days = [{ on = ["mon", "tue", "wed", "thu", "fri", "sat", "sun"], at = { "06:00" = 70.0, "22:00" = 62.0 } }]
+
+[[zones]]
+id = "room"
+period = "15min"
+network = "tite"
+setpoint = { source = "hours", unit = "degF" }
+
+[zones.channels]
+T_i = { source = "posted", unit = "degC" }
+T_out = { source = "posted", unit = "degC" }
+u_heat = { source = "posted", unit = "W" }
+"""
+    )
+    config = load(tmp_path / "site.toml")
+    (zone,) = config.zones
+    times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
+    assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])
+
+    async def first():
+        async for batch in config.build_source("hours").batches(None):
+            return batch.readings
+
+    ((channel, _, value, *_),) = asyncio.run(first())
+    assert channel == "room/setpoint"
+    assert value in (pytest.approx(50 / 3), pytest.approx(190 / 9))
