@@ -1,1 +1,4 @@
-"""Compiled code: vector lanes, algebra, random draws, the particle step. It knows no network, only arrays."""
+"""Compiled code that several estimators share: random draws, the modes of a network, quantiles of mixtures.
+
+It knows no estimator, only arrays.
+"""

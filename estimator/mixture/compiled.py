@@ -1,4 +1,4 @@
-"""The moves of the mixture Kalman filter on the Numba kernels, with the same methods as `ReferenceMixture`."""
+"""The moves of `ReferenceMixture` that cost most, on the Numba kernels."""
 
 from __future__ import annotations
 
@@ -6,90 +6,69 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimator.arrays import Array, Indices
-from estimator.kernels import quantiles as kernel_quantiles
-from estimator.kernels import steps as kernels
 from estimator.kernels.draws import Draws, Purpose
-from estimator.mixture import kernels as mkf_kernels
-from estimator.mixture import scenarios as mkf_scenarios
+from estimator.kernels.quantiles import mixture_quantiles
+from estimator.mixture import kernels, scenarios
 from estimator.mixture.kernels import Settings, Shape
 from estimator.mixture.model import MixtureModel, Particles, Scenarios, Walk
-from estimator.mixture.modes import mode_rows
-from estimator.particle.resampling import Weighted
+from estimator.mixture.reference import ReferenceMixture
 from estimator.types import Mixture
 
-_BINS = 256
 
-
-class CompiledMixture:
+class CompiledMixture(ReferenceMixture):
     """One network's moves, compiled; arrays as in `ReferenceMixture`."""
 
     def __init__(self, model: MixtureModel) -> None:
-        self._model = model
-        shape, space = model.topology, model.space
+        super().__init__(model)
+        space = model.space
         slot = np.full(len(space.fixed), -1, dtype=np.int64)
         slot[space.free] = np.arange(len(space.free))
         self._shape = Shape(
-            shape.capacitance, shape.edges, shape.heat, shape.heat_gain, shape.measured,
             slot, space.free, space.fixed, model.lower, model.upper, model.prior_variance,
             model.heated, model.term_place, model.coefficient_walk, model.block,
         )  # fmt: skip
         self._settings = _settings(model)
-        self._rows = mode_rows(len(space.fixed), model.states, model.size, model.free, len(model.heated))
 
     def propagate(self, particles: Particles, walk: Walk, inputs: Array, gate: float) -> tuple[Particles, Array]:
         """One period on under `inputs` (n_u + m,), and the logarithms (N,) of what each proposal is worth."""
         new = Particles(*(np.empty_like(rows) for rows in particles))
         worth = np.empty(particles.mean.shape[1])
-        mkf_kernels.propagate(
-            self._rows, self._shape, self._settings, gate, inputs, walk.normals, walk.uniforms, particles, new, worth
-        )
+        kernels.propagate(
+            self._model.topology, self._shape, self._settings, gate, np.asarray(inputs, dtype=np.float64),
+            walk.normals, walk.uniforms, particles, new, worth,
+        )  # fmt: skip
         return new, worth
 
     def assimilate(self, particles: Particles, outputs: Array) -> tuple[Particles, Array]:
         """Kalman update by `outputs` (n_y,), NaN for a missing one, and log likelihoods (N,)."""
         mean, covariance = np.empty_like(particles.mean), np.empty_like(particles.covariance)
         log_likelihood = np.empty(mean.shape[1])
-        mkf_kernels.assimilate(self._shape, outputs, particles, mean, covariance, log_likelihood)
+        kernels.assimilate(
+            self._model.topology.measured, self._shape, outputs, particles, mean, covariance, log_likelihood
+        )
         return particles._replace(mean=mean, covariance=covariance), log_likelihood
 
     def sample(self, particles: Particles, index: Indices, normals: Array) -> Array:
         """Draws z (n_z, K) from the Gaussians of the particles `index` (K,)."""
         out = np.empty_like(normals)
         mean, covariance = np.take(particles.mean, index, axis=1), np.take(particles.covariance, index, axis=1)
-        mkf_scenarios.sample(self._shape, mean, covariance, normals, out)
+        scenarios.sample(self._shape, mean, covariance, normals, out)
         return out
 
     def paths(self, start: Scenarios, plan: Array, seed: int, origin: int) -> Array:
         """Temperatures (h, n_y, K) of the measured nodes after each row of `plan` (h, n_u + m)."""
         draws = Draws(seed, origin, forecast=True)
         out = np.empty((len(plan), self._model.outputs, start.state.shape[1]))
-        mkf_scenarios.paths(
-            self._rows, self._shape, self._settings, draws.seed, draws.step,
+        scenarios.paths(
+            self._model.topology, self._shape, self._settings, draws.seed, draws.step,
             draws.stream(Purpose.SCENARIO), draws.stream(Purpose.SCENARIO_SWITCH),
             np.ascontiguousarray(plan, dtype=np.float64), start, out,
         )  # fmt: skip
         return out
 
-    def reweigh(self, log_weights: Array) -> Weighted:
-        """Weights normalised."""
-        normalised, weights = np.empty_like(log_weights), np.empty_like(log_weights)
-        log_sum, n_eff = kernels.reweigh(log_weights, normalised, weights)
-        return Weighted(normalised, weights, log_sum, n_eff)
-
-    def systematic(self, weights: Array, uniform: float, count: int) -> Indices:
-        """Indices (count,) of systematic resampling from `weights` (N,)."""
-        index = np.empty(count, dtype=np.int64)
-        kernels.systematic(weights, uniform, index)
-        return index
-
-    def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
-        """Quantiles (L,) of weighted values (N,)."""
-        quantiles: Array = kernel_quantiles.weighted_quantiles(values, weights, levels, _BINS)
-        return quantiles
-
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output of a mixture."""
-        quantiles: Array = kernel_quantiles.mixture_quantiles(
+        quantiles: Array = mixture_quantiles(
             levels, ndtri(levels), mixture.weights, mixture.means[output], mixture.sds[output]
         )
         return quantiles
@@ -101,8 +80,8 @@ def _settings(model: MixtureModel) -> Settings:
         period=model.period,
         gain_node=model.gain_node if model.gains else -1,
         process_variance=options.process_sd**2,
-        volatile_process=float(options.volatility == "process"),
-        volatile_gain=float(options.volatility == "gain"),
+        volatile_process=options.volatility == "process",
+        volatile_gain=options.volatility == "gain",
         volatility_sd=options.volatility_sd,
         jump_probability=options.jump_probability,
         jump_sd=options.jump_sd,
@@ -116,7 +95,7 @@ def _settings(model: MixtureModel) -> Settings:
         off_probability=model.off_probability,
         spread_low=model.gain_sd_bounds[0],
         spread_high=model.gain_sd_bounds[1],
-        decays=float(options.gain_decays),
+        decays=options.gain_decays,
         hour_walk=options.hyper_walk_sd,
         hour_low=model.hour_bounds[0],
         hour_high=model.hour_bounds[1],

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
-from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
+from estimator.kernels.packing import packed
 from estimator.mixture.compiled import CompiledMixture
 from estimator.mixture.model import HOUR, WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.mixture.options import MKFOptions
@@ -28,7 +28,7 @@ from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
 from estimator.network.starting import initial_temperatures
-from estimator.particle.gate import learning_gate, regime
+from estimator.particle.gate import learning_gate, regime, weighted_quantiles
 from estimator.particle.kalman import unpack
 from estimator.particle.resampling import Weighted, effective_sample_size
 from estimator.types import (
@@ -397,7 +397,7 @@ class MKF:
         phi = (state.mean[self._model.size - self._model.free :] * weights).sum(axis=1)
         theta = self._model.space.fixed.copy()
         theta[self._model.space.free] = np.exp(phi)
-        alpha = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
+        alpha = [weighted_quantiles(row, weights, LEVELS) for row in state.log_alpha]
         return Posterior(
             state=state,
             outcome=Outcome.MISSING,
@@ -414,7 +414,7 @@ class MKF:
         )
 
     def _disturbance(self, state: MKFState, weights: Array) -> Disturbance:
-        noise = [self._moves.weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
+        noise = [weighted_quantiles(row, weights, LEVELS) for row in state.log_noise]
         return Disturbance(*self._gain(state, weights), np.exp(np.array(noise)))
 
     def _gain(self, state: MKFState, weights: Array) -> tuple[Array, float]:

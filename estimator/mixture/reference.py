@@ -13,12 +13,11 @@ import numpy as np
 
 from estimator.arrays import Array, Indices
 from estimator.gaussian.floor import with_known_gain
-from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
+from estimator.kernels.packing import packed
 from estimator.mixture.model import HOUR, SMALLEST_PIVOT, WATTS, MixtureModel, Particles, Scenarios, Walk
 from estimator.network.modal import ModalNetwork
 from estimator.network.network import HeatInput
-from estimator.particle.gate import weighted_quantiles
 from estimator.particle.kalman import kalman_update, pack, unpack
 from estimator.particle.reference import mixture_quantile
 from estimator.particle.resampling import Weighted, reweigh, systematic
@@ -142,10 +141,6 @@ class ReferenceMixture:
     def systematic(self, weights: Array, uniform: float, count: int) -> Indices:
         """Indices (count,) of systematic resampling from `weights` (N,)."""
         return systematic(weights, uniform, count)
-
-    def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
-        """Quantiles (L,) of weighted values (N,)."""
-        return weighted_quantiles(values, weights, levels)
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output of a mixture."""

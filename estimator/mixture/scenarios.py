@@ -1,4 +1,4 @@
-"""Sampled futures of the mixture Kalman filter, compiled, eight at a time.
+"""Sampled futures of the mixture Kalman filter, compiled, one after the other.
 
 A future is a draw from the mixture, discretised once, and then a recursion with process noise, volatility and switching
 of its own. Its parameters, its sigma_y and the time constant of its gain stay as they were drawn.
@@ -6,162 +6,95 @@ of its own. Its parameters, its sigma_y and the time constant of its gain stay a
 
 from __future__ import annotations
 
+from math import exp, sqrt
+
 import numpy as np
 from numba import njit
 
-from estimator.kernels.draws import ROWS, normal_quad, uniform_quad
-from estimator.kernels.elementary import exponential
-from estimator.kernels.lanes import JIT, LANES, choose_below, load, maximum, minimum, spread, square_root, store, within
-from estimator.kernels.scratch import aligned, get, put
-from estimator.mixture.kernels import gain_begins, gain_decay, gain_ends, gain_spread, moved_volatility, theta
+from estimator.kernels.draws import fill
+from estimator.kernels.jit import JIT
+from estimator.kernels.modes import heat_flow, memory, modes, move
+from estimator.mixture.kernels import (
+    clipped,
+    copied,
+    gain_decay,
+    gain_spread,
+    gain_walk,
+    moved_volatility,
+    place_of,
+    set_parameters,
+)
 from estimator.mixture.model import SMALLEST_PIVOT, WATTS
-from estimator.mixture.modes import flow, modes, respond
-
-_TINY = 1e-300
 
 
-@njit(cache=True, **JIT)
+@njit(**JIT)
 def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-def]
     """`out` (n_z, K): draws from Gaussians, c and phi inside their bounds; packed covariances, standard `normals`
     (n_z, K)."""
     size, count = mean.shape
-    bounded = shape.lower.shape[0]
-    s = aligned(np.empty((covariance.shape[0] + 1) * LANES))
-    for first in range(0, count, LANES):
-        inside = within(first, count)
-        for row in range(covariance.shape[0]):
-            put(s, row, load(covariance, (row, first), inside))
+    first, factor = size - shape.lower.shape[0], np.empty(covariance.shape[0])
+    for k in range(count):
+        copied(covariance[:, k], factor)
         for j in range(size):
-            below = j * (j + 1) // 2
-            variance = get(s, below + j)
+            variance = factor[place_of(j, j)]
             pivot = variance
-            for k in range(j):
-                pivot = pivot - get(s, below + k) * get(s, below + k)
-            inverse = choose_below(variance * SMALLEST_PIVOT, pivot, 1.0 / square_root(maximum(pivot, _TINY)), 0.0)
-            put(s, below + j, pivot * inverse)
+            for m in range(j):
+                pivot -= factor[place_of(j, m)] ** 2
+            inverse = 1.0 / sqrt(pivot) if pivot > variance * SMALLEST_PIVOT else 0.0
+            factor[place_of(j, j)] = pivot * inverse
             for i in range(j + 1, size):
-                value = get(s, i * (i + 1) // 2 + j)
-                for k in range(j):
-                    value = value - get(s, i * (i + 1) // 2 + k) * get(s, below + k)
-                put(s, i * (i + 1) // 2 + j, value * inverse)
+                value = factor[place_of(i, j)]
+                for m in range(j):
+                    value -= factor[place_of(i, m)] * factor[place_of(j, m)]
+                factor[place_of(i, j)] = value * inverse
         for i in range(size):
-            value = load(mean, (i, first), inside)
+            value = mean[i, k]
             for j in range(i + 1):
-                value = value + get(s, i * (i + 1) // 2 + j) * load(normals, (j, first), inside)
-            if i >= size - bounded:
-                d = i - (size - bounded)
-                value = minimum(maximum(value, shape.lower[d]), shape.upper[d])
-            store(out, (i, first), inside, value)
+                value += factor[place_of(i, j)] * normals[j, k]
+            out[i, k] = clipped(value, shape.lower[i - first], shape.upper[i - first]) if i >= first else value
 
 
-@njit(cache=True, **JIT)
-def _discretise(at, shape, settings, at_transition, at_input, at_gain, channels, s):  # type: ignore[no-untyped-def]
-    """Rows A_d (n, n), B_d (n, n_u) and the response [K/kW] to a gain (n,) of a block, and row `response`."""
-    n = shape.capacitance.shape[0]
-    modes(at, shape.capacitance, shape.edges, settings.period, s)
-    for i in range(n):
-        for j in range(n):
-            value = spread(0.0)
-            for k in range(n):
-                value = value + get(s, at.vectors + i * n + k) * get(s, at.decay + k) * get(s, at.vectors + j * n + k)
-            scale = get(s, at.scale + j)
-            put(s, at_transition + i * n + j, value / (scale * scale))
-    unit = np.zeros(channels)
-    for c in range(channels + 1):
-        if c < channels:
-            unit[:] = 0.0
-            unit[c] = 1.0
-            flow(at, n, shape.edges, shape.heat, shape.heat_gain, unit, s)
-        else:
-            for i in range(n):
-                put(s, at.flow + i, WATTS if i == settings.gain_node else 0.0)
-        for k in range(n):
-            value = spread(0.0)
-            for i in range(n):
-                value = value + get(s, at.vectors + i * n + k) * get(s, at.flow + i)
-            put(s, at.heat + k, value * settings.period * get(s, at.drive + k))
-        for i in range(n):
-            value = spread(0.0)
-            for k in range(n):
-                value = value + get(s, at.vectors + i * n + k) * get(s, at.heat + k)
-            put(s, at_input + i * channels + c if c < channels else at_gain + i, value)
-    for d in range(shape.heated.shape[0]):
-        respond(at, n, shape.heated[d], settings.period, at.response + d * n, s)
-
-
-@njit(cache=True, **JIT)
-def paths(at, shape, settings, seed, origin, normal_stream, uniform_stream, plan, start, out):  # type: ignore[no-untyped-def]
+@njit(**JIT)
+def paths(topology, shape, settings, seed, origin, normal_stream, uniform_stream, plan, start, out):  # type: ignore[no-untyped-def]
     """`out` (h, n_y, K): temperatures of the measured nodes in sampled futures under `plan` (h, n_u + m)."""
-    terms, heated = shape.term_place.shape[0], shape.heated.shape[0]
-    n, channels = shape.capacitance.shape[0], plan.shape[1] - terms
-    size, count = start.state.shape
-    free, blocks, gains = shape.free.shape[0], start.log_alpha.shape[0], start.gain_on.shape[0]
-    normals, uniforms = n + 2 * blocks + 2 * gains, blocks + 2 * gains
-    at_transition = at.rows
-    at_input = at_transition + n * n
-    at_gain = at_input + n * channels
-    at_normals = at_gain + n
-    at_uniforms = at_normals + (normals + ROWS)
-    at_alpha = at_uniforms + (uniforms + ROWS)
-    at_known = at_alpha + blocks
-    s = aligned(np.empty((at_known + heated + 1) * LANES))
-    process_sd = np.sqrt(settings.process_variance)
-    for first in range(0, count, LANES):
-        inside = within(first, count)
-        theta(at, shape, start.state[size - free :], first, inside, s)
-        _discretise(at, shape, settings, at_transition, at_input, at_gain, channels, s)
-        for i in range(n):
-            put(s, at.mean + i, load(start.state, (i, first), inside))
-        for b in range(blocks):
-            put(s, at_alpha + b, load(start.log_alpha, (b, first), inside))
-        gain, on, decay = spread(0.0), spread(0.0), spread(1.0)
+    n, terms, free = topology.capacitance.shape[0], shape.term_place.shape[0], shape.free.shape[0]
+    channels, (size, count) = plan.shape[1] - terms, start.state.shape
+    blocks, gains = start.log_alpha.shape[0], start.gain_on.shape[0]
+    normals, uniforms = np.empty(n + 2 * blocks + 2 * gains), np.empty(blocks + 2 * gains)
+    at, theta, log_alpha = memory(n), shape.fixed.copy(), np.empty(blocks)
+    now, later = np.empty(n), np.empty(n)
+    process_sd = sqrt(settings.process_variance)
+    for k in range(count):
+        set_parameters(shape, start.state[size - free :, k], theta)
+        modes(topology, theta, settings.period, at)
+        copied(start.state[:, k], now)
+        copied(start.log_alpha[:, k], log_alpha)
+        gain, on, decay = 0.0, 0.0, 1.0
         if gains:
-            gain, on = load(start.state, (n, first), inside), load(start.gain_on, (0, first), inside)
-            decay = gain_decay(load(start.log_hours, (0, first), inside), settings)
+            gain, on, decay = start.state[n, k], start.gain_on[0, k], gain_decay(start.log_hours[0, k], settings)
         for ahead in range(plan.shape[0]):
             step = origin + np.uint64(ahead + 1)
-            for row in range(0, normals, ROWS):
-                drawn = normal_quad(seed, step, normal_stream, row, first)
-                for part in range(ROWS):
-                    put(s, at_normals + row + part, drawn[part])
-            for row in range(0, uniforms, ROWS):
-                places = uniform_quad(seed, step, uniform_stream, row, first)
-                for part in range(ROWS):
-                    put(s, at_uniforms + row + part, places[part])
+            fill(seed, step, normal_stream, True, k, normals)
+            fill(seed, step, uniform_stream, False, k, uniforms)
             for b in range(blocks):
-                size_step, jump = get(s, at_normals + n + b), get(s, at_normals + n + blocks + b)
-                value = moved_volatility(get(s, at_alpha + b), size_step, jump, get(s, at_uniforms + b), settings)
-                put(s, at_alpha + b, value)
+                log_alpha[b] = moved_volatility(
+                    log_alpha[b], normals[n + b], normals[n + blocks + b], uniforms[b], settings
+                )
+            heat_flow(topology, theta, plan[ahead], at)
             if gains:
-                place = get(s, at_uniforms + blocks)
-                begins = gain_begins(on, place, settings.on_probability)
-                ends = gain_ends(on, place, settings.off_probability)
-                new = gain_spread(get(s, at_uniforms + blocks + 1), settings) * get(s, at_normals + n + 2 * blocks)
-                gain, on = gain * (1.0 - begins - ends) + begins * new, on + begins - ends
-            for d in range(heated):
-                put(s, at_known + d, 0.0)
+                if on < 0.5 and uniforms[blocks] < settings.on_probability:
+                    on, gain = 1.0, gain_spread(uniforms[blocks + 1], settings) * normals[n + 2 * blocks]
+                elif on > 0.5 and uniforms[blocks] < settings.off_probability:
+                    on, gain = 0.0, 0.0
+                at.flow[settings.gain_node] += WATTS * gain
             for t in range(terms):
-                row = at_known + shape.term_place[t]
-                coefficient = load(start.state, (n + gains + t, first), inside)
-                put(s, row, get(s, row) + plan[ahead, channels + t] * coefficient)
+                heat = plan[ahead, channels + t] * start.state[n + gains + t, k]
+                at.flow[shape.heated[shape.term_place[t]]] += heat
+            move(settings.period, now, at, later)
             for i in range(n):
-                value = gain * get(s, at_gain + i)
-                for j in range(n):
-                    value = value + get(s, at_transition + i * n + j) * get(s, at.mean + j)
-                for c in range(channels):
-                    value = value + get(s, at_input + i * channels + c) * plan[ahead, c]
-                for d in range(heated):
-                    value = value + get(s, at.response + d * n + i) * get(s, at_known + d)
-                noise = process_sd * get(s, at_normals + i)
-                if settings.volatile_process:
-                    noise = noise * exponential(get(s, at_alpha + shape.block[i]))
-                put(s, at.later + i, value + noise)
-            for i in range(n):
-                put(s, at.mean + i, get(s, at.later + i))
-            for y in range(shape.measured.shape[0]):
-                store(out, (ahead, y, first), inside, get(s, at.mean + shape.measured[y]))
+                alpha = exp(log_alpha[shape.block[i]]) if settings.volatile_process else 1.0
+                now[i] = later[i] + process_sd * alpha * normals[i]
+            for y in range(topology.measured.shape[0]):
+                out[ahead, y, k] = now[topology.measured[y]]
             if gains:
-                walk = settings.gain_walk * get(s, at_normals + n + 2 * blocks + 1)
-                if settings.volatile_gain:
-                    walk = walk * exponential(get(s, at_alpha))
-                gain = on * (decay * gain + walk)
+                gain = on * (decay * gain + gain_walk(log_alpha, settings) * normals[n + 2 * blocks + 1])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.kernels.algebra import packed
+from estimator.kernels.packing import packed
 from estimator.network.discretise import Discrete
 
 
@@ -58,5 +58,7 @@ def kalman_update(mean: Array, covariance: Array, node: int, y: float, variance:
     for i in range(len(mean)):
         for j in range(i + 1):
             updated[packed(i, j)] -= gain[i] * column[j]
-    log_likelihood = -0.5 * (np.log(2 * np.pi * total) + innovation**2 / total)
+    with np.errstate(over="ignore"):
+        # A measurement that is out of this world has a likelihood of zero.
+        log_likelihood = -0.5 * (np.log(2 * np.pi * total) + innovation**2 / total)
     return Assimilated(mean + gain * innovation, updated, log_likelihood)

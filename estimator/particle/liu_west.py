@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from estimator.arrays import Array
-from estimator.kernels.lanes import JIT
+from estimator.kernels.jit import JIT
 from estimator.particle.options import Options
 
 
@@ -44,10 +44,12 @@ def liu_west_kernel(mean: Array, covariance: Array, gate: float, options: Option
 
 def rejuvenate(coordinates: Array, kernel: Kernel, normals: Array) -> Array:
     """Draw from (28) for every particle: `coordinates` and standard `normals` are (d, N)."""
-    return kernel.shrink * coordinates + (1.0 - kernel.shrink) * kernel.mean[:, None] + kernel.jitter @ normals
+    # Not a matrix product of a library, whose threads wait for each other on a busy machine.
+    jitter = np.einsum("ij,jn->in", kernel.jitter, normals)
+    return kernel.shrink * coordinates + (1.0 - kernel.shrink) * kernel.mean[:, None] + jitter
 
 
-@njit(cache=True, **JIT)
+@njit(**JIT)
 def _cholesky(covariance):  # type: ignore[no-untyped-def]
     """Lower factor of a covariance that may be singular: a pivot that rounding made negative counts as zero."""
     size = len(covariance)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
+from estimator.kernels.packing import packed
 from estimator.network.assembly import assemble, topology
 from estimator.network.discretise import heat_loss, time_constants
 from estimator.network.network import Network
@@ -257,7 +257,7 @@ class RBPF:
         options, weights, log_weights = self.options, weighted.weights, weighted.log_weights
         draws = Draws(int(state.seed), int(state.step))
         phi = self._steps.mean_log_parameters(state.coordinates, weights)
-        quantiles = np.array([self._steps.weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
+        quantiles = np.array([weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
         gates = [
             learning_gate(counts, median, options)
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)
@@ -269,10 +269,10 @@ class RBPF:
             weights = np.full(len(weights), 1.0 / len(weights))
             log_weights = np.full(len(weights), -np.log(len(weights)))
             state = state._replace(
-                coordinates=self._steps.gather(state.coordinates, index),
-                log_alpha=self._steps.gather(state.log_alpha, index),
-                mean=self._steps.gather(state.mean, index),
-                covariance=self._steps.gather(state.covariance, index),
+                coordinates=np.take(state.coordinates, index, axis=1),
+                log_alpha=np.take(state.log_alpha, index, axis=1),
+                mean=np.take(state.mean, index, axis=1),
+                covariance=np.take(state.covariance, index, axis=1),
             )
         kernel = liu_west_kernel(*self._steps.moments(state.coordinates, weights), gate, options)
         state = state._replace(
@@ -297,7 +297,7 @@ class RBPF:
     def _kept(self, state: ParticleState, outcome: Outcome) -> Posterior:
         """The summary of a step that learned nothing: the prior is kept, the gate is shut."""
         weights = np.exp(state.log_weights)
-        quantiles = np.array([self._steps.weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
+        quantiles = np.array([weighted_quantiles(row, weights, _ALPHA_LEVELS) for row in state.log_alpha])
         counted = [
             learning_gate(counts, median, self.options).cdf
             for counts, median in zip(state.histogram, quantiles[:, 1], strict=True)

@@ -6,13 +6,12 @@ import numpy as np
 from scipy.special import ndtr
 
 from estimator.arrays import Array, Indices
-from estimator.kernels.algebra import packed
 from estimator.kernels.draws import Draws, Purpose
+from estimator.kernels.packing import packed
 from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
 from estimator.network.network import Network
 from estimator.network.space import ParameterSpace
-from estimator.particle.gate import weighted_quantiles
 from estimator.particle.kalman import Assimilated, kalman_predict, kalman_update
 from estimator.particle.liu_west import Kernel, moments, rejuvenate
 from estimator.particle.options import Options
@@ -92,19 +91,12 @@ class ReferenceSteps:
 
     def mean_log_parameters(self, coordinates: Array, weights: Array) -> Array:
         """Posterior mean (d,) of phi, the point estimate of (33)."""
-        return self._space.log_parameters(coordinates) @ weights
+        # Summed along each row: a library's matrix product may depend on how many threads it has.
+        return np.asarray((self._space.log_parameters(coordinates) * weights).sum(axis=1), dtype=np.float64)
 
     def systematic(self, weights: Array, uniform: float) -> Indices:
         """Indices (N,) of systematic resampling (line 14)."""
         return systematic(weights, uniform)
-
-    def weighted_quantiles(self, values: Array, weights: Array, levels: Array) -> Array:
-        """Quantiles (L,) of weighted values (N,)."""
-        return weighted_quantiles(values, weights, levels)
-
-    def gather(self, rows: Array, index: Indices) -> Array:
-        """Columns `index` of `rows` (m, N)."""
-        return rows[:, index]
 
     def quantiles(self, mixture: Mixture, levels: Array, output: int) -> Array:
         """Quantiles (L,) of one output of a mixture."""

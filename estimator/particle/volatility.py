@@ -15,8 +15,9 @@ def propagate_volatility(log_alpha: Array, options: Options, draws: Draws) -> Ar
     The walk alone reacts a few samples late at the start of an event; the jump component is ours, not the paper's.
     """
     # Every block has four rows of draws: steps, sizes of jumps, whether to jump, and one that is not used.
-    shape = 4 * log_alpha.shape[0], log_alpha.shape[1]
-    normals, uniforms = draws.normals(Purpose.WALK, shape), draws.uniforms(Purpose.WALK, shape)
+    blocks, particles = log_alpha.shape
+    normals = draws.normals(Purpose.WALK, (4 * blocks - 2, particles))
+    uniforms = draws.uniforms(Purpose.WALK, (4 * blocks - 1, particles))
     return walked_volatility(log_alpha, normals[0::4], normals[1::4], uniforms[2::4], options)
 
 

@@ -2,20 +2,9 @@
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy import stats
 
-from estimator.kernels.draws import Draws, Purpose, draw, walk_draws
-from estimator.kernels.lanes import DOUBLES, JIT, Value, store, within
-
-words_of = draw(lambda builder, words: [Value(builder, builder.uitofp(word, DOUBLES)) for word in words], 4)
-
-
-@njit(**JIT)
-def philox(seed, step, stream, first, out):
-    for part, words in enumerate(words_of(seed, step, stream, 0, first)):
-        store(out, (part, 0), within(0, 8), words)
-
+from estimator.kernels.draws import Draws, Purpose, words
 
 # Known answers of Philox4x32-10 (Salmon et al. 2011, Random123): counter words, key words, result.
 ONES = 0xFFFFFFFF
@@ -27,9 +16,8 @@ KNOWN = [
 
 @pytest.mark.parametrize(("seed", "step", "word", "expected"), KNOWN)
 def test_known_answers(seed, step, word, expected):
-    out = np.empty((4, 8))
-    philox(np.uint64(seed), np.uint64(step), word, word, out)
-    assert tuple(int(words[0]) for words in out) == expected
+    found = words(np.uint64(seed), np.uint64(step), np.uint64(word), np.uint64(0), np.uint64(word))
+    assert tuple(map(int, found)) == expected
 
 
 COUNT = 200_000
@@ -74,17 +62,3 @@ def test_any_shape_is_filled_and_a_draw_depends_on_its_place_only(rows, particle
     assert first.shape == (rows, particles)
     assert np.isfinite(first).all()
     np.testing.assert_array_equal(first, Draws(7, 9).normals(Purpose.WALK, (12, 1003))[:rows, :particles])
-
-
-def test_kernels_draw_the_same_for_themselves():
-    normals = Draws(7, 9).normals(Purpose.WALK, (4, 8))
-    uniforms = Draws(7, 9).uniforms(Purpose.WALK, (4, 8))
-    out = np.empty((3, 8))
-    _three(np.uint64(7), np.uint64(9), int(Purpose.WALK), out)
-    np.testing.assert_array_equal(out, np.vstack([normals[:2], uniforms[2:3]]))
-
-
-@njit(**JIT)
-def _three(seed, step, stream, out):
-    for part, drawn in enumerate(walk_draws(seed, step, stream, 0, 0)):
-        store(out, (part, 0), within(0, 8), drawn)

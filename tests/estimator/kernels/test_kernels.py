@@ -11,6 +11,7 @@ from estimator.particle.kalman import pack
 from estimator.particle.liu_west import Kernel
 from estimator.particle.options import resolve
 from estimator.particle.reference import ReferenceSteps
+from estimator.particle.resampling import reweigh
 from estimator.types import Mixture
 
 RTOL = 1e-9
@@ -67,107 +68,43 @@ def test_propagate_over_short_and_long_steps(period):
     np.testing.assert_allclose(actual[1], expected[1], rtol=RTOL, atol=1e-12)
 
 
-def test_predictive():
-    for seed, count in enumerate(COUNTS):
-        preset, space, _, mean, covariance, log_alpha, _ = setup("building-67", seed, True, count)
-        nodes = np.array([0, 3])
-        expected, actual = (
-            steps.predictive(mean, covariance, log_alpha[0], nodes, 0.15**2) for steps in both(preset, space)
-        )
-        for name in expected._fields:
-            np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), rtol=RTOL, err_msg=name)
-
-
-@pytest.mark.parametrize("node", range(5))
-def test_assimilate(node):
-    for seed, count in enumerate(COUNTS):
-        preset, space, _, mean, covariance, _, _ = setup("building-67", seed, True, count)
-        oracle, compiled = both(preset, space)
-        expected = oracle.assimilate(mean, covariance, node, 21.3, 0.15**2)
-        actual = compiled.assimilate(mean, covariance, node, 21.3, 0.15**2)
-        for name in expected._fields:
-            np.testing.assert_allclose(
-                getattr(actual, name), getattr(expected, name), rtol=RTOL, atol=1e-12, err_msg=name
-            )
-
-
-@pytest.mark.parametrize("jump_probability", [0.0, 0.3])
-def test_walk(jump_probability):
-    given = {"jump_probability": jump_probability, "volatility_sd": 0.4, "alpha_min": 0.5, "alpha_max": 3.0}
-    for seed, count in enumerate(COUNTS):
-        preset, space, *_, log_alpha, _ = setup("building-67", seed, True, count)
-        oracle, compiled = both(preset, space)
-        options, draws = resolve(preset, 600.0, given), Draws(seed, 8)
-        actual, expected = (steps.walk(log_alpha, options, draws) for steps in (compiled, oracle))
-        np.testing.assert_allclose(actual, expected, rtol=RTOL, atol=1e-12)
-        assert actual.min() >= np.log(0.5)
-        assert actual.max() <= np.log(3.0)
-
-
 def test_reweigh_takes_a_broken_particle_for_impossible():
     for seed, count in enumerate(COUNTS[1:]):
-        preset, space, *_ = setup("tite", seed, True, count)
         log_weights = 30 * np.random.default_rng(seed).normal(size=count) - 600
         log_weights[:3] = np.nan, -np.inf, -1e300
-        for steps in both(preset, space):
-            found = steps.reweigh(log_weights)
-            kept = np.exp(log_weights[3:] - log_weights[3:].max())
-            np.testing.assert_allclose(found.weights, [0, 0, 0, *kept / kept.sum()], rtol=RTOL, atol=1e-300)
-            assert found.log_sum == pytest.approx(log_weights[3:].max() + np.log(kept.sum()), rel=RTOL)
-            assert found.effective_sample_size == pytest.approx(kept.sum() ** 2 / (kept**2).sum(), rel=RTOL)
-            assert np.isneginf(found.log_weights[:2]).all()
-            np.testing.assert_allclose(found.log_weights[3:], log_weights[3:] - found.log_sum, rtol=RTOL, atol=1e-9)
+        found = reweigh(log_weights)
+        kept = np.exp(log_weights[3:] - log_weights[3:].max())
+        np.testing.assert_allclose(found.weights, [0, 0, 0, *kept / kept.sum()], rtol=RTOL, atol=1e-300)
+        assert found.log_sum == pytest.approx(log_weights[3:].max() + np.log(kept.sum()), rel=RTOL)
+        assert found.effective_sample_size == pytest.approx(kept.sum() ** 2 / (kept**2).sum(), rel=RTOL)
+        assert np.isneginf(found.log_weights[:2]).all()
+        np.testing.assert_allclose(found.log_weights[3:], log_weights[3:] - found.log_sum, rtol=RTOL, atol=1e-9)
 
 
-@pytest.mark.parametrize("logit", [True, False])
-def test_moments_rejuvenation_and_point_estimate(logit):
+def test_moments():
     for seed, count in enumerate(COUNTS):
-        preset, space, coordinates, *_ = setup("ecolar-6r4c", seed, logit, count)
-        rng = np.random.default_rng(seed)
-        weights = rng.dirichlet(np.full(count, 0.3))
-        oracle, compiled = both(preset, space, 300.0)
-        for actual, expected in zip(
-            compiled.moments(coordinates, weights), oracle.moments(coordinates, weights), strict=True
-        ):
+        preset, space, coordinates, *_ = setup("ecolar-6r4c", seed, True, count)
+        weights = np.random.default_rng(seed).dirichlet(np.full(count, 0.3))
+        found = zip(*(steps.moments(coordinates, weights) for steps in both(preset, space, 300.0)), strict=True)
+        for expected, actual in found:
             np.testing.assert_allclose(actual, expected, rtol=RTOL, atol=1e-11)
-        np.testing.assert_allclose(
-            compiled.mean_log_parameters(coordinates, weights),
-            oracle.mean_log_parameters(coordinates, weights),
-            rtol=RTOL,
-        )
-        kernel = Kernel(0.9, rng.normal(size=10), np.tril(rng.normal(size=(10, 10))), False)
-        draws = Draws(seed, 3)
-        np.testing.assert_allclose(
-            compiled.rejuvenate(coordinates, kernel, draws),
-            oracle.rejuvenate(coordinates, kernel, draws),
-            rtol=RTOL,
-            atol=1e-12,
-        )
-        index = rng.integers(0, count, count)
-        uniform = rng.random()
-        np.testing.assert_array_equal(compiled.systematic(weights, uniform), oracle.systematic(weights, uniform))
-        np.testing.assert_array_equal(compiled.gather(coordinates, index), oracle.gather(coordinates, index))
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("kind", ["spread", "tied", "one", "far"])
-def test_weighted_quantiles(seed, kind):
-    rng = np.random.default_rng(seed)
-    count = 300 + seed
-    values = rng.normal(size=count)
-    if kind == "tied":
-        values = np.round(values, 1)
-    elif kind == "one":
-        values[:] = 0.7
-    elif kind == "far":
-        values[0] = 1e6
-    weights = rng.dirichlet(np.full(count, 0.2))
-    preset = network("tite")
-    oracle, compiled = both(preset, parameter_space(preset, logit=True))
-    levels = np.array([1e-9, 0.025, 0.3, 0.5, 0.975, 1 - 1e-9])
-    np.testing.assert_array_equal(
-        compiled.weighted_quantiles(values, weights, levels), oracle.weighted_quantiles(values, weights, levels)
-    )
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_outputs_ahead(blocks):
+    preset, space, coordinates, mean, covariance, log_alpha, inputs = setup("building-67", 3, True, 9)
+    options, nodes = resolve(preset, 600.0, {"jump_probability": 0.3}), np.array([0, 3])
+    plan = inputs * np.array([1.0, 0.9, 0.0, 2.0])[:, None]
+    found = []
+    for kind in (ReferenceSteps, CompiledSteps):
+        steps = kind(preset, space, 600.0, np.arange(5) % blocks, 0.01)
+        means, variances = np.empty((4, 2, 9)), np.empty((4, 2, 9))
+        now = Draws(7, 20, forecast=True)
+        steps.outputs_ahead(
+            coordinates, mean, covariance, log_alpha[:blocks], plan, options, now, nodes, means, variances
+        )
+        found.append((means, variances))
+    np.testing.assert_allclose(found[1], found[0], rtol=RTOL)
 
 
 LEVELS = np.array([1e-6, 1e-4, 0.025, 0.25, 0.5, 0.9, 0.975, 0.9999, 1 - 1e-6])

@@ -11,7 +11,7 @@ from support.small_building import PERIOD, TRUTH, building, known, record, textb
 from estimator.heat.known import KnownHeat, LocalTime
 from estimator.heat.sun import Location
 from estimator.heat.terms import with_known_heat
-from estimator.kernels.algebra import packed
+from estimator.kernels.packing import packed
 from estimator.network.network import Conductance, Gain, HeatInput, Network, Parameter
 from estimator.network.presets import network
 from estimator.network.terms import HeatTerm

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.kernels.lanes import LANES
 from estimator.network.assembly import assemble
 from estimator.network.space import parameter_space
 from estimator.particle.rbpf import RBPF
@@ -30,8 +29,8 @@ _TAYLOR_PRODUCTS = 5
 """Matrix products in a degree-12 Taylor polynomial after Paterson and Stockmeyer."""
 _TAYLOR_NORM = 0.35
 """Norm up to which that polynomial is exact to rounding; beyond it the exponential is squared."""
-_BLOCK = LANES
-"""Particles that are squared together, as often as the stiffest of them needs."""
+_BLOCK = 1
+"""Particles that are squared together."""
 _HALLEY_STEPS = 2
 _LEVELS = 3
 
