@@ -180,3 +180,23 @@ def test_the_map_of_the_architecture_shows_every_room_on_its_floor(package):
     assert {room for room, _ in floors} <= set(drawn)
     from_above = sorted(floors, key=lambda entry: drawn.index(entry[0]))
     assert [index for _, index in from_above] == sorted(index for _, index in floors)
+
+
+MOST_ARGUMENTS = 7
+MANY_ARGUMENTS = {
+    "adapters/csv/source.py": "CsvSource",
+    "service/publish/sinks.py": "Announcement",
+}
+"""Constructors that still take more, by file: none may join them."""
+
+
+def test_no_constructor_takes_more_arguments_than_can_be_kept_in_mind():
+    found = {}
+    for path in (path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        for made in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for function in made.body if isinstance(made, ast.ClassDef) else ():
+                if isinstance(function, ast.FunctionDef) and function.name == "__init__":
+                    arguments = function.args
+                    if len([*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]) - 1 > MOST_ARGUMENTS:
+                        found[str(path.relative_to(ROOT))] = made.name
+    assert found == MANY_ARGUMENTS

@@ -19,7 +19,7 @@ from estimator.thermostat.futures import ToCome
 from service.config.site import Config, Whereabouts, ZoneConfig
 from service.records.outlook import SET_POINT_RANGE, SET_POINTS, Surroundings, WeatherLink
 from service.zone import snapshot
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.clock import PLAUSIBLE
 from service.zone.local_time import calendar, kinds_of_day
 from service.zone.worker import WorkerSettings, ZoneWorker
@@ -58,11 +58,8 @@ def make_alignment(
     # A worker stalls once neither prediction nor held inputs bridge the silence; empty samples beyond that say nothing.
     longest = max(zone.hold_inputs, *zone.max_ages.values(), 0.0)
     bridged = min(max(zone.max_gap, ceil(longest / zone.period)) + 1, _MOST_EMPTY)
-    return Alignment(
-        zone.network,
-        zone.period,
+    rules = Rules(
         {channel: table.aggregate for channel, table in zone.delivered.items()},
-        sources={table.source for table in zone.delivered.values()},
         zone=zone.id,
         lateness=zone.lateness,
         idle_limit=bridged,
@@ -73,6 +70,7 @@ def make_alignment(
         earliest=PLAUSIBLE if live else EARLIEST,
         setpoint_age=None if zone.setpoint is None else _default(zone.setpoint.max_age, zone.hold_inputs),
     )
+    return Alignment(zone.network, zone.period, {table.source for table in zone.delivered.values()}, rules)
 
 
 def _default(value: float | None, otherwise: float) -> float:

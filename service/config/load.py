@@ -137,6 +137,8 @@ def _parsed(path: Path) -> dict[str, Any]:
         raise ConfigError([f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"]) from None
     except ValueError as error:
         raise ConfigError([f"{path}: {_syntax(str(error))}"]) from None
+    except RecursionError:
+        raise ConfigError([f"{path}: a value in it is nested too deeply; no key takes so many levels"]) from None
 
 
 def _syntax(message: str) -> str:

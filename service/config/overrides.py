@@ -79,4 +79,6 @@ def _value(text: str) -> Any:
         parsed = tomllib.loads(f"value = {text}")
     except ValueError:
         return text
+    except RecursionError:
+        raise ValueError("the value is nested too deeply; no key takes more than a few levels") from None
     return parsed["value"] if parsed.keys() == {"value"} else text

@@ -164,7 +164,7 @@ class Runtime:
             zone.align(alignment, live, config.pace_of(table))
             if live:
                 # Before time passes: what was accepted must not find its interval closed.
-                await zone.recall()
+                await zone.intake.recall()
 
     def _start(self, name: str) -> None:
         zone = self.zones[name]
@@ -237,7 +237,7 @@ async def _drained(zones: Collection[_Running], seconds: float) -> bool:
     if not zones:
         return False
     workers = [running.worker for running in zones]
-    closing = [asyncio.create_task(running.zone.close_mailbox()) for running in zones]
+    closing = [asyncio.create_task(running.zone.intake.close()) for running in zones]
     _, late = await asyncio.wait([*workers, *closing], timeout=seconds)
     hurried = bool(late)
     if late:

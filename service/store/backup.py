@@ -84,6 +84,8 @@ def write_backup(state_dir: Path, site: str, out: Path, tick: Tick = lambda more
     """
     made = datetime.now(UTC).replace(microsecond=0)
     target = out / f"thermogate-{site}-{made:%Y%m%dT%H%M%SZ}.tar" if out.is_dir() else out
+    if target is out and out.suffix != ".tar":
+        raise BackupError(f"there is no folder {out}; make it, or name a new file that ends with .tar")
     if target.exists():
         raise BackupError(f"{target} exists already; name another file, or a folder to get a new one in it")
     if (state_dir / RESTORING).exists():

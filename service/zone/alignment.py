@@ -24,6 +24,30 @@ MOST_READINGS = 100_000
 """Of one channel in one interval, some MB; what is more is a flood, and no rule for aggregating needs all of it."""
 
 
+class Rules(NamedTuple):
+    """How the readings of a zone become its samples."""
+
+    aggregates: Mapping[str, str] = {}
+    """Name of the rule (`service.zone.aggregation`) for each channel; left out, the default for its unit."""
+    zone: str | None = None
+    """If given, readings are addressed "zone/channel", otherwise "channel"."""
+    lateness: float = 0.0
+    """How long after its end an interval stays open for late readings, in s."""
+    idle_limit: int = 12
+    """How many samples of NaN in a row at most."""
+    resume_after: int | None = None
+    """Time of the last sample before a restart. Readings up to its interval are passed over in silence, for they have
+    been processed, and the grid goes on with the next interval."""
+    resume_idle: int = 0
+    """How many samples of NaN in a row ended with `resume_after`."""
+    live: bool = False
+    """The sources never deliver anything twice, so that nothing is passed over in silence."""
+    earliest: float = EARLIEST
+    """No time before it is believed, neither a reading's nor the wall clock's, UTC s."""
+    setpoint_age: float | None = None
+    """How long a set-point holds after the interval that it is of, in s; None: nobody tells it."""
+
+
 class _Interval(NamedTuple):
     """An open grid interval: per channel the readings by time, and which (channel, time) of them are uncertain."""
 
@@ -61,42 +85,16 @@ class Alignment:
     a second one of the same channel and time (duplicated; the first is kept), and what goes beyond MOST_READINGS.
     """
 
-    def __init__(
-        self,
-        network: Network,
-        period: float,
-        aggregates: Mapping[str, str],
-        *,
-        sources: Iterable[str],
-        zone: str | None = None,
-        lateness: float = 0.0,
-        idle_limit: int = 12,
-        resume_after: int | None = None,
-        resume_idle: int = 0,
-        live: bool = False,
-        earliest: float = EARLIEST,
-        setpoint_age: float | None = None,
-    ) -> None:
-        """Args:
-        network: gives the channels and their order.
-        period: sampling period in s, a whole number of them.
-        aggregates: name of the rule (`service.zone.aggregation`) for each channel; left out, the default for its unit.
-        sources: names of the sources that feed the zone.
-        zone: if given, readings are addressed "zone/channel", otherwise "channel".
-        lateness: how long after its end an interval stays open for late readings, in s.
-        idle_limit: how many samples of NaN in a row at most.
-        resume_after: time of the last sample before a restart. Readings up to its interval are passed over in silence,
-            for they have been processed, and the grid goes on with the next interval.
-        resume_idle: how many samples of NaN in a row ended with `resume_after`.
-        live: the sources never deliver anything twice, so that nothing is passed over in silence.
-        earliest: no time before it is believed, neither a reading's nor the wall clock's, UTC s.
-        setpoint_age: how long a set-point holds after the interval that it is of, in s; None: nobody tells it.
+    def __init__(self, network: Network, period: float, sources: Iterable[str], rules: Rules | None = None) -> None:
+        """`network` gives the channels and their order; `period` is a whole number of s; `sources` feed the zone.
 
-        Raises ConfigError for a period that is no whole number of seconds, an unknown rule or an unknown channel.
+        Raises ConfigError for a period that is no whole number of seconds, an unknown aggregate or an unknown channel.
         """
+        rules = rules or Rules()
+        aggregates = rules.aggregates
         if period != int(period) or period <= 0:
             raise ConfigError([f"period {period:g} s is not usable; give a whole number of seconds above 0"])
-        channels = (*network.channels, *(() if setpoint_age is None else (SETPOINT,)))
+        channels = (*network.channels, *(() if rules.setpoint_age is None else (SETPOINT,)))
         unknown = [channel for channel in aggregates if channel not in channels]
         if unknown:
             raise ConfigError([f"channel '{unknown[0]}' is unknown; the channels are {', '.join(channels)}"])
@@ -118,22 +116,22 @@ class Alignment:
             default_valid_range(unit_of(network, channel)) if aggregates.get(channel) == "energy" else (-inf, inf)
             for channel in self.channels
         ]
-        prefix = "" if zone is None else f"{zone}/"
+        prefix = "" if rules.zone is None else f"{rules.zone}/"
         self._slots = {prefix + channel: slot for slot, channel in enumerate(self.channels)}
         self._period = int(period)
-        self._lateness = lateness
-        self._live = live
-        self._earliest = earliest
-        self._idle_limit = idle_limit
+        self._lateness = rules.lateness
+        self._live = rules.live
+        self._earliest = rules.earliest
+        self._idle_limit = rules.idle_limit
         self._clocks = dict.fromkeys(sources, -inf)
         self._open: dict[int, _Interval] = {}
-        self._resumed = -1 if resume_after is None else resume_after // self._period
+        self._resumed = -1 if rules.resume_after is None else rules.resume_after // self._period
         self._closed = self._resumed
         """Index of the last interval that is closed, whether or not a sample came of it."""
-        self._next = None if resume_after is None else self._resumed + 1
+        self._next = None if rules.resume_after is None else self._resumed + 1
         """Index of the next interval that has to become a sample; None before the first."""
-        self._idle = resume_idle
-        self._setpoint_age = setpoint_age or 0.0
+        self._idle = rules.resume_idle
+        self._setpoint_age = rules.setpoint_age or 0.0
         self._meant: _Meant | None = None
 
     def add(self, source: str, readings: Iterable[Reading], now: float) -> list[Sample]:

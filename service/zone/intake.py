@@ -138,7 +138,9 @@ class Intake:
         await self.accept(self.aligned.elapse(now))
 
     def is_due(self) -> bool:
-        """Whether the wall clock asks for anything: an interval to close, or a zone to go back."""
+        """Whether the wall clock asks for anything of a live zone: an interval to close, or to go back."""
+        if not self.live:
+            return False
         now = self.clock.wall()
         return now - GRACE >= self.aligned.closes_at or self.is_ahead(now) or self._behind_since is not None
 

@@ -46,7 +46,7 @@ class Recovery:
     """The state of `zone` on disk, which belongs to `fingerprint`; `estimator` is a name in the registry."""
 
     def __init__(self, zone: str, estimator: str, fingerprint: str, plumbing: Plumbing) -> None:
-        self.fingerprint = fingerprint
+        self._fingerprint = fingerprint
         self._zone, self._estimator, self._plumbing = zone, estimator, plumbing
         self._store = plumbing.store
         self._unsaved = False
@@ -62,8 +62,8 @@ class Recovery:
 
         Raises StateMismatch where the stored state belongs to another network.
         """
-        await self._store.claim(self._zone, self.fingerprint)
-        checkpoint = await self._in_pool(self._store.checkpoints.load, self._zone, self.fingerprint)
+        await self._store.claim(self._zone, self._fingerprint)
+        checkpoint = await self._in_pool(self._store.checkpoints.load, self._zone, self._fingerprint)
         if checkpoint is None:
             return None
         snapshot.restore(worker, checkpoint)
@@ -137,7 +137,7 @@ class Recovery:
         return True
 
     def _checkpoint(self, worker: ZoneWorker) -> Checkpoint | None:
-        return snapshot.take(worker, self.fingerprint, self._estimator)
+        return snapshot.take(worker, self._fingerprint, self._estimator)
 
     async def _in_pool(self, function, *arguments):  # type: ignore[no-untyped-def]
         return await asyncio.get_running_loop().run_in_executor(self._plumbing.pool, function, *arguments)

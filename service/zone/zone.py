@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import partial
 from math import inf
 from typing import TypeVar
@@ -22,7 +22,6 @@ from service.pauses import GrowingPause
 from service.publish.sinks import Announcement, Occasion
 from service.records.history import HistoryRow
 from service.records.outlook import NO_SURROUNDINGS, Surroundings, Weather
-from service.records.receipt import Receipt
 from service.records.sample import Sample
 from service.records.series import Series, Stretch
 from service.records.status import Busy, ZoneStatus
@@ -66,10 +65,13 @@ class Zone:
         """What is known of its inputs; a reload may change it while the zone goes on."""
         self.estimator = estimator
         self._plumbing = plumbing
-        self._worker = worker
+        self.worker = worker
+        """What it has learned with; another one after a failure."""
         self.network = worker.network
         self.period = float(worker.period)
-        self._intake = Intake(name, self.period, plumbing.store, plumbing.clock)
+        self.fingerprint = fingerprint
+        """What its state belongs to."""
+        self.intake = Intake(name, self.period, plumbing.store, plumbing.clock)
         self._recovery = Recovery(name, estimator, fingerprint, plumbing)
         self._failure: str | None = None
         self._at: int | None = None
@@ -93,13 +95,13 @@ class Zone:
     def status(self) -> ZoneStatus:
         """How the zone is doing."""
         # Copied in one go: the event loop may change them while a worker thread asks.
-        progress, intake = self._worker.progress, self._intake
+        progress, intake = self.worker.progress, self.intake
         alignment, trouble, clocks = intake.alignment, tuple(intake.trouble.values()), tuple(intake.clocks.values())
         if intake.live and alignment and (refusing := sorted(set(alignment.refusing))):
             trouble = (*trouble, f"the device refuses {', '.join(refusing)}; the log says why")
         state, reason = state_and_reason(
             progress,
-            has_forecast=self._worker.latest is not None,
+            has_forecast=self.worker.latest is not None,
             failure=self._failure or intake.unwritten,
             trouble=trouble,
             live=intake.live,
@@ -119,44 +121,21 @@ class Zone:
             now=min(clocks, default=None),
             overruns=self._timeliness.overruns,
             delay=self._timeliness.delay,
-            diagnosis=self._worker.carried.diagnosis,
+            diagnosis=self.worker.carried.diagnosis,
         )
-
-    @property
-    def fingerprint(self) -> str:
-        """What its state belongs to."""
-        return self._recovery.fingerprint
-
-    @property
-    def worker(self) -> ZoneWorker:
-        """What it has learned with; another one after a failure."""
-        return self._worker
-
-    @property
-    def live(self) -> bool:
-        """Whether the zone goes by the wall clock."""
-        return self._intake.live
 
     @property
     def busy(self) -> Busy:
         """What waits, and what was finished."""
-        return Busy(self._intake.mailbox.waiting + (self._at is not None), self._finished)
-
-    async def durable_until(self) -> int | None:
-        """UTC s up to which every interval is closed, and its sample in the journal; None where there is none yet."""
-        return await self._intake.durable_until()
-
-    def knows(self, reading: Reading) -> bool:
-        """Whether a reading is in the zone's intervals already, closed or open."""
-        return self._intake.knows(reading)
+        return Busy(self.intake.mailbox.waiting + (self._at is not None), self._finished)
 
     def latest(self) -> Update | None:
         """The newest update."""
-        return self._worker.latest
+        return self.worker.latest
 
     async def ask(self, question: Question[Answer]) -> Answer:
         """The answer to a question, found on a thread for questions so that no zone waits for it."""
-        return await self._plumbing.asking.ask(partial(question, self._worker, self._weather))
+        return await self._plumbing.asking.ask(partial(question, self.worker, self._weather))
 
     def trust(self) -> Trust:
         """How far the zone's forecasts can be relied on now."""
@@ -164,7 +143,7 @@ class Zone:
 
     def _trust_in(self, status: ZoneStatus) -> Trust:
         """The trust of the zone that is in `status`."""
-        known = self._worker.trust
+        known = self.worker.trust
         if status.state in ("stalled", "failed"):
             return untrusted(known, f"the zone is {status.state}: {status.reason}")
         return known
@@ -189,10 +168,11 @@ class Zone:
 
         Raises StateMismatch where the stored state belongs to another network.
         """
-        worker = self._worker.anew()
+        worker = self.worker.anew()
         checkpoint = await self._recovery.restore(worker)
         self._replayed = replayed = await self._catch_up(worker)
-        self._worker = worker
+        self.worker = worker
+        """What it has learned with; another one after a failure."""
         if checkpoint is not None or replayed:
             _log.info(
                 "zone '%s' goes on after %d samples, %d intervals replayed from the journal",
@@ -206,74 +186,45 @@ class Zone:
         """Take telemetry through `alignment` from now on; before `deliver`, after `prepare`. A `live` zone goes by the
         wall clock (`elapse`), not by what its sources say the time is; a recording is played at so many times its
         `pace`."""
-        self._intake.align(alignment, live)
+        self.intake.align(alignment, live)
         self._timeliness.patience = self.period if live else inf if pace == inf else self.period / pace
 
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
-        await self._intake.deliver(source, readings, now)
-
-    async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
-        """Readings of `source` that somebody waits to hear of; what is accepted is durable on return. Raises
-        ServiceError."""
-        return await self._intake.take(source, readings)
-
-    async def recall(self) -> None:
-        """Go on with what `take` had accepted before this start; after `align`."""
-        await self._intake.recall()
-
-    async def elapse(self, now: float) -> None:
-        """The wall clock has come to `now`: the samples that close by it are accepted, readings or not."""
-        await self._intake.elapse(now)
-
-    def is_due(self) -> bool:
-        """Whether there is anything to do for `keep_time`."""
-        return self._intake.live and self._intake.is_due()
-
-    async def keep_time(self) -> None:
-        """The wall clock goes on, in a live zone."""
-        await self._intake.keep_time()
+        await self.intake.deliver(source, readings, now)
 
     async def end(self, source: str) -> None:
         """`source` has come to its end."""
-        last = self._worker.progress.last_time
-        await self._intake.end(source, None if last is None else last + self.period)
+        last = self.worker.progress.last_time
+        await self.intake.end(source, None if last is None else last + self.period)
 
     async def source_failed(self, source: str, reason: str) -> None:
         """`source` does not deliver for now, and why."""
-        self._intake.trouble[source] = reason
+        self.intake.trouble[source] = reason
         await self._announce_status()
-
-    async def accept(self, samples: Sequence[Sample]) -> None:
-        """Make samples durable and hand them to the worker."""
-        await self._intake.accept(samples)
 
     async def settled(self) -> None:
         """Wait until everything that has been accepted is assimilated, while `run` is under way."""
-        async with self._intake.accepting:
+        async with self.intake.accepting:
             pass
-        await self._intake.mailbox.emptied()
+        await self.intake.mailbox.emptied()
 
     async def prepare(self) -> int | None:
         """Restore before any source starts; the time of the last accepted sample. A failure other than StateMismatch
         leaves the zone failed, to be retried by `run`."""
         try:
             last = await self.restore()
-            if last == self._worker.progress.last_time:
-                self.empty_samples = self._worker.empty_samples
+            if last == self.worker.progress.last_time:
+                self.empty_samples = self.worker.empty_samples
             if self._replayed:
                 # The next start need not replay the same samples again.
-                await self._recovery.save(self._worker)
+                await self._recovery.save(self.worker)
             return last
         except StateMismatch:
             raise
         except Exception as error:
             self._fail(error, FIRST_PAUSE)
             return await self._plumbing.store.run(self._plumbing.store.journal.last_sample_time, self.id)
-
-    async def close_mailbox(self) -> None:
-        """No sample follows: `run` ends when the mailbox is empty."""
-        await self._intake.close()
 
     def hurry(self) -> None:
         """End `run` after the present sample, with a checkpoint; the journal keeps the rest for the next start."""
@@ -297,7 +248,7 @@ class Zone:
                 self._fail(error, pause.seconds)
                 if failed_on is not None and attempts >= ATTEMPTS and not is_of_the_environment(error):
                     await self._recovery.skip(failed_on, f"failed {ATTEMPTS} times: {error}")
-                if await self._intake.mailbox.closed_within(pause.seconds):
+                if await self.intake.mailbox.closed_within(pause.seconds):
                     return
                 pause.grow()
 
@@ -308,27 +259,27 @@ class Zone:
             self._timeliness.rest()
             try:
                 async with asyncio.timeout(self._recovery.patience):
-                    item = await self._intake.mailbox.get()
+                    item = await self.intake.mailbox.get()
             except TimeoutError:
-                await self._recovery.save(self._worker)
+                await self._recovery.save(self.worker)
                 continue
             if item is Mark.CLOSED:
                 break
             if item is Mark.ENDED:
                 await self._end()
             elif item is Mark.SET_BACK:
-                if await self._recovery.set_back(self._worker, self._intake):
+                if await self._recovery.set_back(self.worker, self.intake):
                     await self._announce_status()
             elif isinstance(item, Left):
-                await self._catch_up(self._worker, item)
+                await self._catch_up(self.worker, item)
             else:
-                last = self._worker.progress.last_time
+                last = self.worker.progress.last_time
                 # After a recovery the mailbox may still hold what the journal has already brought.
                 if last is None or item.sample.time > last:
-                    await self._step(self._worker, item.sample, item.at)
+                    await self._step(self.worker, item.sample, item.at)
         # A source that was stopped between journal and mailbox leaves its last sample in the journal alone.
-        await self._catch_up(self._worker)
-        await self._recovery.save(self._worker)
+        await self._catch_up(self.worker)
+        await self._recovery.save(self.worker)
 
     async def _end(self) -> None:
         self._ended = True
@@ -356,7 +307,7 @@ class Zone:
         """In a worker thread: one step, and its publication while the worker is the zone's own."""
         with self._plumbing.stepping(self.id, sample.time):
             update = worker.step(sample)
-        if worker is self._worker:
+        if worker is self.worker:
             self._timeliness.published()
             self._announce(Occasion.STATUS if update is None else Occasion.UPDATE)
         return update
@@ -369,10 +320,10 @@ class Zone:
 
     def _announce(self, occasion: Occasion) -> None:
         """Tell the sinks; that one cannot be reached must not stop the zone, nor the others."""
-        update, skill, heat_loss = self._worker.latest, None, None
+        update, skill, heat_loss = self.worker.latest, None, None
         if update is not None and occasion is not Occasion.STATUS and update.time // _HOUR != self._skilled:
-            self._skilled, skill = update.time // _HOUR, self._worker.skill()
-            heat_loss = self._worker.heat_loss(ALPHA_LEVELS)
+            self._skilled, skill = update.time // _HOUR, self.worker.skill()
+            heat_loss = self.worker.heat_loss(ALPHA_LEVELS)
         status = self.status()
         trust = self._trust_in(status)
         levels = tuple(one.level for one in trust.horizons)
@@ -388,7 +339,7 @@ class Zone:
     def _fail(self, error: Exception, pause: float) -> None:
         self._finished += 1
         self._failure = f"{error or type(error).__name__}; trying again every {pause:.0f} s or more"
-        self._intake.mailbox.discard()
+        self.intake.mailbox.discard()
         self._timeliness.rest()
         self._plumbing.metrics.failed(self.id)
         _log.error("zone '%s' failed: %s", self.id, error, exc_info=_log.isEnabledFor(logging.DEBUG))

@@ -18,7 +18,7 @@ from estimator.network import presets
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
 from service.records.record import to_json
 from service.records.update import Update
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD = 300
@@ -80,7 +80,7 @@ def delivered(channel: str, time: float, value: float, quality: Quality, fault: 
 
 
 def fresh(name: str) -> tuple[Alignment, ZoneWorker]:
-    alignment = Alignment(NETWORK, PERIOD, {}, sources=["bms"], lateness=60.0, live=True)
+    alignment = Alignment(NETWORK, PERIOD, ["bms"], Rules(lateness=60.0, live=True))
     return alignment, ZoneWorker(ESTIMATORS[name], WorkerSettings(3, (0.5, 0.95), 3, 900.0))
 
 

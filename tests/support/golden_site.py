@@ -210,7 +210,7 @@ async def learned(folder: Path, *sinks: Any) -> AsyncIterator[GoldenSite]:
             await _recorded(zone)
         yield GoldenSite(config, zones, metrics)
         for zone in zones.values():
-            await zone.close_mailbox()
+            await zone.intake.close()
         await asyncio.gather(*running)
     store.close()
 

@@ -74,12 +74,12 @@ def make(shared, failures=None, name="z", mark="mark", error=None):
 async def fed(zone, items):
     await zone.prepare()
     running = asyncio.create_task(zone.run())
-    await zone.accept(items)
+    await zone.intake.accept(items)
     return running
 
 
 async def finished(zone, running):
-    await zone.close_mailbox()
+    await zone.intake.close()
     async with asyncio.timeout(180):
         await running
 

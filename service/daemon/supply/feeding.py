@@ -125,10 +125,10 @@ async def keep_time(zones: Mapping[str, Zone]) -> None:
     """Let the wall clock close the intervals of live zones, for ever."""
     while True:
         await asyncio.sleep(TICK)
-        due = [zone for zone in tuple(zones.values()) if zone.is_due()]
+        due = [zone for zone in tuple(zones.values()) if zone.intake.is_due()]
         for first in range(0, len(due), TOGETHER):
             together = due[first : first + TOGETHER]
-            results = await asyncio.gather(*(zone.keep_time() for zone in together), return_exceptions=True)
+            results = await asyncio.gather(*(zone.intake.keep_time() for zone in together), return_exceptions=True)
             for zone, result in zip(together, results, strict=True):
                 if isinstance(result, Exception):
                     _log.error("zone '%s' cannot close its interval: %r", zone.id, result)

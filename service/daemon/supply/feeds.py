@@ -112,7 +112,7 @@ class Feed:
             for share in self._router.split(Batch(received.readings, -inf))
             if share.readings and share.zone in self._zones
         ]
-        taking = (self._zones[share.zone].take(self.name, share.readings) for share in shares)
+        taking = (self._zones[share.zone].intake.take(self.name, share.readings) for share in shares)
         results = await asyncio.gather(*taking, return_exceptions=True)
         receipt, failed = replace(NOTHING, begun=received.begun), list[BaseException]()
         for share, result in zip(shares, results, strict=True):

@@ -98,13 +98,13 @@ class Inlets:
         if source in self._withheld:
             return -inf
         zones = [self._zones[zone.id] for zone in config.zones_of(source) if zone.id in self._zones]
-        known = await asyncio.gather(*(zone.durable_until() for zone in zones))
+        known = await asyncio.gather(*(zone.intake.durable_until() for zone in zones))
         times = [time for time in known if time is not None]
         return min(times, default=inf) if len(times) == len(known) else None
 
     def _is_new(self, reading: Reading) -> bool:
         name = reading.channel.split("/", 1)[0]
-        return name in self._zones and not self._zones[name].knows(reading)
+        return name in self._zones and not self._zones[name].intake.knows(reading)
 
     def _closed(self, inlet: _Inlet) -> None:
         self._open[inlet.name].discard(inlet)

@@ -368,3 +368,13 @@ def test_demo_on_any_free_port_points_to_the_log(monkeypatch: pytest.MonkeyPatch
     shown = capsys.readouterr().out
     assert ":0/" not in shown
     assert "log below" in shown
+
+
+@pytest.mark.parametrize("levels", [300, 20_000])
+def test_what_is_nested_too_deeply_is_the_operators_mistake(levels: int, tmp_path: Path, capsys: Capture) -> None:
+    deep = "[" * levels + "]" * levels
+    (tmp_path / "deep.toml").write_text(f"a = {deep}\n", encoding="utf-8")
+    assert main(["check", str(tmp_path / "deep.toml")]) == 2
+    assert "fault of Thermogate" not in capsys.readouterr().err
+    assert main(["check", str(write(tmp_path, sound(tmp_path))), "--set", f"http.port={deep}"]) == 2
+    assert "fault of Thermogate" not in capsys.readouterr().err

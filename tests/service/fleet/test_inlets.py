@@ -23,6 +23,11 @@ class Room:
     def __init__(self) -> None:
         self.had: list[float | str] = []
 
+    @property
+    def intake(self) -> Room:
+        """Of the zone that this stands for."""
+        return self
+
     def knows(self, reading: Reading) -> bool:
         return reading.time in self.had
 

@@ -34,6 +34,11 @@ class Slow:
         self.taken: list[Reading] = []
         self.meanwhile: Callable[[], object] = lambda: None
 
+    @property
+    def intake(self) -> Slow:
+        """Of the zone that this stands for."""
+        return self
+
     async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
         await asyncio.sleep(0)
         self.meanwhile()

@@ -47,7 +47,7 @@ def fill(state: Path, items: list, in_the_middle: Callable[[], object] = lambda:
                 zone = make(shared)
                 await zone.prepare()
                 running = asyncio.create_task(zone.run())
-                await zone.accept(part)
+                await zone.intake.accept(part)
                 if part[-1] is items[-1]:
                     while zone.status().last_sample_time != part[-1].time:
                         await asyncio.sleep(0.005)
@@ -66,7 +66,7 @@ def goes_on(state: Path, first: int) -> list[str]:
             zone = make(shared)
             assert await zone.prepare() == ITEMS[first - 1].time
             running = asyncio.create_task(zone.run())
-            await zone.accept(ITEMS[first:])
+            await zone.intake.accept(ITEMS[first:])
             await finished(zone, running)
             assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in ITEMS]
             return [comparable(update) for _, update in announcer.updates]
@@ -106,6 +106,12 @@ def test_the_manifest_says_what_is_in_it(kept: Path) -> None:
     assert first == "manifest.json"
     assert sorted(others) == sorted(manifest["files"]) == ["checkpoints/z/000000005700.npz", JOURNAL]
     assert (manifest["format"], manifest["site"]) == (FORMAT_VERSION, "house")
+
+
+def test_a_folder_that_is_missing_is_not_taken_for_the_name_of_a_file(kept: Path, tmp_path: Path) -> None:
+    with pytest.raises(BackupError, match=r"there is no folder .*/mnt; make it, or name a new file"):
+        write_backup(tmp_path / "state", "house", tmp_path / "mnt")
+    assert not (tmp_path / "mnt").exists()
 
 
 def test_nothing_is_overwritten(kept: Path, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def crashed(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 zone = make(shared)
                 await zone.prepare()
                 running = asyncio.create_task(zone.run())
-                await zone.accept(part)
+                await zone.intake.accept(part)
                 await finished(zone, running)
         async with plumbing(live) as shared:
             for item in ITEMS[28:]:

@@ -299,7 +299,7 @@ def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is_fence
             await gone.claim(zone, "f")
             await gone.append(zone, make_sample(0))
         fleet.expire(lease)
-        await other.take(["a", "b", "new"])
+        await other.intake.take(["a", "b", "new"])
         await other.claim("a", "f")
         await other.append("a", make_sample(1))
         with pytest.raises(Fenced, match="has gone to another owner"):

@@ -113,7 +113,7 @@ async def fed(folder: Path, items: list) -> list[str]:
         zone = make(shared)
         await zone.prepare()
         running = asyncio.create_task(zone.run())
-        await zone.accept(items)
+        await zone.intake.accept(items)
         await finished(zone, running)
     return [comparable(update) for _, update in announcer.updates]
 

@@ -306,8 +306,8 @@ def test_a_zone_waits_for_the_server_and_goes_on_bit_for_bit(fragile: Server, tm
             running = await fed(zone, items[:10])
             await caught_up(zone, items[:10])
             await asyncio.to_thread(fragile.stop, signal.SIGQUIT)
-            accepting = asyncio.create_task(zone.accept(items[10:]))
-            await until(lambda: zone._intake.unwritten is not None)
+            accepting = asyncio.create_task(zone.intake.accept(items[10:]))
+            await until(lambda: zone.intake.unwritten is not None)
             await asyncio.to_thread(fragile.start)
             async with asyncio.timeout(PATIENCE):
                 await accepting
@@ -502,7 +502,7 @@ def test_a_dump_is_a_backup(shard: Shard, postgres_server: Server, tmp_path: Pat
                 f"--file={dump}",
                 "postgres",
             )
-            await asyncio.gather(dumping, zone.accept(items[15:30]))
+            await asyncio.gather(dumping, zone.intake.accept(items[15:30]))
             await finished(zone, running)
 
     asyncio.run(write())

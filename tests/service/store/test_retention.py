@@ -235,7 +235,7 @@ def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
             await zone.prepare()
             running = asyncio.create_task(zone.run())
             keeping = asyncio.create_task(shared.store.keep_within(Limits(20.0 * STEP, FOREVER)))
-            await zone.accept(items[first:last])
+            await zone.intake.accept(items[first:last])
             await finished(zone, running)
             async with asyncio.timeout(180):
                 while (await zone.history(None, None, 1000))[0].time < (last - 21) * STEP:

@@ -21,5 +21,6 @@ def test_only_the_owner_can_look_in(tmp_path: Path) -> None:
         create_key(folder / "keys.json", "one", "read")
     finally:
         os.umask(before)
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert stat.S_IMODE((folder / "checkpoints").stat().st_mode) == 0o700
+    found = {path: stat.S_IMODE(path.stat().st_mode) for path in (folder, *folder.rglob("*"))}
+    assert found == {path: 0o700 if path.is_dir() else 0o600 for path in found}
+    assert {path.suffix for path in found} >= {".sqlite3", ".npz", ".json"}

@@ -6,14 +6,14 @@ import pytest
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
 from service.errors import ConfigError
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 
 TITE = network("tite")  # outputs T_i; inputs T_out, u_heat
 GOOD, UNCERTAIN, BAD = Quality.GOOD, Quality.UNCERTAIN, Quality.BAD
 
 
 def alignment(aggregates=None, sources=("a",), **settings):
-    return Alignment(TITE, 300, aggregates or {}, sources=sources, **settings)
+    return Alignment(TITE, 300, sources, Rules(aggregates or {}, **settings))
 
 
 def indoor(time, value=20.0, quality=GOOD, fault=None):
@@ -85,7 +85,7 @@ def test_wrong_settings_are_refused_with_the_right_ones():
         alignment({"T_adj": "mean"})
     for period in (0.5, 0.0, -300.0):
         with pytest.raises(ConfigError, match="whole number of seconds above 0"):
-            Alignment(TITE, period, {}, sources=["a"])
+            Alignment(TITE, period, ["a"])
 
 
 def test_an_interval_stays_open_until_the_clock_reaches_its_end_plus_the_lateness():
@@ -245,7 +245,7 @@ def test_the_age_of_a_channel_follows_from_the_newest_reading_that_entered_a_sam
 
 
 def test_readings_can_be_addressed_with_their_zone():
-    align = Alignment(TITE, 300, {}, sources=["a"], zone="living")
+    align = Alignment(TITE, 300, ["a"], Rules(zone="living"))
     (sample,) = align.add("a", [Reading("living/T_i", 0.0, 20.0)], 300.0)
     assert sample.outputs[0] == 20.0
     with pytest.raises(KeyError):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 
 TITE = network("tite")
 PERIOD, IDLE_LIMIT = 60, 4
@@ -30,7 +30,7 @@ def usable(reading):
 
 
 def aligned(rounds, rule):
-    align = Alignment(TITE, PERIOD, dict.fromkeys(TITE.channels, rule), sources="ab", idle_limit=IDLE_LIMIT)
+    align = Alignment(TITE, PERIOD, "ab", Rules(dict.fromkeys(TITE.channels, rule), idle_limit=IDLE_LIMIT))
     samples = [sample for source, batch, now in rounds for sample in align.add(source, batch, now)]
     return align, [*samples, *align.end("a"), *align.end("b")]
 

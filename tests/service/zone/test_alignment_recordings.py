@@ -13,7 +13,7 @@ from adapters.edge import Edge
 from adapters.units import conversion, default_valid_range
 from estimator.network.presets import SOLAR_APERTURE, network
 from service.sources.routing import Router
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 
 FLEXHOUSE = Path(__file__).parents[4] / "shared" / "data" / "flexhouse_prbs1" / "inputPRBS1.csv"
 
@@ -47,7 +47,7 @@ def test_flexhouse_gives_one_sample_per_row():
     ]
     recording = CsvSource("recording", [FLEXHOUSE], channels, timestamp_column="TimeDate", zone="UTC")
     assert recording.check() == []
-    alignment = Alignment(zone, 300, {}, sources=["recording"], zone="flexhouse")
+    alignment = Alignment(zone, 300, ["recording"], Rules(zone="flexhouse"))
     got = samples(recording, channels, alignment)
     with FLEXHOUSE.open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -92,7 +92,7 @@ def ecolar(path, **settings):
         for unit, given in [(zone.channel_unit(channel), "kW" if channel == "u_heat" else "degC")]
     ]
     recording = CsvSource("raw", [path], channels, timestamp_column="Timestamp", zone="Europe/Berlin")
-    return recording, channels, Alignment(zone, 300, {}, sources=["raw"], zone="living", **settings)
+    return recording, channels, Alignment(zone, 300, ["raw"], Rules(zone="living", **settings))
 
 
 def test_the_raw_ecolar_layout_over_the_clock_change(ecolar_day):

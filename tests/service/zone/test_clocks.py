@@ -14,7 +14,7 @@ import service.zone.intake
 import service.zone.zone
 from adapters.reading import Reading
 from service.errors import JournalError
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.clock import MOST_SET_ASIDE, PLAUSIBLE, SETTLING, Clock
 from service.zone.zone import Zone
 
@@ -55,8 +55,8 @@ class Life:
                 now = self.wall.now
                 values = {"T_air": 20.0, "T_out": 5.0, "T_adj": 18.0, "u_heat": 0.0}
                 await self.zone.deliver("bms", [Reading(f"z/{name}", now, v) for name, v in values.items()], now)
-            if self.zone.is_due():
-                await self.zone.keep_time()
+            if self.zone.intake.is_due():
+                await self.zone.intake.keep_time()
             await self.settled()
 
     async def set(self, seconds, settle=True):
@@ -72,23 +72,13 @@ async def living(folder, wall, announcer=None, max_gap=3):
         shared = shared._replace(clock=wall.clock)
         zone = Zone("z", "rbpf", "mark", worker(max_gap=max_gap), shared)
         last = await zone.prepare()
-        align = Alignment(
-            zone.network,
-            PERIOD,
-            {},
-            sources=["bms"],
-            zone="z",
-            idle_limit=max_gap + 1,
-            resume_after=last,
-            live=True,
-            earliest=PLAUSIBLE,
-        )
-        zone.align(align, live=True)
+        rules = Rules(zone="z", idle_limit=max_gap + 1, resume_after=last, live=True, earliest=PLAUSIBLE)
+        zone.align(Alignment(zone.network, PERIOD, ["bms"], rules), live=True)
         running = asyncio.create_task(zone.run())
         try:
             yield Life(zone, wall, running, shared.store)
         finally:
-            await zone.close_mailbox()
+            await zone.intake.close()
             await asyncio.wait_for(running, 180)
 
 

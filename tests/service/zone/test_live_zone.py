@@ -12,7 +12,7 @@ import service.daemon.supply.feeding
 from adapters.reading import Fault, Quality, Reading
 from estimator.network.presets import network
 from service.daemon.supply.feeding import keep_time, watch_clock
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.clock import Clock
 from service.zone.health import state_and_reason
 from service.zone.worker import Progress, WorkerSettings, ZoneWorker
@@ -22,7 +22,7 @@ HOUR = 3600.0
 
 
 def alignment(**settings):
-    return Alignment(TITE, PERIOD, {}, sources=["bms", "weather"], **settings)
+    return Alignment(TITE, PERIOD, ["bms", "weather"], Rules(**settings))
 
 
 def readings(time, value=20.0, channels=TITE.channels):
@@ -188,6 +188,10 @@ class Noting:
     def __init__(self, id, due=True):
         self.id, self.due, self.asked = id, due, 0
 
+    @property
+    def intake(self):
+        return self
+
     def is_due(self):
         return self.due
 
@@ -228,7 +232,7 @@ def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
             zone = make(shared)
             await zone.prepare()
             network = zone.network
-            zone.align(Alignment(network, zone.period, {}, sources=["bms"]), live=True)
+            zone.align(Alignment(network, zone.period, ["bms"]), live=True)
             channel = network.channels[0]
             now = shared.clock.wall()
             refused = Reading(channel, now, float("nan"), Quality.BAD, Fault.REFUSED_BY_DEVICE)
@@ -236,7 +240,7 @@ def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
             assert f"the device refuses {channel}; the log says why" in zone.status().reason
             begin = now // zone.period * zone.period
             await zone.deliver("bms", [Reading(channel, begin, 20.0)], begin)
-            await zone.elapse(begin + 3 * zone.period)
+            await zone.intake.elapse(begin + 3 * zone.period)
             assert "refuses" not in zone.status().reason
 
     asyncio.run(scenario())

@@ -15,7 +15,7 @@ from adapters.reading import Fault, Reading
 from estimator.network.presets import network
 from service.publish.metrics import Metrics
 from service.zone import mailbox
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.mailbox import Accepted, Left, Mailbox, Mark
 from service.zone.recovery import next_moment
 from service.zone.timeliness import Timeliness
@@ -46,7 +46,7 @@ def held_zone(shared, allowed, name="z"):
 
 async def started(zone, *, live, pace=inf):
     await zone.prepare()
-    zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z", live=live), live, pace)
+    zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z", live=live)), live, pace)
     return asyncio.create_task(zone.run())
 
 
@@ -58,7 +58,7 @@ def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
             running = await started(zone, live=True)
             items = [sample(k) for k in range(120)]
             async with asyncio.timeout(180):
-                await zone.accept(items)
+                await zone.intake.accept(items)
             assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
             assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time, (
                 "each was journaled"
@@ -67,7 +67,7 @@ def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
             allowed.set()
             await caught_up(zone, items)
             more = [sample(k) for k in range(120, 125)]
-            await zone.accept(more)
+            await zone.intake.accept(more)
             await caught_up(zone, more)
             await finished(zone, running)
             assert [comparable(update) for _, update in announcer.updates] == straight(items + more)
@@ -83,7 +83,7 @@ def test_live_samples_that_come_while_the_journal_is_read_are_not_lost(tmp_path)
             items = [sample(k) for k in range(300)]
             # In portions, so that the mailbox overflows and empties over and over.
             for first in range(0, len(items), 30):
-                await zone.accept(items[first : first + 30])
+                await zone.intake.accept(items[first : first + 30])
             await caught_up(zone, items)
             await finished(zone, running)
             assert [row.time for row in await zone.history(None, None, 1000)] == [item.time for item in items]
@@ -99,7 +99,7 @@ def test_a_recording_waits_for_the_estimator(tmp_path):
             zone = held_zone(shared, allowed)
             running = await started(zone, live=False)
             items = [sample(k) for k in range(60)]
-            accepting = asyncio.create_task(zone.accept(items))
+            accepting = asyncio.create_task(zone.intake.accept(items))
             # One is in the estimator's hands and one waits at the door.
             async with asyncio.timeout(180):
                 while (
@@ -127,10 +127,10 @@ def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_caught_u
             allowed.set()
             running = await started(zone, live=False, pace=PERIOD / 0.05)
             items = [sample(k) for k in range(8)]
-            await zone.accept(items[:1])
+            await zone.intake.accept(items[:1])
             await caught_up(zone, items[:1])
             allowed.clear()
-            await zone.accept(items[1:])
+            await zone.intake.accept(items[1:])
             await asyncio.sleep(0.2)
             assert zone.status().state == "stalled"
             assert "behind its telemetry, of which a sample comes every 0.05 s" in zone.status().reason
@@ -178,7 +178,7 @@ def test_a_recording_without_a_pace_has_no_overruns(tmp_path):
             zone = make(shared)
             running = await started(zone, live=False)
             items = [sample(k) for k in range(20)]
-            await zone.accept(items)
+            await zone.intake.accept(items)
             await caught_up(zone, items)
             await finished(zone, running)
             assert zone.status().overruns == 0
@@ -231,7 +231,7 @@ def test_checkpoints_of_many_zones_have_moments_of_their_own():
 
 def test_a_flood_of_readings_is_bounded_per_channel_and_interval(monkeypatch):
     monkeypatch.setattr(service.zone.alignment, "MOST_READINGS", 50)
-    align = Alignment(network("tite"), PERIOD, {}, sources=["bms"], live=True)
+    align = Alignment(network("tite"), PERIOD, ["bms"], Rules(live=True))
     flood = [Reading("T_i", 0.1 * k, 20.0) for k in range(400)]
     align.add("bms", [*flood, Reading("T_out", 1.0, 5.0), Reading("u_heat", 1.0, 0.0)], 40.0)
     assert align.faults == {Fault.OVERRUN: 350}

@@ -17,7 +17,7 @@ from estimator.network.presets import network
 from service.errors import JournalError, ServiceError
 from service.records.receipt import Receipt
 from service.records.sample import Sample
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.clock import Clock
 from service.zone.zone import Zone
 
@@ -33,7 +33,7 @@ def reading(channel: str, time: float, value: float = 20.0, fault: Fault | None 
 
 
 def aligned(zone: Zone, after: int | None = None) -> Zone:
-    alignment = Alignment(NETWORK, PERIOD, {}, sources=["post"], zone="z", resume_after=after, live=True)
+    alignment = Alignment(NETWORK, PERIOD, ["post"], Rules(zone="z", resume_after=after, live=True))
     zone.align(alignment, live=True)
     return zone
 
@@ -43,10 +43,10 @@ def test_each_channel_and_time_is_accepted_once(tmp_path: Path) -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared))
             first = [reading(OUTPUT, 10.0), reading(INPUT, 10.0, 5.0)]
-            assert await zone.take("post", first) == Receipt(2, 0, 0, Counter())
-            assert await zone.take("post", first) == Receipt(0, 2, 0, Counter())
+            assert await zone.intake.take("post", first) == Receipt(2, 0, 0, Counter())
+            assert await zone.intake.take("post", first) == Receipt(0, 2, 0, Counter())
             again = [reading(OUTPUT, 10.0, 99.0), reading(OUTPUT, 11.0), reading(OUTPUT, 11.0)]
-            assert await zone.take("post", again) == Receipt(1, 2, 0, Counter())
+            assert await zone.intake.take("post", again) == Receipt(1, 2, 0, Counter())
             assert zone.status().faults == {}
 
     asyncio.run(run())
@@ -80,7 +80,7 @@ def test_a_sample_goes_on_where_its_source_is_stopped_meanwhile(
             held.set()
             with pytest.raises(asyncio.CancelledError):
                 await feed
-            assert await zone.durable_until() == DAY + PERIOD
+            assert await zone.intake.durable_until() == DAY + PERIOD
             assert [sample.time for sample in await store.samples_after("z", None)] == [DAY]
             assert zone.busy.waiting == 1
 
@@ -99,11 +99,11 @@ def test_a_zone_that_closes_while_the_journal_fails_says_how_far_it_came(
 
             monkeypatch.setattr(shared.store, "append", full)
             await zone.deliver("post", [reading(OUTPUT, 10.0)], DAY + 10.0)
-            delivered = asyncio.create_task(zone.elapse(DAY + 3 * PERIOD))
+            delivered = asyncio.create_task(zone.intake.elapse(DAY + 3 * PERIOD))
             await asyncio.sleep(0.05)
-            await zone.close_mailbox()
+            await zone.intake.close()
             await delivered
-            assert await zone.durable_until() == DAY
+            assert await zone.intake.durable_until() == DAY
 
     asyncio.run(run())
 
@@ -112,10 +112,10 @@ def test_what_is_refused_is_counted_by_its_fault(tmp_path: Path) -> None:
     async def run() -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared))
-            await zone.take("post", [reading(OUTPUT, 10.0)])
-            await zone.elapse(DAY + PERIOD)
+            await zone.intake.take("post", [reading(OUTPUT, 10.0)])
+            await zone.intake.elapse(DAY + PERIOD)
             wrong = [reading(INPUT, 11.0), reading(INPUT, PERIOD + 1.0, float("nan"), Fault.OUT_OF_RANGE)]
-            receipt = await zone.take("post", [*wrong, reading(INPUT, PERIOD + 2.0), reading(OUTPUT, 10.0)])
+            receipt = await zone.intake.take("post", [*wrong, reading(INPUT, PERIOD + 2.0), reading(OUTPUT, 10.0)])
             refused = Counter({Fault.OUT_OF_ORDER: 1, Fault.OUT_OF_RANGE: 1})
             assert receipt == Receipt(1, 1, 0, refused), "what has closed with its interval is known, too"
             assert zone.status().faults == {"out_of_order": 1, "out_of_range": 1}
@@ -127,19 +127,19 @@ def test_a_start_recalls_what_had_not_closed_and_nothing_else(tmp_path: Path) ->
     async def run() -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared))
-            await zone.take("post", [reading(OUTPUT, 10.0), reading(INPUT, 10.0)])
-            await zone.elapse(DAY + PERIOD)
+            await zone.intake.take("post", [reading(OUTPUT, 10.0), reading(INPUT, 10.0)])
+            await zone.intake.elapse(DAY + PERIOD)
             uncertain = reading(INPUT, PERIOD + 7.0, 3.5)._replace(quality=Quality.UNCERTAIN)
-            await zone.take("post", [reading(OUTPUT, PERIOD + 5.0, 21.25), uncertain])
+            await zone.intake.take("post", [reading(OUTPUT, PERIOD + 5.0, 21.25), uncertain])
         # Nothing of the zone is left but the journal, as after a crash.
         async with plumbing(tmp_path) as shared:
             zone = make(shared)
             last = await zone.prepare()
             assert last == DAY
-            await aligned(zone, last).recall()
-            assert (await zone.take("post", [reading(OUTPUT, PERIOD + 5.0), uncertain])).repeated == 2
-            assert (await zone.take("post", [reading(OUTPUT, 10.0)])).repeated == 1
-            await zone.elapse(DAY + 2 * PERIOD)
+            await aligned(zone, last).intake.recall()
+            assert (await zone.intake.take("post", [reading(OUTPUT, PERIOD + 5.0), uncertain])).repeated == 2
+            assert (await zone.intake.take("post", [reading(OUTPUT, 10.0)])).repeated == 1
+            await zone.intake.elapse(DAY + 2 * PERIOD)
             (sample,) = await shared.store.samples_after("z", DAY)
             assert (sample.time, sample.outputs[0], sample.inputs[0]) == (DAY + PERIOD, 21.25, 3.5)
             assert sample.input_quality[0] is Quality.UNCERTAIN
@@ -162,9 +162,9 @@ def test_where_the_journal_fails_nothing_is_promised_and_the_next_try_is(
             with monkeypatch.context() as failing:
                 failing.setattr(shared.store.journal, "keep", full)
                 with pytest.raises(JournalError):
-                    await zone.take("post", [reading(OUTPUT, 10.0, 21.5)])
+                    await zone.intake.take("post", [reading(OUTPUT, 10.0, 21.5)])
             assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []
-            receipt = await zone.take("post", [reading(OUTPUT, 10.0, 99.0)])
+            receipt = await zone.intake.take("post", [reading(OUTPUT, 10.0, 99.0)])
             assert receipt.repeated == 1
             kept = await shared.store.run(shared.store.journal.kept, "z", 0.0)
             assert kept == [reading(OUTPUT, 10.0, 21.5)], "what the sample will hold is what is on disk"
@@ -176,9 +176,9 @@ def test_a_zone_that_is_being_stopped_takes_nothing(tmp_path: Path) -> None:
     async def run() -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared))
-            await zone.close_mailbox()
+            await zone.intake.close()
             with pytest.raises(ServiceError, match="being stopped or replaced; post the readings again"):
-                await zone.take("post", [reading(OUTPUT, 10.0)])
+                await zone.intake.take("post", [reading(OUTPUT, 10.0)])
             assert await shared.store.run(shared.store.journal.kept, "z", 0.0) == []
 
     asyncio.run(run())
@@ -190,8 +190,8 @@ def test_clocks_are_those_of_the_machine(tmp_path: Path) -> None:
     async def run() -> None:
         async with plumbing(tmp_path) as shared:
             zone = aligned(make(shared._replace(clock=Clock(lambda: DAY + 1.0, lambda: 0.0))))
-            await zone.take("post", [reading(OUTPUT, 10.0), reading(OUTPUT, 5 * PERIOD)])
+            await zone.intake.take("post", [reading(OUTPUT, 10.0), reading(OUTPUT, 5 * PERIOD)])
             assert await shared.store.run(shared.store.journal.last_sample_time, "z") is None
-            assert (await zone.take("post", [reading(OUTPUT, 2 * PERIOD)])).accepted == 1
+            assert (await zone.intake.take("post", [reading(OUTPUT, 2 * PERIOD)])).accepted == 1
 
     asyncio.run(run())

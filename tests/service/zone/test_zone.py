@@ -18,7 +18,7 @@ from adapters.reading import Reading
 from service.errors import JournalError, ServiceError, StateMismatch
 from service.forecast.learned import ParametersQuestion
 from service.publish.payloads import StatusPayload
-from service.zone.alignment import Alignment
+from service.zone.alignment import Alignment, Rules
 from service.zone.zone import ATTEMPTS, Zone
 
 
@@ -59,7 +59,7 @@ def test_a_new_zone_goes_on_where_the_old_one_stopped(tmp_path):
             assert await zone.prepare() == expected_last
             assert zone.latest().time == expected_last
             running = asyncio.create_task(zone.run())
-            await zone.accept(items[33:])
+            await zone.intake.accept(items[33:])
             await finished(zone, running)
             # What was restored is announced first, for those who join now.
             restored, *fresh = [comparable(update) for _, update in announcer.updates]
@@ -195,8 +195,8 @@ def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, 
                 while sick.status().state != "failed":
                     await asyncio.sleep(0.005)
                 # More than its mailbox holds, and no one waits for it.
-                await sick.accept(items[1:])
-                await well.accept(items[1:])
+                await sick.intake.accept(items[1:])
+                await well.intake.accept(items[1:])
             assert sick.status().state == "failed"
             assert "cannot step over 0" in sick.status().reason
             await caught_up(sick, items)
@@ -287,7 +287,7 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
             fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
             assert len(fan.outputs[0].mean) == 3
             assert (await zone.ask(ParametersQuestion((0.5,)))).parameters.shape == (10, 1)
-            zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
+            zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
             assert zone.status().state == "running"
             await zone.end("only")
             async with asyncio.timeout(180):
@@ -320,7 +320,7 @@ def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tmp_path
         async with plumbing(tmp_path, announcer) as shared:
             zone = make(shared)
             running = await fed(zone, [sample(0)])
-            zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z"))
+            zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
             await zone.source_failed("bms", "sources.bms: the file is gone; put it back")
             assert zone.status().state == "stalled"
             assert "the file is gone" in zone.status().reason
@@ -337,9 +337,9 @@ def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
         async with plumbing(tmp_path) as shared:
             zone = make(shared)
             running = await fed(zone, [sample(0)])
-            zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z"))
+            zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
             assert zone.status().channels == zone.network.channels
-            zone.align(Alignment(zone.network, PERIOD, {}, sources=["bms"], zone="z", setpoint_age=3600.0))
+            zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z", setpoint_age=3600.0)))
             await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
             *_, last = StatusPayload.of(zone.status(), None).channels
             assert (last.channel, last.last_good, last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
@@ -357,7 +357,7 @@ def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_p
         async with plumbing(tmp_path, announcer) as shared:
             zone = make(shared)
             await zone.prepare()
-            zone.align(Alignment(zone.network, PERIOD, {}, sources=["only"], zone="z"))
+            zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
             await zone.end("only")
             assert zone.status().now == 2 * PERIOD
             await finished(zone, asyncio.create_task(zone.run()))
@@ -372,7 +372,7 @@ def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path):
             zone = make(shared)
             items = [sample(k) for k in range(12)]
             await zone.prepare()
-            await zone.accept(items)
+            await zone.intake.accept(items)
             zone.hurry()
             await zone.run()
             assert zone.status().samples < len(items)
@@ -401,7 +401,7 @@ def test_two_recordings_with_their_own_times_show_the_earlier_one(tmp_path):
         async with plumbing(tmp_path) as shared:
             zone = make(shared)
             await zone.prepare()
-            zone.align(Alignment(zone.network, PERIOD, {}, sources=["a", "b"], zone="z"))
+            zone.align(Alignment(zone.network, PERIOD, ["a", "b"], Rules(zone="z")))
             await zone.deliver("a", [], 5000.0)
             await zone.deliver("b", [], 900.0)
             await zone.deliver("a", [], 6000.0)

@@ -115,11 +115,11 @@ class Site:
 
     async def _taken(self, samples: Mapping[str, Sequence[Sample]]) -> None:
         for name, one in samples.items():
-            await self._zones[name].accept(one)
+            await self._zones[name].intake.accept(one)
         for zone in self._zones.values():
             await zone.settled()
 
     async def _ended(self) -> None:
         for zone in self._zones.values():
-            await zone.close_mailbox()
+            await zone.intake.close()
         await asyncio.gather(*self._running)

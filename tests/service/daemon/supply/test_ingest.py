@@ -30,6 +30,11 @@ class Taking:
         self.taken: list[tuple[str, list[Reading]]] = []
         self.failure: Exception | None = None
 
+    @property
+    def intake(self) -> Taking:
+        """Of the zone that this stands for."""
+        return self
+
     async def take(self, source: str, readings: Sequence[Reading]) -> Receipt:
         if self.failure is not None:
             raise self.failure
