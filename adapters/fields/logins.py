@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import BaseModel, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from adapters.fields.tables import TABLE
 from adapters.fields.values import FilePath, Flag, Text
@@ -15,9 +15,9 @@ class LoginConfig(BaseModel):
 
     model_config = TABLE
 
-    user: Text | None = None
-    password_file: FilePath | None = None
-    password_env: Text | None = None
+    user: Text | None = Field(default=None, description="user name")
+    password_file: FilePath | None = Field(default=None, description="file with nothing but the password")
+    password_env: Text | None = Field(default=None, description="environment variable with the password")
 
     @model_validator(mode="after")
     def _with_its_password(self) -> Self:
@@ -32,10 +32,10 @@ class CertificatesConfig(BaseModel):
 
     model_config = TABLE
 
-    ca: FilePath | None = None
-    certificate: FilePath | None = None
-    private_key: FilePath | None = None
-    verify_name: Flag = True
+    ca: FilePath | None = Field(default=None, description="authority of the other side, PEM; none: the well-known ones")
+    certificate: FilePath | None = Field(default=None, description="own certificate, PEM")
+    private_key: FilePath | None = Field(default=None, description="its key, PEM, without a password")
+    verify_name: Flag = Field(default=True, description="the other side's certificate must name the host")
 
     @model_validator(mode="after")
     def _paired(self) -> Self:

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer, PlainValidator, ValidationInfo
@@ -19,6 +19,8 @@ from adapters.fields.numbers import is_level, number_in, whole_in
 from adapters.fields.sizes import format_size, parse_size
 from adapters.fields.words import shown
 from adapters.timestamps import timestamp_parser
+
+Checked = TypeVar("Checked")
 
 IDENTIFIER = r"[a-z0-9][a-z0-9_-]{0,63}"
 """What a site, source or zone id is made of, as a regular expression."""
@@ -72,6 +74,12 @@ def non_zero(value: object) -> float:
     return found
 
 
+def _shaped(check: Callable[[object], Checked], shape: str) -> Callable[[object], Checked]:
+    """`check` with its `shape`, as the documentation shows what it asks for."""
+    check.shape = shape  # type: ignore[attr-defined]
+    return check
+
+
 def number_between(lower: float, upper: float, unit: str) -> Callable[[object], float]:
     def check(value: object) -> float:
         found = number(value)
@@ -79,7 +87,7 @@ def number_between(lower: float, upper: float, unit: str) -> Callable[[object], 
             raise ValueError(f"must be from {lower:g} to {upper:g} {unit}, not {shown(value)}")
         return found
 
-    return check
+    return _shaped(check, f"{lower:g} to {upper:g} {unit}")
 
 
 def whole(lower: int, upper: int) -> Callable[[object], int]:
@@ -89,7 +97,7 @@ def whole(lower: int, upper: int) -> Callable[[object], int]:
             raise ValueError(f"must be a whole number from {lower} to {upper}, not {shown(value)}")
         return found
 
-    return check
+    return _shaped(check, f"{lower} or {upper}" if upper == lower + 1 else f"{lower} to {upper}")
 
 
 def choice(*allowed: str) -> Callable[[object], str]:
@@ -99,7 +107,7 @@ def choice(*allowed: str) -> Callable[[object], str]:
             raise ValueError(f"must be {', '.join(others)} or {last}, not {shown(value)}")
         return str(value)
 
-    return check
+    return _shaped(check, ", ".join(f'`"{one}"`' for one in allowed))
 
 
 def identifier(value: object) -> str:

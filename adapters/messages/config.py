@@ -43,7 +43,8 @@ Pointer = Annotated[str, BeforeValidator(pointer)]
 Words = tuple[Annotated[str, BeforeValidator(word)], ...]
 Format = Annotated[str, BeforeValidator(choice(*FORMATS))]
 TimeFormat = Annotated[str, BeforeValidator(choice(*TIME_FORMATS))]
-_WORDS = 'a list of what stands for it, such as ["good", 192]'
+_GOOD = 'a list of what stands for good, such as ["good", 192]'
+_UNCERTAIN = 'a list of what stands for uncertain, such as ["uncertain", 64]'
 
 
 class MessagesConfig(LiveConfig):
@@ -62,8 +63,8 @@ class MessagesConfig(LiveConfig):
     quality: Pointer | None = None
     time_format: TimeFormat = "iso8601"
     time_zone: TimeZone | None = None
-    good: Words = Field(default=("good",), description=_WORDS)
-    uncertain: Words = Field(default=("uncertain",), description=_WORDS)
+    good: Words = Field(default=("good",), description=_GOOD)
+    uncertain: Words = Field(default=("uncertain",), description=_UNCERTAIN)
 
     def channels(self, bindings: Sequence[Binding]) -> list[MessageChannel]:
         """The channels as the source takes them."""
@@ -91,8 +92,8 @@ class MessageChannelConfig(WatchedChannelConfig):
     record: Text | None = Field(default=None, description="SenML: name of the record; none: the only one")
     time_format: TimeFormat | None = Field(default=None, description="text, s or ms since 1970")
     time_zone: TimeZone | None = Field(default=None, description="zone of times without offset")
-    good: Words | None = Field(default=None, description=_WORDS)
-    uncertain: Words | None = Field(default=None, description=_WORDS)
+    good: Words | None = Field(default=None, description=_GOOD)
+    uncertain: Words | None = Field(default=None, description=_UNCERTAIN)
 
     @property
     def place(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from adapters.credentials import Tls
 from adapters.fields.logins import CertificatesConfig, LoginConfig
@@ -32,13 +32,19 @@ class MqttTlsConfig(CertificatesConfig):
 class BrokerConfig(LoginConfig):
     """What every table that leads to a broker has."""
 
-    host: Text | None = None
-    port: Annotated[int, BeforeValidator(whole(1, 65535))] | None = None
-    version: Annotated[str, BeforeValidator(choice(*VERSIONS))] = "5"
-    client_id: Text | None = None
-    tls: MqttTlsConfig | None = None
-    keepalive: PositiveDuration = 30.0
-    timeout: Timeout = 5.0
+    host: Text | None = Field(default=None, description="name or address of the broker")
+    port: Annotated[int, BeforeValidator(whole(1, 65535))] | None = Field(
+        default=None, description="TCP port; none: 1883, with `tls` 8883"
+    )
+    version: Annotated[str, BeforeValidator(choice(*VERSIONS))] = Field(default="5", description="version of MQTT")
+    client_id: Text | None = Field(
+        default=None, description="name at the broker; none: `thermogate-<site>`, of a source with `-<name>`"
+    )
+    tls: MqttTlsConfig | None = Field(
+        default=None, description="TLS; none: no encryption, `{}`: the system's authorities"
+    )
+    keepalive: PositiveDuration = Field(default=30.0, description="silence after which the connection counts as lost")
+    timeout: Timeout = Field(default=5.0, description="time limit for each answer")
 
     def broker(self, client_id: str) -> Broker:
         """The broker, to which we are `client_id` unless the table says otherwise."""

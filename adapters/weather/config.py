@@ -106,7 +106,7 @@ class ZenohWeatherConfig(SessionConfig, WeatherConfig):
     """[weather.<name>] of kind "zenoh": the same JSON, published on a key."""
 
     kind: Literal["zenoh"] = "zenoh"
-    mode: Mode = "client"
+    mode: Mode = Field(default="client", description="role of the session")
     key: Text = Field(description='the key that documents are published on, such as "site/weather"')
 
     @model_validator(mode="after")

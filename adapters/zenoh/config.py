@@ -35,7 +35,7 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
     example: ClassVar = 'key = "..."'
 
     kind: Literal["zenoh"] = "zenoh"
-    mode: Mode = "client"
+    mode: Mode = Field(default="client", description="role of the session")
     writers: tuple[Text, ...] | None = Field(
         default=None, min_length=1, description='a list of user names and common names, such as ["bms-gateway"]'
     )

@@ -20,20 +20,20 @@ Mode = Annotated[Literal["peer", "client", "router"], BeforeValidator(choice("pe
 class TlsConfig(CertificatesConfig):
     """tls of a Zenoh session."""
 
-    mutual: Flag = True
+    mutual: Flag = Field(default=True, description="with a certificate: both sides show one")
 
 
 class SessionConfig(LoginConfig):
     """What every table of a Zenoh session has."""
 
-    mode: Mode
+    mode: Mode = Field(description="role of the session")
     connect: tuple[Endpoint, ...] = Field(
         default=(), description='a list of endpoints, such as ["tcp/192.168.1.30:7447"]'
     )
     listen: tuple[Endpoint, ...] = Field(default=(), description='a list of endpoints, such as ["tcp/127.0.0.1:7449"]')
-    timeout: Timeout = 5.0
-    users_file: FilePath | None = None
-    tls: TlsConfig | None = None
+    timeout: Timeout = Field(default=5.0, description="time limit for one attempt to connect")
+    users_file: FilePath | None = Field(default=None, description="who may connect here: lines `user:password`")
+    tls: TlsConfig | None = Field(default=None, description="certificates")
 
     @model_validator(mode="after")
     def _known(self) -> Self:

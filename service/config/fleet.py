@@ -56,7 +56,13 @@ class FleetConfig(BaseModel):
     database: Annotated[str, BeforeValidator(database_address)] = Field(
         description='the PostgreSQL database, such as "postgresql://thermogate@db.example/thermogate"'
     )
-    password_file: FilePath | None = None
-    shards: Annotated[int, BeforeValidator(whole(1, MOST_SHARDS))] = 2
-    shard_cpus: Positive = 1.0
-    lease: Annotated[PositiveDuration, AfterValidator(lease_length)] = 5.0
+    password_file: FilePath | None = Field(
+        default=None, description="file with the password of the database and nothing else"
+    )
+    shards: Annotated[int, BeforeValidator(whole(1, MOST_SHARDS))] = Field(
+        default=2, description="processes that the zones are spread over"
+    )
+    shard_cpus: Positive = Field(default=1.0, description="processors that Ray reserves for a shard")
+    lease: Annotated[PositiveDuration, AfterValidator(lease_length)] = Field(
+        default=5.0, description="a shard unheard of for so long loses its zones"
+    )

@@ -47,17 +47,33 @@ class LimitsConfig(BaseModel):
 
     model_config = TABLE
 
-    connections: Annotated[int, BeforeValidator(whole(1, 100_000))] = 256
-    connections_per_client: Annotated[int, BeforeValidator(whole(1, 100_000))] = 32
-    streams: Annotated[int, BeforeValidator(whole(0, 100_000))] = 64
-    streams_per_client: Annotated[int, BeforeValidator(whole(0, 100_000))] = 8
-    body: Annotated[int, BeforeValidator(whole(1024, 1_000_000_000))] = 1_048_576
-    url: Annotated[int, BeforeValidator(whole(256, 65_536))] = 8192
-    headers: Annotated[int, BeforeValidator(whole(1024, 262_144))] = 16_384
-    unsent: Annotated[int, BeforeValidator(whole(1_048_576, 100_000_000_000))] = 67_108_864
-    receive_timeout: PositiveDuration = 10.0
-    send_timeout: PositiveDuration = 30.0
-    idle_timeout: PositiveDuration = 15.0
+    connections: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
+        default=256, description="connections at a time"
+    )
+    connections_per_client: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
+        default=32, description="of one address (IPv6: one /64)"
+    )
+    streams: Annotated[int, BeforeValidator(whole(0, 100_000))] = Field(
+        default=64, description="event streams at a time"
+    )
+    streams_per_client: Annotated[int, BeforeValidator(whole(0, 100_000))] = Field(
+        default=8, description="of one key, or of one address without keys"
+    )
+    body: Annotated[int, BeforeValidator(whole(1024, 1_000_000_000))] = Field(
+        default=1_048_576, description="bytes in the body of a request; more: 413"
+    )
+    url: Annotated[int, BeforeValidator(whole(256, 65_536))] = Field(
+        default=8192, description="bytes in path and query; more: 414"
+    )
+    headers: Annotated[int, BeforeValidator(whole(1024, 262_144))] = Field(
+        default=16_384, description="bytes in all headers; more: 431"
+    )
+    unsent: Annotated[int, BeforeValidator(whole(1_048_576, 100_000_000_000))] = Field(
+        default=67_108_864, description="bytes of answers that wait for their clients"
+    )
+    receive_timeout: PositiveDuration = Field(default=10.0, description="time for a request to arrive; then 408")
+    send_timeout: PositiveDuration = Field(default=30.0, description="time for 64 KiB of an answer to be taken")
+    idle_timeout: PositiveDuration = Field(default=15.0, description="time without a request")
 
 
 class HttpConfig(BaseModel):
@@ -65,14 +81,24 @@ class HttpConfig(BaseModel):
 
     model_config = TABLE
 
-    host: Host = "127.0.0.1"
-    port: Port = 8080
-    socket: FilePath | None = None
-    keys_file: FilePath | None = None
-    certificate: FilePath | None = None
-    private_key: FilePath | None = None
-    client_ca: FilePath | None = None
-    behind_tls_proxy: Flag = False
+    host: Host = Field(
+        default="127.0.0.1", description="address to serve on; any but loopback needs encryption and a key"
+    )
+    port: Port = Field(default=8080, description="TCP port; 0: any free one")
+    socket: FilePath | None = Field(default=None, description="UNIX socket in place of `host` and `port`")
+    keys_file: FilePath | None = Field(
+        default=None, description="file of the API keys; none: `keys.json` in `state_dir`"
+    )
+    certificate: FilePath | None = Field(
+        default=None, description="the server's certificate and those that signed it, PEM"
+    )
+    private_key: FilePath | None = Field(
+        default=None, description="its key, PEM, not encrypted, for the daemon's account only"
+    )
+    client_ca: FilePath | None = Field(default=None, description="authorities that clients need a certificate of, PEM")
+    behind_tls_proxy: Flag = Field(
+        default=False, description="a proxy in front encrypts and is the only way here; every request needs a key"
+    )
     trusted_proxies: tuple[Address, ...] = Field(
         default=("127.0.0.1", "::1"), description='a list of IP addresses, such as ["192.168.1.20"]'
     )

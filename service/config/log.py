@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator
+from pydantic import BaseModel, BeforeValidator, Field
 
 from adapters.fields.tables import TABLE
 from adapters.fields.values import choice, whole
@@ -23,6 +23,12 @@ class LogConfig(BaseModel):
 
     model_config = TABLE
 
-    format: Annotated[Literal["plain", "json"], BeforeValidator(choice("plain", "json"))] = "plain"
-    level: Annotated[str, BeforeValidator(choice(*LEVELS))] = "info"
-    limit: Annotated[int, BeforeValidator(whole(1, 100_000))] = 10
+    format: Annotated[Literal["plain", "json"], BeforeValidator(choice("plain", "json"))] = Field(
+        default="plain", description="form of a line"
+    )
+    level: Annotated[str, BeforeValidator(choice(*LEVELS))] = Field(
+        default="info", description="lowest level that is written"
+    )
+    limit: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
+        default=10, description="lines a minute of one message about one zone or source"
+    )

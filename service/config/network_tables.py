@@ -21,11 +21,13 @@ class BoundsConfig(BaseModel):
 
     model_config = TABLE
 
-    lower: Positive | None = None
-    upper: Positive | None = None
-    nominal: Positive | None = None
-    typical: Positive | None = None
-    value: Positive | None = None
+    lower: Positive | None = Field(default=None, description="lower bound, in the parameter's unit")
+    upper: Positive | None = Field(default=None, description="upper bound")
+    nominal: Positive | None = Field(default=None, description="value where it is fixed, within the bounds")
+    typical: Positive | None = Field(
+        default=None, description="what it usually is; a factor of 2.7 is one standard deviation"
+    )
+    value: Positive | None = Field(default=None, description="fixes it; excludes the other keys")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -57,7 +59,7 @@ def _require_complete(table: BoundsConfig) -> None:
 class CapacitanceConfig(BoundsConfig):
     """The capacitance of an inline network's node, J/K."""
 
-    name: Name | None = None
+    name: Name | None = Field(default=None, description="parameter, J/K; none: `C_` and the node without `T_`")
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -80,10 +82,10 @@ class ConductanceConfig(BoundsConfig):
 class GainConfig(BoundsConfig):
     """Gain of a heat input: a number (`constant`), a parameter (`name`), or what another leaves of 1 (`rest_of`)."""
 
-    constant: Number | None = None
-    name: Name | None = None
-    unit: Text | None = None
-    rest_of: Name | None = None
+    constant: Number | None = Field(default=None, description="known gain")
+    name: Name | None = Field(default=None, description="parameter that the gain is, with bounds or a value")
+    unit: Text | None = Field(default=None, description="unit of the parameter; none: by the channel's")
+    rest_of: Name | None = Field(default=None, description="1 minus the gain of this name")
 
     @model_validator(mode="after")
     def _one_form(self) -> Self:
@@ -110,8 +112,10 @@ class HeatInputConfig(BaseModel):
 
     channel: Name = Field(description='the channel that brings it, such as "u_heat"')
     node: Name = Field(description='the state node that it enters, such as "T_air"')
-    unit: Text = "W"
-    gain: Annotated[GainConfig, BeforeValidator(_gain)] = GainConfig(constant=1.0)
+    unit: Text = Field(default="W", description="unit of the channel")
+    gain: Annotated[GainConfig, BeforeValidator(_gain)] = Field(
+        default=GainConfig(constant=1.0), description="W into the node per unit: a number or a table"
+    )
 
 
 def _initial_source(value: object) -> str | float:
@@ -134,14 +138,16 @@ class InitialConfig(BaseModel):
 
     model_config = TABLE
 
-    source: Annotated[str | float, PlainValidator(_initial_source)] | None = None
-    sd: Positive | None = None
+    source: Annotated[str | float, PlainValidator(_initial_source)] | None = Field(
+        default=None, description='`"measured"`, a boundary or degC'
+    )
+    sd: Positive | None = Field(default=None, description="standard deviation, K")
 
 
 class SolarConfig(BoundsConfig):
     """Global irradiance into `node` (default: the first measured one) through a solar aperture, m2."""
 
-    node: Name | None = None
+    node: Name | None = Field(default=None, description="node that the sun heats; none: the first measured one")
 
 
 def _solar(value: object) -> object:
@@ -174,7 +180,7 @@ class BoxConfig(BaseModel):
     floor_area: Annotated[tuple[float, float], PlainValidator(_floor_area)] = Field(
         description="the heated floor area in m2, such as 120, or a range such as [80, 200]"
     )
-    propose: Flag = False
+    propose: Flag = Field(default=False, description="a finding proposes narrower bounds after a week")
 
 
 def _box(value: object) -> object:
@@ -191,8 +197,12 @@ class PresetConfig(BaseModel):
     model_config = TABLE
 
     preset: Text = Field(description="the name of a preset; `thermogate networks` lists them")
-    solar: Annotated[SolarConfig | None, BeforeValidator(_solar)] = None
-    box: Annotated[BoxConfig | None, BeforeValidator(_box)] = None
+    solar: Annotated[SolarConfig | None, BeforeValidator(_solar)] = Field(
+        default=None, description="true or a table: adds `I_sol` and an aperture `A_w`"
+    )
+    box: Annotated[BoxConfig | None, BeforeValidator(_box)] = Field(
+        default=None, description='bounds by floor area: `"wide"`, `"auto"` or a table'
+    )
     fixed: tuple[Text, ...] = Field(default=(), description='a list of parameters to hold at nominal, such as ["C_h"]')
     parameters: dict[str, BoundsConfig] = Field(
         default={}, description="a table with one line per parameter, such as C_i = { lower = 1e5, upper = 1e7 }"
@@ -207,7 +217,7 @@ class InlineConfig(BaseModel):
 
     model_config = TABLE
 
-    name: Identifier = "inline"
+    name: Identifier = Field(default="inline", description="name in payloads and reports")
     measured: tuple[Name, ...] = Field(description='the list of measured state nodes, such as ["T_air"]')
     boundaries: tuple[Name, ...] = Field(description='the list of prescribed temperatures, such as ["T_out"]')
     capacitances: dict[Name, CapacitanceConfig] = Field(

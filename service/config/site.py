@@ -76,14 +76,26 @@ class SiteConfig(BaseModel):
     model_config = TABLE
 
     id: Identifier = Field(description='the name of the site, such as "htwg"')
-    state_dir: FilePath = Field(default=Path("var/thermogate"), validate_default=True)
-    checkpoint_every: PositiveDuration = 300.0
-    keep_history: PositiveDuration = 400 * DAY
-    max_journal: JournalSize = 2 * 10**9
-    time_zone: TimeZone | None = None
-    latitude: Annotated[float | None, BeforeValidator(number_between(-90, 90, "degrees"))] = None
-    longitude: Annotated[float | None, BeforeValidator(number_between(-180, 180, "degrees"))] = None
-    country: Annotated[str | None, BeforeValidator(_country)] = None
+    state_dir: FilePath = Field(
+        default=Path("var/thermogate"), validate_default=True, description="folder of journal and checkpoints"
+    )
+    checkpoint_every: PositiveDuration = Field(default=300.0, description="time between two checkpoints of a zone")
+    keep_history: PositiveDuration = Field(default=400 * DAY, description="how much history a zone keeps")
+    max_journal: JournalSize = Field(
+        default=2 * 10**9, description="largest size of the journal; the oldest rows go first"
+    )
+    time_zone: TimeZone | None = Field(
+        default=None, description="time zone of the page and of habits; none: the browser's"
+    )
+    latitude: Annotated[float | None, BeforeValidator(number_between(-90, 90, "degrees"))] = Field(
+        default=None, description="degrees north; together with `longitude`"
+    )
+    longitude: Annotated[float | None, BeforeValidator(number_between(-180, 180, "degrees"))] = Field(
+        default=None, description="degrees east"
+    )
+    country: Annotated[str | None, BeforeValidator(_country)] = Field(
+        default=None, description='country or part of one, such as `"DE-BW"`, whose public holidays count as weekends'
+    )
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -120,15 +132,28 @@ class ZoneTable(BaseModel):
     id: Identifier = Field(description='the name of the zone, such as "living"')
     period: Period = Field(description='the sampling period, such as "5min"')
     network: NetworkConfig = Field(description='a preset such as "titeth", or a [zones.network] table')
-    estimator: Text = DEFAULT_ESTIMATOR
-    seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))]
-    habits: Flag | None = None
-    sun: Annotated[str | bool | None, BeforeValidator(_sun)] = None
-    floor_area: Annotated[float | None, BeforeValidator(number_between(1, 100_000, "m2"))] = None
+    estimator: Text = Field(
+        default=DEFAULT_ESTIMATOR,
+        description='an estimator: `"bank"`, `"rbpf"`, `"ekf"`, `"ukf"`, `"mkf"`, `"arx"`, `"daily"`, `"direct"`',
+    )
+    seed: Annotated[int, BeforeValidator(whole(0, 2**63 - 1))] = Field(
+        description="seed of the random numbers; none: CRC-32 of `site/zone`"
+    )
+    habits: Flag | None = Field(
+        default=None, description="whether people heat it every day at the same hours; none: for `auto`"
+    )
+    sun: Annotated[str | bool | None, BeforeValidator(_sun)] = Field(
+        default=None, description="how the sun comes in; none: for `auto`, as well as it can"
+    )
+    floor_area: Annotated[float | None, BeforeValidator(number_between(1, 100_000, "m2"))] = Field(
+        default=None, description="floor area, which scales what is thought of it at first"
+    )
     levels: Levels = Field(default=(0.95,), min_length=1, description="a list of levels, such as [0.5, 0.95]")
-    max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = 12
-    hold_inputs: Duration = 900.0
-    lateness: Duration = 0.0
+    max_gap: Annotated[int, BeforeValidator(whole(0, 1_000_000))] = Field(
+        default=12, description="steps without a measured temperature that prediction bridges"
+    )
+    hold_inputs: Duration = Field(default=900.0, description="how long a missing input keeps its last value")
+    lateness: Duration = Field(default=0.0, description="how long an interval stays open for late readings")
     estimator_options: dict[str, Any] = Field(default={}, description="a table, such as particles = 9000")
     channels: dict[str, SerializeAsAny[ChannelConfig]] = Field(
         description='a table with one line per channel, such as T_i = { source = "bms", column = "Ti", unit = "degC" }'

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Sequence
 from typing import Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from adapters.errors import SourceError
 from adapters.mqtt.background import Background
@@ -43,8 +43,8 @@ _log = logging.getLogger(__name__)
 class MqttConfig(BrokerConfig):
     """[mqtt]: the broker on which the daemon publishes."""
 
-    home_assistant: Flag = False
-    discovery_prefix: Topic = "homeassistant"
+    home_assistant: Flag = Field(default=False, description="every zone is a device in Home Assistant")
+    discovery_prefix: Topic = Field(default="homeassistant", description="first level of its discovery topics")
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:

@@ -71,12 +71,12 @@ Answering = Callable[[Question, Callable[[Reply], None]], None]
 class ZenohConfig(SessionConfig):
     """[zenoh]: the daemon's own session."""
 
-    enabled: Flag = True
-    mode: Mode = "peer"
+    enabled: Flag = Field(default=True, description="false: nothing is published on Zenoh")
+    mode: Mode = Field(default="peer", description="role of the session")
     listen: tuple[Endpoint, ...] = Field(
         default=("tcp/127.0.0.1:7447",), description='a list of endpoints, such as ["tcp/127.0.0.1:7447"]'
     )
-    await_subscriber: Duration = 0.0
+    await_subscriber: Duration = Field(default=0.0, description="at start, wait so long for subscribers of every zone")
 
     @model_validator(mode="after")
     def _client_has_a_router(self) -> Self:
