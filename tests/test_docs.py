@@ -10,36 +10,23 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from pydantic import BaseModel
 from support import schemas
 from support.all_metrics import exposed
 from support.harness import EXAMPLES, Daemon, free_port
 
 import thermogate
-from adapters import channel as source_models
-from adapters.bacnet import config as bacnet_models
 from adapters.csv import config as csv
-from adapters.fields import logins as credential_models
-from adapters.home_assistant import config as home_assistant_models
-from adapters.http import config as http_source_models
-from adapters.messages import config as message_models
-from adapters.modbus import config as modbus_models
-from adapters.mqtt import config as mqtt_models
-from adapters.mqtt import fields as mqtt_broker_models
 from adapters.reading import Fault, Quality
-from adapters.schedule import config as schedule_models
-from adapters.series import config as series_models
 from adapters.units import conversion, default_valid_range
 from adapters.weather import config as weather_models
 from adapters.zenoh import config as zenoh_models
-from adapters.zenoh import fields as zenoh_session_models
 from estimator import registry
 from estimator.bank import options as bank_options
 from estimator.blackbox import options as arx_options
@@ -50,15 +37,6 @@ from estimator.particle import options
 from estimator.types import Outcome
 from service.cli.main import main
 from service.config import (
-    fleet as fleet_models,
-)
-from service.config import (
-    http as http_models,
-)
-from service.config import (
-    log as log_models,
-)
-from service.config import (
     network_tables as network_models,
 )
 from service.config import (
@@ -66,10 +44,8 @@ from service.config import (
 )
 from service.config.load import load
 from service.config.networks import resolve
-from service.config.written import effective_toml
 from service.daemon.reload import RELOADABLE
 from service.errors import ConfigError
-from service.publish import mqtt as publish_mqtt
 from service.publish import payloads
 from service.publish import zenoh as publish_zenoh
 from service.publish.sinks import TOPICS
@@ -92,60 +68,8 @@ from service.zone.worker import STARTED
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
-PAGES = sorted(path for folder in (".", "docs/**", "deploy/**") for path in ROOT.glob(f"{folder}/*.md"))
+PAGES = sorted(path for folder in (".", "docs/**", "deploy/**", "adapters/*") for path in ROOT.glob(f"{folder}/*.md"))
 TEXT = {path.name: path.read_text(encoding="utf-8") for path in DOCS}
-
-# Heading in configuration.md to the model that its first table describes.
-TABLES: dict[str, type[BaseModel]] = {
-    "`[site]`": config_models.SiteConfig,
-    "`[log]`": log_models.LogConfig,
-    "`[http]`": http_models.HttpConfig,
-    "`[http.limits]`": http_models.LimitsConfig,
-    "`[zenoh]`": publish_zenoh.ZenohConfig,
-    "`[fleet]`": fleet_models.FleetConfig,
-    "Recorded files": csv.CsvConfig,
-    "History of Home Assistant": home_assistant_models.HomeAssistantConfig,
-    "Databases of time series": series_models.SeriesConfig,
-    "BACnet/IP": bacnet_models.BacnetConfig,
-    "Modbus": modbus_models.ModbusConfig,
-    "`serial`": modbus_models.SerialConfig,
-    "Zenoh sessions": zenoh_session_models.SessionConfig,
-    "Zenoh as a source": zenoh_models.ZenohSourceConfig,
-    "HTTP as a source": http_source_models.HttpSourceConfig,
-    "A weekly schedule": schedule_models.ScheduleConfig,
-    "`days`": schedule_models.DaysConfig,
-    "`tls`": zenoh_session_models.TlsConfig,
-    "`[mqtt]`": publish_mqtt.MqttConfig,
-    "Brokers": mqtt_broker_models.BrokerConfig,
-    "`tls` of brokers": mqtt_broker_models.MqttTlsConfig,
-    "MQTT as a source": mqtt_models.MqttSourceConfig,
-    "`timestamp`": csv.TimestampConfig,
-    "Forecasts in files": weather_models.WeatherCsvConfig,
-    "Open-Meteo": weather_models.OpenMeteoConfig,
-    "Forecasts on Zenoh": weather_models.ZenohWeatherConfig,
-    "`forecast`": source_models.ForecastConfig,
-    "`[[zones]]`": config_models.ZoneTable,
-    "`[zones.channels]`": source_models.ChannelConfig,
-    "Channels of recorded files": csv.CsvChannelConfig,
-    "Channels of the history of Home Assistant": home_assistant_models.HomeAssistantChannelConfig,
-    "Channels of databases of time series": series_models.SeriesChannelConfig,
-    "Channels of BACnet/IP": bacnet_models.BacnetChannelConfig,
-    "Channels of Modbus": modbus_models.ModbusChannelConfig,
-    "Channels of Zenoh": zenoh_models.ZenohChannelConfig,
-    "Channels of HTTP": http_source_models.HttpChannelConfig,
-    "Channels of a weekly schedule": schedule_models.ScheduleChannelConfig,
-    "Channels of MQTT": mqtt_models.MqttChannelConfig,
-    "A preset with changes": network_models.PresetConfig,
-    "Bounds": network_models.BoundsConfig,
-    "`solar`": network_models.SolarConfig,
-    "`box`": network_models.BoxConfig,
-    "`initial`": network_models.InitialConfig,
-    "An inline network": network_models.InlineConfig,
-    "`capacitances`": network_models.CapacitanceConfig,
-    "`conductances`": network_models.ConductanceConfig,
-    "`heat_inputs`": network_models.HeatInputConfig,
-    "`gain`": network_models.GainConfig,
-}
 
 
 class Block(NamedTuple):
@@ -161,7 +85,7 @@ class Block(NamedTuple):
 def blocks(language: str) -> list[Any]:
     found = []
     for name, text in TEXT.items():
-        matches = list(re.finditer(r"(?:<!-- (.*?) -->\n)?```(\w+)\n(.*?)```", text, re.DOTALL))
+        matches = list(re.finditer(r"(?:<!-- ((?:(?!-->).)*) -->\n)?```(\w+)\n(.*?)```", text, re.DOTALL))
         for index, match in enumerate(matches):
             if match[2] == language:
                 after = matches[index + 1][3] if index + 1 < len(matches) else ""
@@ -270,83 +194,6 @@ def test_the_summary_of_a_check_is_the_one_printed(tmp_path: Path, capsys: pytes
 def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["networks", "titeth", "--set", "solar=true"]) == 0
     assert capsys.readouterr().out in TEXT["configuration.md"]
-
-
-def own_fields(model: type[BaseModel]) -> set[str]:
-    """The keys of a table, without those that every channel or every Zenoh session has in the same way."""
-    own = set(model.model_fields)
-    for common in (source_models.ChannelConfig, zenoh_session_models.SessionConfig, mqtt_broker_models.BrokerConfig):
-        if issubclass(model, common) and model is not common:
-            own -= set(common.model_fields) - set(model.__annotations__)
-    return own
-
-
-@pytest.mark.parametrize("heading", TABLES)
-def test_every_key_of_the_configuration_is_documented(heading: str) -> None:
-    documented = first_names(tables(section("configuration.md", heading))[0])
-    assert sorted(documented) == sorted(own_fields(TABLES[heading]))
-
-
-def test_no_model_of_the_configuration_is_left_out() -> None:
-    # What several tables have is in the table of each.
-    messages = {message_models.MessagesConfig, message_models.MessageChannelConfig}
-    shared = messages | {credential_models.LoginConfig, credential_models.CertificatesConfig}
-    whole = {
-        config_models.Config,
-        config_models.ZoneConfig,
-        source_models.UnboundChannel,
-        source_models.WatchedChannelConfig,
-    }
-    whole |= {
-        source_models.SourceConfig,
-        source_models.RecordedConfig,
-        source_models.LiveConfig,
-        weather_models.WeatherConfig,
-        csv.LayoutConfig,
-    }
-    described = {*whole, *shared, *TABLES.values()}
-    for module in (
-        bacnet_models,
-        config_models,
-        fleet_models,
-        http_models,
-        http_source_models,
-        schedule_models,
-        message_models,
-        modbus_models,
-        mqtt_broker_models,
-        mqtt_models,
-        network_models,
-        publish_mqtt,
-        source_models,
-        weather_models,
-        zenoh_models,
-        zenoh_session_models,
-    ):
-        for value in vars(module).values():
-            if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
-                assert value in described, f"{value.__name__} has no table in configuration.md"
-
-
-def test_documented_defaults_are_those_in_force(tmp_path: Path) -> None:
-    effective = tomllib.loads(effective_toml(load(with_recordings(small_file(), tmp_path))))
-    zone = effective["zones"][0]
-    in_force: dict[str, Mapping[str, Any]] = {
-        "`[site]`": effective["site"],
-        "`[log]`": effective["log"],
-        "`[http]`": effective["http"],
-        "`[http.limits]`": effective["http"]["limits"],
-        "`[zenoh]`": effective["zenoh"],
-        "Recorded files": effective["sources"]["export"],
-        "`timestamp`": effective["sources"]["export"]["timestamp"],
-        "`[[zones]]`": zone | {"estimator_options": {}},
-        "`[zones.channels]`": zone["channels"]["T_i"],
-    }
-    for heading, values in in_force.items():
-        for key, _, default, _ in tables(section("configuration.md", heading))[0][1:]:
-            (name,) = names(key)
-            if name != "state_dir" and default.startswith("`"):
-                assert tomllib.loads(f"v = {default.strip('`')}")["v"] == values[name], f"{heading} {name}"
 
 
 def test_units_and_their_defaults_are_those_in_force() -> None:
@@ -484,28 +331,6 @@ def model_of(mark: str) -> tuple[type, bool]:
         if hasattr(module, match[1]):
             return getattr(module, match[1]), match[2] is not None
     raise AssertionError(f"there is no payload {match[1]}")
-
-
-def test_documented_defaults_of_live_sources_are_those_in_force() -> None:
-    source = modbus_models.ModbusConfig.model_validate({"host": "10.0.0.5", "first_register": 0})
-    serial = modbus_models.SerialConfig.model_validate({"device": "/dev/ttyUSB0"})
-    heard = zenoh_models.ZenohSourceConfig.model_validate({"connect": ["tcp/10.0.0.5:7447"]})
-    described = {
-        "BACnet/IP": bacnet_models.BacnetConfig.model_validate({"interface": "192.168.1.10/24"}),
-        "Modbus": source,
-        "`serial`": serial,
-        "Zenoh as a source": heard,
-        "HTTP as a source": http_source_models.HttpSourceConfig(),
-        "`tls`": zenoh_session_models.TlsConfig(),
-    }
-    for heading, model in described.items():
-        values = model.model_dump(mode="json")
-        for key, _, default, _ in tables(section("configuration.md", heading))[0][1:]:
-            (name,) = names(key)
-            if default.startswith("`"):
-                assert tomllib.loads(f"v = {default.strip('`')}")["v"] == values[name], f"{heading} {name}"
-            else:
-                assert default == "required" or name == "host" or values[name] is None
 
 
 @pytest.mark.parametrize("block", blocks("json"))

@@ -25,6 +25,7 @@ from adapters.fields import values
 from adapters.fields.durations import format_duration, parse_duration
 from adapters.fields.logins import CertificatesConfig, LoginConfig
 from adapters.fields.sizes import format_size
+from adapters.messages.config import MessageChannelConfig
 from adapters.mqtt.fields import BrokerConfig
 from adapters.series import config as series
 from adapters.zenoh.fields import SessionConfig
@@ -34,6 +35,7 @@ MARK = re.compile(r"(<!-- table: ([\w.]+) -->\n)(?:\|.*\n)*")
 
 SHARED = (
     ChannelConfig,
+    MessageChannelConfig,
     BoundsConfig,
     LoginConfig,
     CertificatesConfig,
