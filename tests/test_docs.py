@@ -160,9 +160,6 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert publish_zenoh.ZenohConfig.model_validate(raw["zenoh"], context=context).mode == "client"
         for source in raw["sources"].values():
             zenoh_models.ZenohSourceConfig.model_validate(source, context=context)
-    elif raw.keys() == {"sources"}:
-        for source in raw["sources"].values():
-            assert schedule_models.ScheduleConfig.model_validate(source).country == "DE-BW"
     elif raw["zones"].keys() == {"setpoint"}:
         channel = csv.CsvChannelConfig.model_validate(raw["zones"]["setpoint"], context={"folder": tmp_path})
         assert (channel.address, channel.max_age) == ("Setpoint", 86400.0)
