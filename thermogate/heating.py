@@ -8,7 +8,8 @@ from typing import Any
 from service.forecast.answers import Comparison, Demand, PlanOutcome, Preheat, Range
 from thermogate.frames import Frame, moments, pandas, table
 
-_BOUNDS = ("mean", "lower", "upper")
+BOUNDS_95 = ("mean", "lower", "upper")
+"""Of a `Range`."""
 
 
 def preheat_series(found: Preheat, tz: str) -> Any:
@@ -19,8 +20,8 @@ def preheat_series(found: Preheat, tz: str) -> Any:
         "start": begin,
         "minutes": found.minutes,
         "reached": found.reached,
-        **{f"temperature_{bound}": getattr(found.temperature, bound) for bound in _BOUNDS},
-        **{f"energy_{bound}": getattr(found.energy, bound) for bound in _BOUNDS},
+        **{f"temperature_{bound}": getattr(found.temperature, bound) for bound in BOUNDS_95},
+        **{f"energy_{bound}": getattr(found.energy, bound) for bound in BOUNDS_95},
         "target": found.target,
         "by": by,
         "probability": found.probability,
@@ -51,7 +52,7 @@ def comparison_table(found: Comparison) -> Frame:
 
 
 def _ranges(found: Sequence[Range], index: Any) -> Frame:
-    return table({bound: [getattr(one, bound) for one in found] for bound in _BOUNDS}, index)
+    return table({bound: [getattr(one, bound) for one in found] for bound in BOUNDS_95}, index)
 
 
 def _outcomes(found: Sequence[PlanOutcome], suffix: str) -> dict[Any, list[float]]:
@@ -59,5 +60,5 @@ def _outcomes(found: Sequence[PlanOutcome], suffix: str) -> dict[Any, list[float
     return {
         (quantity + suffix, bound): [getattr(getattr(one, quantity), bound) for one in found]
         for quantity in quantities
-        for bound in _BOUNDS
+        for bound in BOUNDS_95
     }

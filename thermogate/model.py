@@ -33,6 +33,7 @@ from service.forecast.heating import (
     moment,
     refusal,
 )
+from service.forecast.learned import learned_laws
 from service.forecast.request import detail
 from service.records.fan import Fan
 from service.records.outlook import SET_POINTS
@@ -42,7 +43,7 @@ from service.zone.foresight.outlook import NO_WEATHER
 from thermogate.arguments import items, plain
 from thermogate.files import write_model
 from thermogate.frames import Frame, moments, named_zone, pandas, table
-from thermogate.heating import comparison_table, demand_table, demand_total, preheat_series
+from thermogate.heating import BOUNDS_95, comparison_table, demand_table, demand_total, preheat_series
 from thermogate.learning import learn
 from thermogate.plans import planned_inputs, planned_price, planned_setpoints, steps_in
 from thermogate.session import ALPHA, BOUNDS, OUTCOMES, REGIMES, Session
@@ -225,6 +226,16 @@ class Model:
         columns: dict[str, Any] = _quantiles(checked, found.reshape(len(terms), len(checked)))
         columns |= {"unit": [term.unit for term in terms], "node": [term.node for term in terms]}
         return table(columns, pandas().Index([term.name for term in terms], name="term"))
+
+    @property
+    def thermostat(self) -> Frame:
+        """The learned law of the thermostat by heat input: side, law, explained share and days, and power [W], offset
+        and band [K] with their 95 % intervals. No rows where none is known."""
+        found = learned_laws(self._session.worker)
+        columns = {name: [getattr(law, name) for law in found] for name in ("side", "law", "explained", "days")}
+        for name in ("power", "offset", "band"):
+            columns |= {f"{name}_{bound}": [getattr(getattr(law, name), bound) for law in found] for bound in BOUNDS_95}
+        return table(columns, pandas().Index([law.channel for law in found], name="channel"))
 
     @property
     def predictions(self) -> Frame:

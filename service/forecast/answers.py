@@ -15,6 +15,20 @@ class Range:
 
 
 @record
+class LearnedLaw:
+    """What a heat input does under the set-point, as it was learned: the law of the thermostat."""
+
+    channel: str
+    side: str = shown("heating or cooling")
+    law: str = shown("proportional or on-off")
+    power: Range = shown("W, all that it gives")
+    offset: Range = shown("K below the set-point (cooling: above) at which it gives half of it")
+    band: Range = shown("K over which it goes from nothing to all; of an on-off law its hysteresis")
+    explained: Number = shown("share of the variance of the heat that the law explains")
+    days: int = shown("days that it was learned from")
+
+
+@record
 class Preheat:
     """When to raise the set-point so that the zone is warm in time."""
 

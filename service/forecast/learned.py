@@ -12,6 +12,7 @@ from estimator.statespace.matrices import of_draws, of_point
 from estimator.statespace.simulate import gain_forecast
 from estimator.types import ModelDraws, ParameterSummary
 from service.errors import NoModel
+from service.forecast.answers import LearnedLaw, Range
 from service.records.model import ZoneModel
 from service.records.outlook import Weather
 from service.records.skill import Skill
@@ -49,14 +50,22 @@ class ModelQuestion(NamedTuple):
         )
 
 
+class Parameters(NamedTuple):
+    """What a zone has learned of its building and its thermostat."""
+
+    summary: ParameterSummary
+    laws: tuple[LearnedLaw, ...]
+
+
 class ParametersQuestion(NamedTuple):
-    """Asks for posterior quantiles of the parameters."""
+    """Asks for posterior quantiles of the parameters, and for the law of the thermostat."""
 
     levels: tuple[float, ...]
 
-    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> ParameterSummary | None:
-        """The quantiles; None before the first sample."""
-        return worker.parameters(self.levels)
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Parameters | None:
+        """Both; None before the first sample."""
+        summary = worker.parameters(self.levels)
+        return None if summary is None else Parameters(summary, learned_laws(worker))
 
 
 class SkillQuestion(NamedTuple):
@@ -65,6 +74,34 @@ class SkillQuestion(NamedTuple):
     def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Skill | None:
         """The scores; None before the first sample."""
         return worker.skill()
+
+
+def learned_laws(worker: ZoneWorker) -> tuple[LearnedLaw, ...]:
+    """The laws of the thermostat; none where none is known."""
+    thermostat = worker.carried.thermostat
+    if thermostat is None:
+        return ()
+    laws, found = thermostat.laws, []
+    for place, column in enumerate(laws.column.astype(int).tolist()):
+        mean, spread = laws.numbers[place], 1.96 * np.sqrt(np.diagonal(laws.covariance[place]))
+        # Power and band are no less than nothing.
+        lower = np.maximum(mean - spread, [0.0, -np.inf, 0.0])
+        power, offset, band = (
+            Range(*each) for each in zip(mean.tolist(), lower.tolist(), (mean + spread).tolist(), strict=True)
+        )
+        found.append(
+            LearnedLaw(
+                channel=worker.network.inputs[column],
+                side="heating" if laws.side[place] > 0.0 else "cooling",
+                law="on-off" if laws.switching[place] > 0.0 else "proportional",
+                power=power,
+                offset=offset,
+                band=band,
+                explained=float(laws.explained[place]),
+                days=int(laws.days[place]),
+            )
+        )
+    return tuple(found)
 
 
 def _known_heat(worker: ZoneWorker, standing: Standing, weather: Weather, response: Array, periods: int) -> Array:

@@ -19,6 +19,7 @@ from estimator.diagnosis.finding import Finding, VariantWeight
 from service.fields.durations import parse_duration
 from service.fields.numbers import is_level
 from service.fields.times import ZoneMissing, parse_time
+from service.forecast.answers import LearnedLaw
 from service.publish.payloads import StatusPayload
 from service.records.record import Time, Vector, constant, document_of, record, shown
 
@@ -242,6 +243,9 @@ class ParametersPayload:
     known_heat: tuple[TermPayload, ...] = shown(
         "sun and habits: apertures by facade or hour, the daily profile in W and what days off differ by; "
         "empty where the zone knows none"
+    )
+    thermostat: tuple[LearnedLaw, ...] = shown(
+        "the law of the thermostat by heat input, each number with its 95 % interval; empty where none is known"
     )
     variants: tuple[VariantWeight, ...] = shown(
         "variants of the network in a bank, largest weight first; empty where all members have the same one"

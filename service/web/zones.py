@@ -12,6 +12,7 @@ from fastapi import APIRouter, Query, Response
 
 from estimator.types import ParameterSummary
 from service.errors import NoLaw, ServiceError
+from service.forecast.answers import LearnedLaw
 from service.forecast.learned import ParametersQuestion, SkillQuestion
 from service.forecast.plan import Plan
 from service.forecast.request import ForecastRequest, bound, mistakes, published_levels
@@ -122,10 +123,10 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -
     )
     async def parameters(zone: str, caller: Asking, query: Annotated[ParametersQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        summary = await view.ask(ParametersQuestion(tuple(query.level)))
-        if summary is None:
+        found = await view.ask(ParametersQuestion(tuple(query.level)))
+        if found is None:
             raise no_forecast(view)
-        return _json(_parameters(view, query.level, summary), site, zone)
+        return _json(_parameters(view, query.level, *found), site, zone)
 
     @router.get(
         "/{zone}/skill",
@@ -235,7 +236,9 @@ def _description(site: str, zone: ZoneView) -> ZonePayload:
     return ZonePayload(*about, tuple(channels), tuple(priors), status)
 
 
-def _parameters(zone: ZoneView, levels: Sequence[float], summary: ParameterSummary) -> ParametersPayload:
+def _parameters(
+    zone: ZoneView, levels: Sequence[float], summary: ParameterSummary, laws: tuple[LearnedLaw, ...]
+) -> ParametersPayload:
     network, diagnosis = zone.network, zone.status().diagnosis
     own = zip(network.parameters, summary.parameters, strict=True)
     known = zip(network.terms, summary.coefficients, strict=False)
@@ -249,6 +252,7 @@ def _parameters(zone: ZoneView, levels: Sequence[float], summary: ParameterSumma
         ),
         heat_loss=QuantilesPayload("heat_loss", "W/K", True, summary.heat_loss),
         known_heat=tuple(TermPayload(term.name, term.node, term.unit, row) for term, row in known),
+        thermostat=laws,
         variants=tuple(sorted(diagnosis.variants, key=lambda each: -each.weight)),
         findings=diagnosis.findings,
     )

@@ -17,7 +17,7 @@ from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.errors import NoModel, ServiceError
 from service.forecast.engine import FanQuestion
-from service.forecast.learned import ModelQuestion, ParametersQuestion, SkillQuestion
+from service.forecast.learned import ModelQuestion, Parameters, ParametersQuestion, SkillQuestion
 from service.forecast.plan import Grid, column
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import CompactOutputPayload, Fan
@@ -134,7 +134,8 @@ class FakeZone:
         if isinstance(question, ModelQuestion):
             return self._model(question)
         if isinstance(question, ParametersQuestion):
-            return self._parameters(question.levels)
+            summary = self._parameters(question.levels)
+            return None if summary is None else Parameters(summary, ())
         if isinstance(question, SkillQuestion):
             return self.skill()
         assert isinstance(question, FanQuestion)

@@ -39,6 +39,14 @@ def test_a_column_of_that_name_is_the_set_point_and_is_saved_with_the_model(mode
         pd.testing.assert_frame_equal(other.demand(horizon="3h"), model.demand(horizon="3h"), rtol=1e-9)
 
 
+def test_the_law_is_told_with_intervals(model):
+    (law,) = model.thermostat.reset_index().to_dict("records")
+    assert (law["channel"], law["side"], law["law"]) == ("u_heat", "heating", "proportional")
+    assert law["power_lower"] < law["power_mean"] < law["power_upper"]
+    assert law["band_mean"] == pytest.approx(1.5, abs=0.3)
+    assert fitted(TABLE.iloc[:24]).thermostat.empty
+
+
 def test_preheat_demand_and_comparison(model):
     start = model.preheat(20.5, "06:30")
     assert start["issue_time"] == pd.Timestamp("2025-01-16", tz="Europe/Berlin") < start["start"]

@@ -44,6 +44,13 @@ def test_preheat_by_a_time_of_day(app: FastAPI) -> None:
     assert get(app, "/zones/house/preheat?target=20.5&by=1970-01-03T07:30:00%2B01:00").json() == found
 
 
+def test_parameters_tell_the_law_of_the_thermostat(app: FastAPI) -> None:
+    (law,) = get(app, "/zones/house/parameters").json()["thermostat"]
+    assert (law["channel"], law["side"], law["law"]) == ("u_heat", "heating", "proportional")
+    assert law["power"]["lower"] < law["power"]["mean"] < law["power"]["upper"]
+    assert get(app, "/zones/untold/parameters").json()["thermostat"] == []
+
+
 def test_demand_and_what_if(app: FastAPI) -> None:
     demand = post(app, "/zones/house/demand", {"horizon": "3h", "T_set": {"step": "1h", "values": [17, 19, 21]}}).json()
     assert demand["planned"] is True
