@@ -2,7 +2,7 @@
 
 One asyncio loop does all I/O; estimator steps run in a thread pool (the compiled kernels release the GIL). On
 SIGTERM or SIGINT the sources stop, the mailboxes are drained, checkpoints are written, HTTP and Zenoh are closed. On
-SIGHUP the configuration is read again. What zones and sources there are is `service.daemon.runtime`'s.
+SIGHUP the configuration is read again. What runs is put together in `service.daemon.composition`.
 """
 
 from __future__ import annotations
@@ -16,44 +16,28 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Coroutine, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack
 from functools import partial
-from importlib.metadata import version
 from typing import Any, TypeVar
 
 from service.config.kept import keep_configuration
 from service.config.site import Config
+from service.daemon.composition import RunningSite, answer_on_zenoh, open_sinks
 from service.daemon.exposure import check_exposure
-from service.daemon.instruments import instrument
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.daemon.logs import configure_logging, sweep_log
 from service.daemon.loop_delay import watch_loop
 from service.daemon.notify import Notifier
-from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
-from service.daemon.queries import Queries
+from service.daemon.process import favour_the_event_loop
 from service.daemon.reload import summary
-from service.daemon.runtime import Runtime
+from service.daemon.serving import Serving
 from service.daemon.supply.ingest import Ingest
 from service.daemon.tasks import abandonable, done_before, end
 from service.daemon.vitals import HUNG_SECONDS, JOURNAL_SECONDS, Organ, Vitals
-from service.daemon.zone_table import ZoneTable
 from service.errors import CertificateError, ConfigError, ReloadRefused, ServiceError
-from service.publish.changes import Changes
-from service.publish.events import Streams
-from service.publish.kinds import SINK_KINDS
-from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
-from service.publish.zenoh import Publisher
-from service.records.outlook import WeatherBook
-from service.store.journalling import JournalStore
-from service.store.retention import Limits
 from service.store.store import Store
-from service.web.app import create_app, create_questions
-from service.web.keys import KeyRing
 from service.web.measures import http_measures
-from service.web.server.server import HttpServer
-from service.zone.plumbing import Plumbing
-from service.zone.questions import THREADS, Questions
 
 Result = TypeVar("Result")
 
@@ -102,9 +86,8 @@ class Daemon:
         self._stopping = asyncio.Event()
         self._stopped = threading.Event()
         self._notifier = Notifier()
-        self._streams = Streams()
-        self._runtime: Runtime | None = None
-        self._http: HttpServer | None = None
+        self._serving = Serving(config)
+        self._site: RunningSite | None = None
         self._ready: str | None = None
         """What the service manager is told once everything runs."""
         self._reloads: set[asyncio.Task[Any]] = set()
@@ -117,24 +100,17 @@ class Daemon:
         loop.add_signal_handler(signal.SIGHUP, self._hang_up)
         if duration is not None:
             loop.call_later(duration, self._stop)
-        store = Store(self._config.site.state_dir)
-        pool = ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="estimator", initializer=stand_back)
-        asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
-        sinks: list[Sink] = []
-        try:
+        async with AsyncExitStack() as rest:
+            store = Store(self._config.site.state_dir)
+            rest.callback(store.close)
             for name in reset:
                 await store.forget(name)
-            for kind in SINK_KINDS.values():
-                opened = await asyncio.to_thread(kind.open, self._config.table(kind.name), self._config.site.id)
-                sinks += [] if opened is None else [opened]
+            opened = await open_sinks(self._config, rest)
             await _keep(self._config)
-            await self._serve(store, pool, asking, sinks)
-        finally:
-            for sink in sinks:
-                await asyncio.to_thread(sink.close)
-            for executor in (asking, pool):
-                executor.shutdown(wait=True, cancel_futures=True)
-            store.close()
+            sinks = (*opened, *self._serving.sinks)
+            self._site = RunningSite(self._config, store, sinks, os.cpu_count() or 1, self._stopped)
+            rest.push_async_callback(self._site.close)
+            await self._serve(self._site, store, opened)
         _log.info("stopped")
 
     async def reload(self) -> str:
@@ -143,16 +119,14 @@ class Daemon:
         return await asyncio.shield(self._own(self._reload()))
 
     async def _reload(self) -> str:
-        runtime = self._runtime
-        if self._reread is None or runtime is None or self._ready is None:
+        if self._reread is None or self._site is None or self._ready is None:
             why = "is still starting" if self._reread else "was not started from a configuration file"
             raise ReloadRefused([f"the daemon {why}, so there is nothing to reload"])
         self._notifier.reloading()
         try:
             new = await abandonable(self._reread)
-            if self._http is not None:
-                self._http.reload()
-            changes = await runtime.reload(new)
+            self._serving.reload()
+            changes = await self._site.runtime.reload(new)
             if changes.log:
                 configure_logging(new.log)
             await _keep(new)
@@ -190,95 +164,52 @@ class Daemon:
         except Exception as error:
             _log.error("the configuration was not reloaded: %r", error, exc_info=_log.isEnabledFor(logging.DEBUG))
 
-    async def _serve(
-        self, store: JournalStore, pool: ThreadPoolExecutor, asking: ThreadPoolExecutor, opened: Sequence[Sink]
-    ) -> None:
-        zones = ZoneTable()
-        metrics = Metrics(zones, version("thermogate"))
-        every = self._config.site.checkpoint_every
-        streams = self._streams
-        changes = Changes()
-        sinks: tuple[Sink, ...] = (metrics, *opened, streams, changes)
-        plumbing = Plumbing(
-            self._config.site.id,
-            store,
-            pool,
-            Questions(asking, self._stopped),
-            self._stopped,
-            metrics,
-            sinks,
-            every,
-            weather=WeatherBook(),
-        )
-        self._runtime = runtime = Runtime(self._config, zones, plumbing)
-        instrument(metrics, runtime, store, sinks)
-        loop = asyncio.get_running_loop()
+    async def _serve(self, site: RunningSite, store: Store, opened: Sequence[Sink]) -> None:
+        loop, runtime, serving = asyncio.get_running_loop(), site.runtime, self._serving
         organs = (
             Organ("the journal", partial(store.run, int), JOURNAL_SECONDS),
-            Organ("the estimator's threads", lambda: loop.run_in_executor(pool, int), HUNG_SECONDS),
+            Organ("the estimator's threads", lambda: loop.run_in_executor(site.pool, int), HUNG_SECONDS),
         )
-        vitals = Vitals(zones, organs)
-        http, site = self._config.http, self._config.site
-        keys = KeyRing(self._config.keys_file, required=http.exposed)
-        app = create_app(
-            site.id,
-            zones,
-            metrics.registry,
-            version=version("thermogate"),
-            keys=keys,
+        vitals = Vitals(site.zones, organs)
+        server, app = serving.open(
+            site.zones,
+            site.metrics.registry,
             problems=lambda: [*vitals.problems(), *store.problems()],
             reload=self.reload,
-            http=http,
-            streams=streams,
             take=Ingest(lambda: runtime.feeds, lambda: runtime.is_posted_to).take,
-            changes=changes,
-            time_zone=site.time_zone,
         )
-        queries = Queries(create_questions(site.id, zones, site.time_zone), loop)
-        for sink in opened:
-            if isinstance(sink, Publisher):
-                await asyncio.to_thread(sink.answer_with, queries.answer)
-        self._http = server = HttpServer(app, http)
-        metrics.register(http_measures(server, app))
+        site.metrics.register(http_measures(server, app))
+        await answer_on_zenoh(opened, self._config, site.zones)
         stop = asyncio.create_task(self._stopping.wait())
         watching = [
-            asyncio.create_task(watch_loop(metrics.observe_loop_delay)),
+            asyncio.create_task(watch_loop(site.metrics.observe_loop_delay)),
             asyncio.create_task(vitals.run(partial(self._feed_watchdog, vitals))),
         ]
         try:
             await runtime.declare()
             if not await done_before(stop, asyncio.ensure_future(runtime.restore())):
                 return
-            serving = asyncio.create_task(server.run())
             runtime.start_zones()
             try:
-                await server.started(serving)
-                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in sinks))
+                ended = await serving.start()
+                settling = asyncio.gather(*(asyncio.to_thread(sink.settle) for sink in opened))
                 if not await done_before(stop, settling):
                     return
                 # What was made at the start stays; no collection need look through it.
                 gc.freeze()
-                await runtime.start_feeds()
-                limits = Limits(site.keep_history, site.max_journal)
-                watching += [
-                    asyncio.create_task(store.keep_within(limits)),
-                    asyncio.create_task(store.watch()),
-                    asyncio.create_task(collect_garbage()),
-                ]
+                await site.feed()
                 self._ready = f"serving on {server.url}"
                 self._notifier.ready(self._ready)
-                ends: list[asyncio.Future[Any]] = [stop, serving, runtime.broken]
+                ends: list[asyncio.Future[Any]] = [stop, ended, runtime.broken]
                 await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
                 self._notifier.stopping()
                 if runtime.broken.done():
                     runtime.broken.result()
             finally:
                 await end(tuple(self._reloads))
-                await runtime.stop_feeds()
-                # An open stream would keep the server from stopping; the clients come back after a pause.
-                streams.end()
-                changes.end()
-                await asyncio.gather(runtime.drain(), server.stop(serving))
+                for result in await asyncio.gather(site.stop(), serving.stop(), return_exceptions=True):
+                    if isinstance(result, BaseException):
+                        raise result
         finally:
             for task in (stop, *watching):
                 task.cancel()

@@ -11,7 +11,7 @@ from service.config.fitting import fingerprint, make_alignment, make_worker, mea
 from service.config.site import Config, ZoneConfig
 from service.daemon.reload import Changes, compare, obstacles
 from service.daemon.supply.feeding import keep_time, watch_clock
-from service.daemon.supply.feeds import Feed, OwnSources, Supply, Tally
+from service.daemon.supply.feeds import Feed, Tally
 from service.daemon.supply.weather import WeatherFeeds
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
@@ -41,8 +41,7 @@ class _Running(NamedTuple):
 class Runtime:
     """What the daemon runs. `zones` are always those that REST should show."""
 
-    def __init__(self, config: Config, zones: ZoneTable, plumbing: Plumbing, supply: Supply | None = None) -> None:
-        """`supply` is where sources come from; None: they are read here."""
+    def __init__(self, config: Config, zones: ZoneTable, plumbing: Plumbing) -> None:
         self.config = config
         self.zones = zones
         self.tallies: dict[str, Tally] = {}
@@ -50,7 +49,6 @@ class Runtime:
         self.broken: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Fails when a zone ends with an error that trying again does not help against."""
         self._plumbing = plumbing
-        self._supply = supply or OwnSources()
         self._running: dict[str, _Running] = {}
         self._feeds: list[Feed] = []
         self._weather = WeatherFeeds(plumbing.weather)
@@ -91,13 +89,9 @@ class Runtime:
         for name in self.config.sources:
             self._feed(name, self.config.zones)
         self._clocks += [
-            asyncio.create_task(self._keep_time()),
+            asyncio.create_task(keep_time(self.zones)),
             asyncio.create_task(watch_clock(self._plumbing.clock)),
         ]
-
-    async def _keep_time(self) -> None:
-        await self._supply.caught_up()
-        await keep_time(self.zones)
 
     async def stop_feeds(self) -> None:
         """No reading comes any more."""
@@ -216,7 +210,7 @@ class Runtime:
         nexts = [None if (time := self._last[zone.id]) is None else time + zone.period for zone in served]
         start = None if None in nexts else min(time for time in nexts if time is not None)
         tally = self.tallies.setdefault(name, Tally())
-        feed = Feed(name, config, self.zones, [zone.id for zone in served], tally, self._supply)
+        feed = Feed(name, config, self.zones, [zone.id for zone in served], tally)
         self._feeds.append(feed)
         feed.start(start)
 

@@ -30,16 +30,6 @@ class Beat(NamedTuple):
     """Zones that a shard does not run any more because they brought down its process, and how."""
 
 
-class Ack(NamedTuple):
-    """The answer of a shard to a batch. `boot` is its process; a batch for another one was not taken. `version` is that
-    of its plan. What its zones had from the source before `durable` (UTC s) is not wanted again, whatever happens to
-    the shard; None: a zone has not begun, -inf: a zone is on its way to quarantine, which alone can tell."""
-
-    boot: str
-    version: int
-    durable: float | None
-
-
 class ZoneNews(NamedTuple):
     """The newest that a zone has announced, and how it is doing."""
 
@@ -54,7 +44,7 @@ class ZoneNews(NamedTuple):
 
 
 class News(NamedTuple):
-    """What is new in a shard since `version` of before, or all there is for a reader of another `boot`."""
+    """What is new in a shard since `version` of before, or all there is for a gateway that knows another `boot`."""
 
     boot: str
     version: int

@@ -24,14 +24,13 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 from service.errors import Away, NoModel, ReloadRefused, ServiceError, TooManyQuestions
 from service.fleet.plan import Plan
 
-STEWARD, READER = "steward", "reader"
+STEWARD = "steward"
 
 _PLAN = "plan"
 
 _BODIES = {
     "steward": "service.fleet.steward:Steward",
     "shard": "service.fleet.shards.shard:Shard",
-    "reader": "service.fleet.reader:Reader",
     "gateway": "service.fleet.gateways.gateway:Gateway",
 }
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from service.config.site import Config
-from service.fleet.sharding import owners
+from service.daemon.supply.feeds import narrowed
+from service.fleet.sharding import keys, owners
 
 QUARANTINE = "quarantine"
 """The shard of the zones that brought down the process they were in."""
@@ -35,18 +36,19 @@ class Plan(NamedTuple):
 
     def owners(self) -> dict[str, str]:
         """The shard of every zone, of those that are moving as well."""
-        free = [zone.id for zone in self.config.zones if zone.id not in self.quarantined]
-        held = [zone.id for zone in self.config.zones if zone.id in self.quarantined]
-        return owners(free, self.shards) | dict.fromkeys(held, QUARANTINE)
+        key = keys(self.config)
+        shard = owners(sorted(set(key.values())), self.shards)
+        return {zone: QUARANTINE if zone in self.quarantined else shard[key[zone]] for zone in key}
 
     def shares(self) -> dict[str, Config]:
-        """The configuration of every shard: the whole one with its zones alone."""
+        """The configuration of every shard: the whole one with its zones alone, and with names of its own at brokers,
+        which let nobody in twice."""
         owner = self.owners()
         zones: dict[str, list[str]] = {shard: [] for shard in self.all_shards}
         for zone in self.config.zones:
             if zone.id not in self.moving:
                 zones[owner[zone.id]].append(zone.id)
-        return {shard: narrowed(self.config, names) for shard, names in zones.items()}
+        return {shard: _named(narrowed(self.config, names), shard) for shard, names in zones.items()}
 
     def followed_by(
         self,
@@ -76,7 +78,10 @@ def moved(before: Mapping[str, str], after: Mapping[str, str]) -> frozenset[str]
     return frozenset(zone for zone, shard in after.items() if before.get(zone, shard) != shard)
 
 
-def narrowed(config: Config, zones: Sequence[str]) -> Config:
-    """`config` with these zones alone."""
-    wanted = set(zones)
-    return config.model_copy(update={"zones": tuple(zone for zone in config.zones if zone.id in wanted)})
+def _named(config: Config, shard: str) -> Config:
+    names = {name: getattr(table, "client_id", None) for name, table in config.sources.items()}
+    sources = {
+        name: table.model_copy(update={"client_id": f"{names[name]}-{shard}"}) if names[name] else table
+        for name, table in config.sources.items()
+    }
+    return config.model_copy(update={"sources": sources})

@@ -20,6 +20,7 @@ from service.daemon.notify import Notifier
 from service.errors import ConfigError, ReloadRefused, ServiceError
 from service.fleet.checks import fleet_of
 from service.fleet.joining import join, leave
+from service.fleet.sharding import lopsided
 
 if TYPE_CHECKING:
     from service.fleet.steward import FleetStatus
@@ -37,9 +38,8 @@ def run_fleet(config: Config, address: str | None, reread: Callable[[], Config])
     orderly stop. Raises ServiceError."""
     check_exposure(config)
     configure_logging(config.log)
-    for warning in config.warnings:
+    for warning in (*config.warnings, *lopsided(config, fleet_of(config).shards)):
         _log.warning("configuration: %s", warning)
-    fleet_of(config)
     join(address, alone=address is None)
     try:
         asyncio.run(_Running(config, reread).run())

@@ -1,21 +1,69 @@
-"""Which shard runs which zone: rendezvous hashing (Thaler and Ravishankar, 1998).
+"""Which shard runs which zone: rendezvous hashing (Thaler and Ravishankar, 1998) of what the zone reads from.
 
-Every zone goes to the shard with the greatest weight of the pair. A shard that is added takes its share from all the
-others, one that is removed leaves its zones to them, and no other zone moves.
+Zones that read from one device stay together, so that one process polls it. Every other zone goes by its own id: any
+number of processes may read a file, ask a server or subscribe. Each group goes to the shard with the greatest weight of
+the pair. A shard that is added takes its share from all the others, one that is removed leaves its zones to them, and
+no other zone moves.
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from service.config.site import Config
 
 Hashes = npt.NDArray[np.uint64]
 
 _ROWS = 4096
 """Zones whose weights are in memory at a time."""
+
+
+_POLLED = ("modbus", "bacnet")
+"""Kinds of sources whose devices bear one process that polls them."""
+
+_FAR_MORE = 1.5
+
+
+def keys(config: Config) -> dict[str, str]:
+    """What decides over the shard of each zone, by its id: the first by name of the devices that it and others read
+    from, or the zone itself."""
+    first: dict[str, str] = {}
+
+    def root(name: str) -> str:
+        while first.setdefault(name, name) != name:
+            name = first[name]
+        return name
+
+    alone = {name for name, table in config.sources.items() if _is_for_one_process(table)}
+    devices = {zone.id: sorted(alone & {table.source for table in zone.delivered.values()}) for zone in config.zones}
+    for names in devices.values():
+        roots = sorted(map(root, names))
+        first.update(dict.fromkeys(roots, roots[0]) if roots else {})
+    return {zone: f"source/{root(names[0])}" if names else zone for zone, names in devices.items()}
+
+
+def lopsided(config: Config, shards: int) -> list[str]:
+    """A sentence where so many zones hang together that one shard has far more than its share."""
+    (key, most), *_ = Counter(keys(config).values()).most_common(1)
+    if most == 1 or most * shards <= _FAR_MORE * len(config.zones):
+        return []
+    source = key.replace("/", "s.")
+    return [
+        f"{most} of {len(config.zones)} zones are run by one of {shards} shards, which polls {source} for all of them; "
+        "a device that zones of several others read, such as an outdoor sensor, may have a [sources] table for each of "
+        "those, if it bears so many connections"
+    ]
+
+
+def _is_for_one_process(table: Any) -> bool:
+    """Whether only one process may read a source: it is polled, or listens at an address of its own."""
+    return table.kind in _POLLED or bool(getattr(table, "listen", ()))
 
 
 def owners(zones: Sequence[str], shards: Sequence[str]) -> dict[str, str]:

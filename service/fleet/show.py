@@ -45,7 +45,7 @@ def as_table(status: FleetStatus) -> str:
             continue
         where = status.nodes.get(beat.node, "a lost machine")
         state = "ready" if beat.ready else "starting"
-        what = beat.url or f"{beat.zones} {'sources' if name == 'reader' else 'zones'}"
+        what = beat.url or f"{beat.zones} zones"
         lines.append(
             f"{name:<18} {state:<9} {where:<16} pid {beat.pid:<8} plan {beat.version:<4} {what}, {ago:.1f} s ago"
         )

@@ -16,7 +16,7 @@ from service.daemon.reload import compare, summary
 from service.errors import ReloadRefused, ServiceError
 from service.fleet import peers
 from service.fleet.messages import Beat
-from service.fleet.peers import READER, STEWARD, Peer
+from service.fleet.peers import STEWARD, Peer
 from service.fleet.plan import Plan, shard_names
 from service.pauses import within
 
@@ -168,7 +168,7 @@ class Steward:
         return beat if answers else beat._replace(ready=False)
 
     async def stop(self) -> None:
-        """Stop every member in order, and forget the plan: the reader first, the shards after their last sample."""
+        """Stop every member in order, and forget the plan: the shards after their last sample, then the gateways."""
         self._stopping = True
         if self._looking is not None:
             # A member that is being created would outlast the stop.
@@ -176,7 +176,7 @@ class Steward:
         plan, self._plan = self._plan, None
         if plan is not None:
             gateways = [name for name in self._wanted(plan) if name.startswith(_GATEWAY)]
-            for names in ((READER,), plan.all_shards, gateways):
+            for names in (plan.all_shards, gateways):
                 await asyncio.gather(*(self._stopped(name) for name in names))
         # Were this process lost before, the next one would find here what is left to stop.
         await asyncio.to_thread(peers.forget, self._site)
@@ -222,7 +222,7 @@ class Steward:
                 for zone, why in poisoned.items():
                     _log.error("zone '%s' is quarantined: %s", zone, why)
                 await self._go_by(plan.followed_by(quarantined=plan.quarantined | poisoned.keys()))
-            elif plan is self._plan and plan.moving and self._has_adopted(plan, (READER, *plan.all_shards)):
+            elif plan is self._plan and plan.moving and self._has_adopted(plan, plan.all_shards):
                 _log.info("%d zones have left their shards and go to others", len(plan.moving))
                 await self._go_by(plan.settled())
 
@@ -249,7 +249,7 @@ class Steward:
 
     def _wanted(self, plan: Plan) -> list[str]:
         """The members that there should be."""
-        return [*(f"{_GATEWAY}{node[:8]}" for node in self._nodes), READER, *plan.all_shards]
+        return [*(f"{_GATEWAY}{node[:8]}" for node in self._nodes), *plan.all_shards]
 
     def _create(self, plan: Plan, present: Collection[str]) -> None:
         """Let there be every member that is wanted and not `present`."""
@@ -257,8 +257,6 @@ class Steward:
         for node in self._nodes:
             if f"{_GATEWAY}{node[:8]}" not in present:
                 peers.create("gateway", self._site, f"{_GATEWAY}{node[:8]}", node=node)
-        if READER not in present:
-            peers.create("reader", self._site, READER)
         for shard in plan.all_shards:
             if shard not in present:
                 peers.create("shard", self._site, shard, fleet.shard_cpus)
@@ -296,8 +294,7 @@ class Steward:
             self._silent[name] = 0.0
 
     async def _tell(self, plan: Plan) -> None:
-        """Tell the plan to every member that goes by another one. They come to it in any order: reader and shards do
-        nothing with each other before both have."""
+        """Tell the plan to every member that goes by another one."""
         shares = None
         for name in self._wanted(plan):
             known = self._known.get(name)

@@ -51,9 +51,6 @@ class Intake:
         self._closing = asyncio.Event()
         self._under_way: set[asyncio.Task[None]] = set()
         """Samples on their way into journal and mailbox, whoever brought them."""
-        self._ended_at: int | None = None
-        """UTC s up to which intervals had closed when the mailbox began to close, or up to which their samples could be
-        made durable: those of later ones are passed over."""
         self.accepting = asyncio.Lock()
         """Held while samples are on their way into journal and mailbox."""
 
@@ -66,23 +63,6 @@ class Intake:
         """The alignment of a zone that takes telemetry."""
         assert self.alignment is not None
         return self.alignment
-
-    async def durable_until(self) -> int | None:
-        """UTC s up to which every interval is closed, and its sample in the journal; None where there is none yet."""
-        until = self._closed_until
-        # Who closed an interval before this has come to the lock before this.
-        async with self.accepting:
-            pass
-        return (until if self._ended_at is None else min(until, self._ended_at)) or None
-
-    @property
-    def _closed_until(self) -> int:
-        return 0 if self.alignment is None else self.alignment.closed_until
-
-    def knows(self, reading: Reading) -> bool:
-        """Whether a reading belongs to a closed interval, or waits in an open one."""
-        aligned = self.aligned
-        return reading.time < aligned.closed_until or aligned.held(reading.channel, reading.time) is not None
 
     async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
         """Readings of `source`, and its clock: the samples that close by them are accepted."""
@@ -192,14 +172,12 @@ class Intake:
             for sample in samples:
                 accepted = Accepted(sample, time.monotonic())
                 if not await self._append(sample):
-                    self._ended_at = sample.time
                     return
                 await self.mailbox.put(accepted, patient=not self.live)
 
     async def close(self) -> None:
         """No sample follows: what is being accepted still is, unless the journal fails; what comes later is passed
         over."""
-        self._ended_at = self._closed_until
         self._closing.set()
         async with self.accepting:
             self._closed = True

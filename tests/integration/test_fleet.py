@@ -163,12 +163,12 @@ def test_what_was_accepted_of_a_post_survives_its_shard(site: Site) -> None:
     until(repeated, "the readings to be known")
 
 
-def _zones_of(site: Site, shard: str) -> list[str]:
+def _zones_of(site: Site, shard: str, shards: int = 2) -> list[str]:
     from service.config.load import load
     from service.fleet.plan import Plan, shard_names
 
     config = load(site.config)
-    owner = Plan(1, config, shard_names(2)).owners()
+    owner = Plan(1, config, shard_names(shards)).owners()
     return [zone for zone, name in owner.items() if name == shard]
 
 
@@ -295,7 +295,7 @@ def test_a_sample_that_ends_processes_is_passed_over_in_quarantine(site: Site) -
     assert (status, forecast["zone"]) == (200, POISONED)
 
 
-def test_a_live_source_reaches_its_zone_through_the_reader(site: Site) -> None:
+def test_a_live_source_reaches_its_zone_again_after_its_shard_was_lost(site: Site) -> None:
     def samples() -> int:
         for channel, value in MEASURED.items():
             site.session.put(f"plant/{channel}", str(value))
@@ -303,10 +303,10 @@ def test_a_live_source_reaches_its_zone_through_the_reader(site: Site) -> None:
 
     since = samples()
     until(lambda: samples() > since + 1, "samples of the live zone")
-    (reader,) = site.fleet.members("reader")
-    # A new reader subscribes again.
-    os.kill(reader["pid"], signal.SIGKILL)
-    until(lambda: {one["boot"] for one in site.fleet.members("reader")} - {reader["boot"]}, "a new reader")
+    (shard,) = [one for one in site.shards().values() if LIVE in _zones_of(site, one["name"], 3)]
+    # A new process of the shard subscribes again.
+    os.kill(shard["pid"], signal.SIGKILL)
+    until(lambda: _boots(site).get(shard["name"], shard["boot"]) != shard["boot"], "a new process of the shard")
     since = samples()
     until(lambda: samples() > since + 1, "samples of the live zone")
     status, forecast = site.get(f"/zones/{LIVE}/forecast")

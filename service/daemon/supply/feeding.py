@@ -5,14 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import inf, isfinite, nextafter
-from typing import Protocol
 
 from adapters.errors import SourceConfigError, SourceError
-from adapters.reading import Batch, Reading, Source
+from adapters.reading import Source
+from adapters.routing import Delivery, Router
 from service.pauses import GrowingPause
-from service.sources.routing import Delivery
 from service.zone.clock import Clock
 from service.zone.zone import Zone
 
@@ -31,30 +30,7 @@ TOGETHER = 32
 _log = logging.getLogger(__name__)
 
 
-class Taker(Protocol):
-    """Who takes what a source delivers: a zone, or somebody on behalf of many."""
-
-    async def deliver(self, source: str, readings: Iterable[Reading], now: float) -> None:
-        """Readings of `source`, and its clock."""
-
-    async def end(self, source: str) -> None:
-        """`source` has come to its end."""
-
-    async def source_failed(self, source: str, reason: str) -> None:
-        """`source` does not deliver for now, and why."""
-
-
-class Splitter(Protocol):
-    """Splits batches over takers, whose names are `zones`."""
-
-    @property
-    def zones(self) -> Sequence[str]: ...
-
-    def split(self, batch: Batch) -> list[Delivery]:
-        """A delivery for everyone."""
-
-
-async def feed(source: Source, router: Splitter, zones: Mapping[str, Taker], start: float | None) -> None:
+async def feed(source: Source, router: Router, zones: Mapping[str, Zone], start: float | None) -> None:
     """Deliver `source` to `zones` from UTC time `start` on until it ends, coming back for ever after failures.
 
     What a source that is unavailable has delivered stays delivered: it is asked again from its own last clock on.
@@ -94,7 +70,7 @@ async def feed(source: Source, router: Splitter, zones: Mapping[str, Taker], sta
     _log.info("source '%s' has come to its end; the zones keep their last forecasts", source.name)
 
 
-async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Taker]) -> None:
+async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Zone]) -> None:
     """Hand every zone its share, some zones at a time, whose samples then share a commit of the journal."""
     for first in range(0, len(deliveries), TOGETHER):
         # A zone that a reload has taken away meanwhile wants nothing more.
@@ -109,12 +85,12 @@ async def _deliver(deliveries: Sequence[Delivery], zones: Mapping[str, Taker]) -
                 raise result
 
 
-async def _tell(zones: Mapping[str, Taker], router: Splitter, source: str, reason: str) -> None:
+async def _tell(zones: Mapping[str, Zone], router: Router, source: str, reason: str) -> None:
     for taker in _takers(zones, router):
         await taker.source_failed(source, reason)
 
 
-def _takers(zones: Mapping[str, Taker], router: Splitter) -> Iterator[Taker]:
+def _takers(zones: Mapping[str, Zone], router: Router) -> Iterator[Zone]:
     """Those that take from a source, one after the other: a reload may take one away meanwhile."""
     for name in router.zones:
         if (taker := zones.get(name)) is not None:

@@ -8,16 +8,16 @@ from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from contextlib import aclosing
 from dataclasses import dataclass, replace
 from math import inf
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from adapters.http.posted import Posted
 from adapters.http.source import HttpSource
 from adapters.reading import Batch, Source
+from adapters.routing import Router
 from service.config.site import Config
 from service.daemon.supply.feeding import feed
 from service.daemon.tasks import end
 from service.records.receipt import NOTHING, Receipt
-from service.sources.routing import Router
 from service.zone.zone import Zone
 
 
@@ -31,35 +31,6 @@ class Tally:
     """Whether it is at work and did not fail since it last delivered."""
     last: float | None = None
     """When it last delivered, UTC s."""
-
-
-class Supply(Protocol):
-    """Where the sources of a configuration come from: they are built from their tables, unless somebody else reads
-    them."""
-
-    def build(self, config: Config, name: str) -> Source:
-        """The source `name`, delivering to the zones of `config`."""
-
-    def rebind(self, config: Config, name: str, source: Source) -> None:
-        """Let a live `source`, built before, deliver to the zones of `config`."""
-
-    async def caught_up(self) -> None:
-        """Return once time may pass for live zones: what was read before this start is with them."""
-
-
-class OwnSources:
-    """Sources that this process reads itself."""
-
-    def build(self, config: Config, name: str) -> Source:
-        """The source of the table."""
-        return config.build_source(name)
-
-    def rebind(self, config: Config, name: str, source: Source) -> None:
-        """As the kind of the source does."""
-        config.rebind_source(name, source)
-
-    async def caught_up(self) -> None:
-        """Nothing was read before this start."""
 
 
 class Handed(NamedTuple):
@@ -79,15 +50,13 @@ class Feed:
         zones: Mapping[str, Zone],
         served: Collection[str],
         tally: Tally,
-        supply: Supply,
     ) -> None:
         """`served` are the zones of `config` that it is for; `zones` finds them when something comes for them."""
         self.name = name
         self.tally = tally
         self._zones = zones
-        self._supply = supply
-        self._config = _narrowed(config, served)
-        self.source = supply.build(self._config, name)
+        self._config = narrowed(config, served)
+        self.source = self._config.build_source(name)
         self._router = Router(name, _channels(name, self._config))
         self._task: asyncio.Task[None] | None = None
 
@@ -140,11 +109,11 @@ class Feed:
 
     def rebind(self, config: Config, served: Collection[str]) -> None:
         """Deliver to the zones `served` of `config` from now on, over the same connection. Live sources only."""
-        narrowed = _narrowed(config, served)
-        if narrowed.bindings(self.name) != self._config.bindings(self.name):
-            self._supply.rebind(narrowed, self.name, self.source)
-        self._config = narrowed
-        self._router.adopt(_channels(self.name, narrowed))
+        new = narrowed(config, served)
+        if new.bindings(self.name) != self._config.bindings(self.name):
+            new.rebind_source(self.name, self.source)
+        self._config = new
+        self._router.adopt(_channels(self.name, new))
 
     async def stop(self) -> None:
         """Stop delivering and release what the source holds."""
@@ -181,9 +150,10 @@ class _Counted:
             raise
 
 
-def _narrowed(config: Config, served: Collection[str]) -> Config:
+def narrowed(config: Config, served: Collection[str]) -> Config:
     """`config` with the zones `served` alone."""
-    return config.model_copy(update={"zones": tuple(zone for zone in config.zones if zone.id in served)})
+    wanted = set(served)
+    return config.model_copy(update={"zones": tuple(zone for zone in config.zones if zone.id in wanted)})
 
 
 def _channels(source: str, config: Config) -> list[str]:

@@ -7,15 +7,16 @@ import logging
 import os
 import secrets
 import signal
-from contextlib import suppress
-from importlib.metadata import version
+from contextlib import AsyncExitStack, suppress
 from typing import Any
 
 from prometheus_client import CollectorRegistry
 
 from service.config.site import Config
+from service.daemon.composition import answer_on_zenoh
 from service.daemon.logs import configure_logging
 from service.daemon.process import collect_garbage, favour_the_event_loop
+from service.daemon.serving import Serving
 from service.daemon.tasks import end
 from service.errors import Away, ReloadRefused, ServiceError
 from service.fleet.gateways.posts import Posts
@@ -24,16 +25,9 @@ from service.fleet.gateways.views import Mirror, ShardView
 from service.fleet.messages import Beat, News
 from service.fleet.peers import STEWARD, Peer, go_on, keep_a_spare, own_node
 from service.fleet.plan import Plan
-from service.fleet.questions import answers
 from service.pauses import GrowingPause
-from service.publish.changes import Changes
-from service.publish.events import Streams
-from service.publish.sinks import Announcement, Sink
+from service.publish.sinks import Announcement
 from service.publish.zenoh import KIND as ZENOH_KIND
-from service.publish.zenoh import Publisher
-from service.web.app import create_app
-from service.web.keys import KeyRing
-from service.web.server.server import HttpServer
 
 AGAIN = 0.3
 """Pause before a shard that could not be reached is asked again, s."""
@@ -54,14 +48,13 @@ class Gateway:
         self._zones = Mirror()
         self._shards: dict[str, tuple[ShardView, asyncio.Task[None]]] = {}
         self._posts = Posts()
-        self._streams, self._changes = Streams(), Changes()
-        self._server: HttpServer | None = None
-        self._serving: asyncio.Task[None] | None = None
+        self._serving: Serving | None = None
         self._watching: list[asyncio.Task[Any]] = []
         self._waking: asyncio.Task[None] | None = None
         self._adopting = asyncio.Lock()
         self._problem = ""
-        self._publisher: Sink | None = None
+        self._opened = AsyncExitStack()
+        """The sessions that have been opened."""
 
     async def wake(self) -> None:
         """Go on with the plan of before, if there is one."""
@@ -70,7 +63,8 @@ class Gateway:
 
     async def beat(self) -> Beat:
         """A sign of life."""
-        ready = self._serving is not None and not self._serving.done()
+        serving = self._serving
+        ready = serving is not None and serving.task is not None and not serving.task.done()
         return Beat(
             self._name,
             self._boot,
@@ -80,7 +74,7 @@ class Gateway:
             len(self._zones),
             ready,
             [self._problem] if self._problem else [],
-            self._server.url if ready and self._server is not None else "",
+            serving.server.url if ready and serving is not None and serving.server is not None else "",
         )
 
     async def adopt(self, plan: Plan) -> None:
@@ -104,10 +98,10 @@ class Gateway:
         self._zones.adopt(plan.config, owner, lambda name: self._shards[name][0])
         running = {zone: self._shards[name][0] for zone, name in owner.items() if zone not in plan.moving}
         self._posts.adopt(plan.config, running)
-        if before is None:
+        if self._serving is None:
             await self._serve(plan.config)
-        elif self._server is not None:
-            self._server.reload()
+        else:
+            self._serving.reload()
         self._plan = plan
 
     async def end(self, pid: int) -> None:
@@ -119,56 +113,33 @@ class Gateway:
     async def stop(self) -> None:
         """Serve nobody any more."""
         await end([task for _, task in self._shards.values()])
-        self._streams.end()
-        self._changes.end()
-        if self._server is not None and self._serving is not None:
-            await self._server.stop(self._serving)
-            self._server.close()
-        if self._publisher is not None:
-            await asyncio.to_thread(self._publisher.close)
+        if self._serving is not None:
+            await self._serving.stop()
+        await self._opened.aclose()
         await end(self._watching)
 
     async def _serve(self, config: Config) -> None:
         registry = CollectorRegistry()
         loop = asyncio.get_running_loop()
         registry.register(FleetCollector(loop, lambda: [view.peer for view, _ in self._shards.values()]))
+        self._serving = serving = Serving(config)
         try:
-            app = create_app(
-                config.site.id,
-                self._zones,
-                registry,
-                version=version("thermogate"),
-                keys=KeyRing(config.keys_file, required=config.http.exposed),
-                problems=self._problems,
-                reload=self._reload,
-                http=config.http,
-                streams=self._streams,
-                take=self._posts.take,
-                changes=self._changes,
-                time_zone=config.site.time_zone,
+            server, _ = serving.open(
+                self._zones, registry, problems=self._problems, reload=self._reload, take=self._posts.take
             )
-            self._server = server = HttpServer(app, config.http)
-            self._serving = asyncio.create_task(server.run())
-            await server.started(self._serving)
+            await serving.start()
+            self._watching += [asyncio.create_task(collect_garbage()), asyncio.create_task(_keep_a_spare())]
+            # A shard answers what is asked on Zenoh about its zones.
+            session = await asyncio.to_thread(ZENOH_KIND.open, config.table(ZENOH_KIND.name), self._site)
+            if session is not None:
+                self._opened.push_async_callback(asyncio.to_thread, session.close)
+                await answer_on_zenoh([session], config, self._zones)
         except ServiceError as error:
             # The other machines serve all zones too; the steward shows what is wrong with this one.
             _log.error("%s", error)
-            self._problem, self._serving = str(error), None
-            return
-        self._watching += [asyncio.create_task(collect_garbage()), asyncio.create_task(_keep_a_spare())]
-        await self._answer(config)
-        _log.info("%s serves %d zones on %s", self._name, len(self._zones), server.url)
-
-    async def _answer(self, config: Config) -> None:
-        """Answer on Zenoh what is asked of the whole site."""
-        table = config.table(ZENOH_KIND.name)
-        try:
-            self._publisher = await asyncio.to_thread(ZENOH_KIND.open, table, self._site)
-            if isinstance(self._publisher, Publisher):
-                await asyncio.to_thread(self._publisher.answer_with, answers(self._site, self._zones))
-        except ServiceError as error:
-            _log.error("%s", error)
             self._problem = str(error)
+            return
+        _log.info("%s serves %d zones on %s", self._name, len(self._zones), server.url)
 
     async def _reload(self) -> str:
         """Have the configuration read again; what that changed. Raises ReloadRefused."""
@@ -201,8 +172,9 @@ class Gateway:
                 announcement = Announcement(
                     self._site, one.zone, one.status, one.update, one.occasion, one.skill, one.heat_loss, one.trust_news
                 )
-                self._streams.publish(announcement)
-                self._changes.publish(announcement)
+                if self._serving is not None:
+                    for sink in self._serving.sinks:
+                        sink.publish(announcement)
 
 
 async def _keep_a_spare() -> None:

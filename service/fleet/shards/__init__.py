@@ -1,1 +1,1 @@
-"""A shard: its lease, its zones, what it takes from the reader and tells the gateways, and who brought it down."""
+"""A shard: its lease, its zones, what it tells the gateways, and who brought it down."""

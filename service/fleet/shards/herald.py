@@ -25,8 +25,9 @@ LOOK = 1.0
 class Herald:
     """The newest of every zone. A gateway that is slow misses what was overtaken, and nothing waits for it."""
 
-    def __init__(self, boot: str, zones: Mapping[str, Zone]) -> None:
-        self._boot, self._zones = boot, zones
+    def __init__(self, boot: str) -> None:
+        self._boot = boot
+        self.zones: Mapping[str, Zone] = {}
         self._loop = asyncio.get_running_loop()
         self._lock = threading.Lock()
         self._version = 0
@@ -45,7 +46,7 @@ class Herald:
 
     def publish(self, announcement: Announcement) -> None:
         """Keep what a zone has to tell, and with it what its last word had that this one leaves out."""
-        zone = self._zones.get(announcement.zone)
+        zone = self.zones.get(announcement.zone)
         if zone is None:
             return
         news = ZoneNews(
@@ -91,7 +92,7 @@ class Herald:
         """Notice, for ever, what changes without an announcement."""
         while True:
             await asyncio.sleep(LOOK)
-            for zone in tuple(self._zones.values()):
+            for zone in tuple(self.zones.values()):
                 status, told = zone.status(), self._newest.get(zone.id)
                 if told is None or told[1].status._replace(now=None) != status._replace(now=None):
                     self._keep(ZoneNews(zone.id, status, zone.trust(), zone.latest(), Occasion.STATUS))

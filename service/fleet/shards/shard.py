@@ -6,46 +6,31 @@ import asyncio
 import logging
 import os
 import secrets
-import threading
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
-from importlib.metadata import version
 from typing import Any
 
 from prometheus_client import Metric
 
 from adapters.http.posted import Posted
-from adapters.reading import Batch
 from service.config.fitting import fingerprint
 from service.config.site import Config
-from service.daemon.instruments import instrument
+from service.daemon.composition import RunningSite, answer_on_zenoh, open_sinks
 from service.daemon.logs import configure_logging
-from service.daemon.process import collect_garbage, favour_the_event_loop, stand_back
-from service.daemon.runtime import Runtime
-from service.daemon.supply.feeds import Handed
+from service.daemon.process import favour_the_event_loop
+from service.daemon.supply.feeds import Handed, narrowed
 from service.daemon.supply.ingest import hand
 from service.daemon.tasks import end
-from service.daemon.zone_table import ZoneTable
 from service.errors import Away, ServiceError, StateMismatch
 from service.fields.times import written_time
-from service.fleet.messages import Ack, Beat, News
+from service.fleet.messages import Beat, News
 from service.fleet.peers import end_process, own_node, remembered
-from service.fleet.plan import QUARANTINE, narrowed
-from service.fleet.questions import answers
+from service.fleet.plan import QUARANTINE
 from service.fleet.shards.crashes import Crashes, Suspect, told
 from service.fleet.shards.herald import Herald
-from service.fleet.shards.inlets import Inlets
 from service.fleet.shards.leasing import Leased, Vouched, take_lease
-from service.publish.kinds import SINK_KINDS
-from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
-from service.publish.zenoh import Publisher
 from service.records.asker import Asker, asked_by
-from service.records.outlook import WeatherBook
-from service.store.retention import Limits
-from service.zone.plumbing import Plumbing
-from service.zone.questions import THREADS, Questions
 
 _log = logging.getLogger(__name__)
 
@@ -105,37 +90,6 @@ class Shard:
             self._version = version
             _log.info("%s runs %d zones by plan %d", self._name, len(self._work.zones), version)
 
-    async def deliver(self, source: str, boot: str, plan: int, batch: Batch, again: bool) -> Ack:
-        """Take what the reader has read of a source by its `plan`; it may have given it before."""
-        work = self._working()
-        if boot == self._boot:
-            self._agree(plan)
-            await work.inlets.deliver(source, batch, again)
-            self._agree(plan)
-        return await self._ack(work, source)
-
-    async def finish(self, source: str, boot: str, plan: int) -> Ack:
-        """A source has come to its end."""
-        work = self._working()
-        if boot == self._boot:
-            self._agree(plan)
-            await work.inlets.finish(source)
-        return await self._ack(work, source)
-
-    async def position(self, source: str, boot: str) -> Ack:
-        """Where a source goes on, for a reader that keeps nothing more of it for the process `boot`."""
-        work = self._working()
-        if boot == self._boot:
-            work.inlets.settle(source)
-        return await self._ack(work, source)
-
-    async def trouble(self, source: str, reason: str) -> None:
-        """A source does not deliver for now."""
-        work = self._working()
-        for zone in work.runtime.config.zones_of(source):
-            if zone.id in work.zones:
-                await work.zones[zone.id].source_failed(source, reason)
-
     async def take(self, posted: Sequence[Posted], zone: str | None, expected: Collection[str]) -> Handed:
         """Take what clients posted for the zones `expected`; durable on return. Raises ServiceError: then all of it may
         be posted again, and counts as repeated where it was taken."""
@@ -171,7 +125,7 @@ class Shard:
 
     async def metrics(self) -> list[Metric]:
         """Every metric of the shard as it is now."""
-        registry = self._working().metrics.registry
+        registry = self._working().site.metrics.registry
         return await asyncio.to_thread(lambda: list(registry.collect()))
 
     async def stop(self) -> None:
@@ -182,18 +136,6 @@ class Shard:
                 self._work = None
             self._crashes.close()
 
-    def _agree(self, plan: int) -> None:
-        """Raises Away while reader and shard go by different plans: they differ in whose zones are whose."""
-        if self._adopting.locked() or plan != self._version:
-            raise Away(f"{self._name} and the reader go by different plans; one of them is late")
-
-    async def _ack(self, work: _Work, source: str) -> Ack:
-        version = self._version
-        ack = Ack(self._boot, version, await work.inlets.durable_until(source, work.runtime.config))
-        if self._adopting.locked() or version != self._version:
-            raise Away(f"{self._name} is going over to another plan")
-        return ack
-
     def _working(self) -> _Work:
         if self._work is None:
             raise Away(f"{self._name} is starting")
@@ -201,48 +143,23 @@ class Shard:
 
 
 class _Work:
-    """What a shard runs under its lease."""
+    """What a shard runs under its lease: a site of its own, for its part of the zones."""
 
     def __init__(
-        self,
-        site: str,
-        name: str,
-        boot: str,
-        config: Config,
-        leased: Leased,
-        opened: Sequence[Sink],
-        crashes: Crashes,
+        self, name: str, boot: str, config: Config, leased: Leased, opened: Sequence[Sink], crashes: Crashes
     ) -> None:
         self.leased = leased
         self._name, self._crashes = name, crashes
-        self.zones = ZoneTable()
-        self.metrics = Metrics(self.zones, version("thermogate"))
-        self.herald = Herald(boot, self.zones)
-        self.inlets = Inlets(self.zones)
-        self._opened = opened
-        self._stopping = threading.Event()
-        threads = max(1, round(config.fleet.shard_cpus)) if config.fleet is not None else 1
-        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="estimator", initializer=stand_back)
-        self._asking = ThreadPoolExecutor(THREADS, thread_name_prefix="asking", initializer=stand_back)
-        vouched = [Vouched(sink, leased) for sink in (*opened, self.herald)]
-        sinks: tuple[Sink, ...] = (self.metrics, *vouched)
-        plumbing = Plumbing(
-            site,
-            leased.store,
-            self._pool,
-            Questions(self._asking, self._stopping),
-            self._stopping,
-            self.metrics,
-            sinks,
-            config.site.checkpoint_every,
-            stepping=crashes.stepping,
-            weather=WeatherBook(),
-        )
-        self.runtime = Runtime(config, self.zones, plumbing, self.inlets)
-        instrument(self.metrics, self.runtime, leased.store, sinks)
-        self._watching: list[asyncio.Future[Any]] = []
+        self.herald = Herald(boot)
+        assert config.fleet is not None
+        threads = max(1, round(config.fleet.shard_cpus))
+        sinks = [Vouched(sink, leased) for sink in (*opened, self.herald)]
+        self.site = RunningSite(config, leased.store, sinks, threads, stepping=crashes.stepping)
+        self.runtime, self.zones = self.site.runtime, self.site.zones
+        self.herald.zones = self.zones
         self._leaving: set[str] = set()
         """Zones that are stopped, or are to be, and not given up yet."""
+        self._rest = AsyncExitStack()
 
     @classmethod
     async def begin(cls, site: str, name: str, boot: str, config: Config, crashes: Crashes) -> _Work:
@@ -252,50 +169,28 @@ class _Work:
         leased = await take_lease(config.fleet, site, name, owner, end_process)
         async with AsyncExitStack() as undo:
             undo.push_async_callback(leased.release)
-            opened = []
-            for kind in SINK_KINDS.values():
-                sink = await asyncio.to_thread(kind.open, config.table(kind.name), site)
-                if sink is not None:
-                    opened.append(sink)
-                    undo.push_async_callback(asyncio.to_thread, sink.close)
+            opened = await open_sinks(config, undo)
             sound, refused = await _sound(config, name, leased, crashes)
-            work = cls(site, name, boot, sound, leased, opened, crashes)
-            # It stops what was opened before it as well.
-            undo.pop_all()
-            undo.push_async_callback(work.stop)
-            work._refuse(refused, config)
-            await work._start(site)
-            undo.pop_all()
+            work = cls(name, boot, sound, leased, opened, crashes)
+            undo.push_async_callback(work.site.close)
+            undo.push_async_callback(work.site.stop)
+            work.herald.refused = refused
+            # What concerns several zones the gateways answer, who know those of all shards.
+            await answer_on_zenoh(opened, sound, work.zones, lambda: leased.held, of_site=False)
+            await work.runtime.declare()
+            await work.runtime.restore()
+            work.runtime.start_zones()
+            await work.site.feed()
+            watching = asyncio.create_task(work.herald.watch())
+            undo.push_async_callback(end, [watching])
+            work.runtime.broken.add_done_callback(_broken)
+            work._rest = undo.pop_all()
         return work
-
-    async def _start(self, site: str) -> None:
-        for sink in self._opened:
-            if isinstance(sink, Publisher):
-                # What concerns several zones the gateways answer, who know those of all shards.
-                answering = answers(site, self.zones, lambda: self.leased.held)
-                await asyncio.to_thread(sink.answer_with, answering, of_site=False)
-        await self.runtime.declare()
-        await self.runtime.restore()
-        self.runtime.start_zones()
-        await self.runtime.start_feeds()
-        site_table, store = self.runtime.config.site, self.leased.store
-        self._watching = [
-            asyncio.create_task(store.keep_within(Limits(site_table.keep_history, site_table.max_journal))),
-            asyncio.create_task(store.watch()),
-            asyncio.create_task(collect_garbage()),
-            asyncio.create_task(self.herald.watch()),
-        ]
-        self.runtime.broken.add_done_callback(_broken)
-
-    def _refuse(self, refused: dict[str, str], config: Config) -> None:
-        """Tell why zones of `config` are not run, and keep the reader from letting go of what quarantine wants."""
-        self.herald.refused = refused
-        self.inlets.withhold(narrowed(config, list(_blamed(self._name, self._crashes))))
 
     async def go_over(self, config: Config) -> None:
         """Run the zones of `config`; those that are the same go on untouched. Raises ServiceError."""
         sound, refused = await _sound(config, self._name, self.leased, self._crashes)
-        self._refuse(refused, config)
+        self.herald.refused = refused
         before = self.runtime.config
         self._leaving |= {zone.id for zone in before.zones}
         # The other tables take effect with the next start of the shard.
@@ -310,17 +205,7 @@ class _Work:
 
     async def stop(self) -> None:
         """Stop in order. Where something cannot be stopped, the rest is all the same, and then it is raised."""
-        self._stopping.set()
-        # What is pushed first comes last.
-        async with AsyncExitStack() as rest:
-            rest.push_async_callback(self.leased.release)
-            for executor in (self._pool, self._asking):
-                rest.callback(executor.shutdown, wait=True, cancel_futures=True)
-            for sink in reversed(self._opened):
-                rest.push_async_callback(asyncio.to_thread, sink.close)
-            rest.push_async_callback(end, self._watching)
-            rest.push_async_callback(self.runtime.drain)
-            rest.push_async_callback(self.runtime.stop_feeds)
+        await self._rest.aclose()
 
 
 async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) -> tuple[Config, dict[str, str]]:

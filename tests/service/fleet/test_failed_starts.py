@@ -16,6 +16,7 @@ from support.postgres import Server
 from service.config.load import load
 from service.daemon.runtime import Runtime
 from service.errors import JournalError, ServiceError
+from service.publish.kinds import SINK_KINDS
 from service.store.postgres.leases import Leases
 from service.store.postgres.store import PostgresStore
 
@@ -89,7 +90,7 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
         for name, sink in zip(("zenoh", "mqtt"), sinks, strict=True)
     ]
     for kind in kinds:
-        monkeypatch.setitem(module.SINK_KINDS, kind.name, kind)
+        monkeypatch.setitem(SINK_KINDS, kind.name, kind)
     crashes = Crashes(site, "shard-0", tmp_path)
 
     async def scenario() -> None:

@@ -87,7 +87,7 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Cluster:
 def test_a_member_that_ray_does_not_start_any_more_is_created_again(tmp_path: Path, cluster: Cluster) -> None:
     write_recording(tmp_path / "recording.csv", 1, 3)
     path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=2, pace=60.0, lease=5.0, cpus=1.0)
-    every = {GATEWAY, "reader", "shard-0", "shard-1"}
+    every = {GATEWAY, "shard-0", "shard-1"}
 
     async def scenario() -> None:
         steward = Steward("campus", "steward")
@@ -121,7 +121,7 @@ def test_a_member_that_does_not_answer_is_not_ready(tmp_path: Path, cluster: Clu
         steward._plan = Plan(1, load(path), shard_names(2))
         await steward._look()
         await asyncio.gather(*steward._hearing.values())
-        every = {GATEWAY: True, "reader": True, "shard-0": True, "shard-1": True}
+        every = {GATEWAY: True, "shard-0": True, "shard-1": True}
         assert await ready(steward) == every
         cluster.members.discard("shard-1")
         assert await ready(steward) == every | {"shard-1": False}
@@ -193,8 +193,8 @@ def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path:
         await look(steward)
         status = await steward.status()
         assert status.moving == 0
-        assert {name for name, _, _ in status.members} == {GATEWAY, "reader", "shard-0", "shard-1"}
-        assert cluster.members == {"steward", GATEWAY, "reader", "shard-0", "shard-1"}
+        assert {name for name, _, _ in status.members} == {GATEWAY, "shard-0", "shard-1"}
+        assert cluster.members == {"steward", GATEWAY, "shard-0", "shard-1"}
 
     asyncio.run(scenario())
 

@@ -15,7 +15,7 @@ from support.campus import told_by_clients, write_recording, write_site
 from adapters.http.posted import Posted
 from adapters.reading import Reading
 from service.config.load import load
-from service.daemon.supply.feeds import Feed, OwnSources, Tally
+from service.daemon.supply.feeds import Feed, Tally
 from service.records.receipt import Receipt
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
@@ -57,7 +57,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Shard, dict[
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     shard, zones = Shard("campus", "shard-0"), {name: Slow() for name in ZONES}
     running: Any = zones
-    feed = Feed("clients", load(path), running, ZONES, Tally(), OwnSources())
+    feed = Feed("clients", load(path), running, ZONES, Tally())
     work: Any = SimpleNamespace(zones=zones, runtime=SimpleNamespace(feeds=[feed]))
     shard._work = work
     shard._version = 1

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
-from math import inf
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,10 +20,8 @@ from service.store.postgres.store import PostgresStore
 
 pytest.importorskip("ray", reason="ray is not installed; say: make .venv/.fleet")
 
-from service.fleet.plan import narrowed
-from service.fleet.shards import shard as module
 from service.fleet.shards.crashes import MOST, Suspect
-from service.fleet.shards.shard import Shard, _sound
+from service.fleet.shards.shard import _sound
 
 SITE = f"refused-{os.getpid()}"
 
@@ -64,35 +60,3 @@ def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, po
         first.close()
         second.close()
         leases.close()
-
-
-def test_nothing_of_its_sources_is_durable_while_a_zone_waits_for_quarantine(
-    tmp_path: Path, postgres_server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    site = f"withheld-{os.getpid()}"
-    write_recording(tmp_path / "recording.csv", 1, 4)
-    config = load(
-        write_site(tmp_path, "postgresql://db/x", site=site, count=1, shards=1, pace=600.0, lease=2.0, cpus=1.0)
-    )
-    monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
-    monkeypatch.setattr("service.fleet.shards.leasing.connection_of", lambda fleet: postgres_server.connection)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    notes = tmp_path / f"thermogate-fleet-{os.getuid()}"
-    notes.mkdir()
-    (notes / f"{site}.shard-0.steps").write_bytes(b"room-0000 600".ljust(128))
-    (notes / f"{site}.shard-0.crashes").write_text(json.dumps([["room-0000", 600, MOST - 1]]), encoding="utf-8")
-
-    async def use() -> None:
-        shard = Shard(site, "shard-0")
-        assert (await shard.beat()).guilty.keys() == {"room-0000"}
-        await shard.adopt(1, config)
-        try:
-            assert (await shard.position("log", "")).durable == -inf
-            assert (await shard.position("clients", "")).durable != -inf, "the zone does not ask for these"
-            # The steward has heard of it and takes the zone away.
-            await shard.adopt(2, narrowed(config, [zone.id for zone in config.zones[1:]]))
-            assert (await shard.position("log", "")).durable == inf, "nobody here asks for it any more"
-        finally:
-            await shard.stop()
-
-    asyncio.run(use())

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from math import sqrt
+from pathlib import Path
 
 import pytest
+from support.campus import told_by_clients
 
-from service.fleet.plan import shard_names
-from service.fleet.sharding import owners
+from service.config.load import load
+from service.fleet.plan import Plan, shard_names
+from service.fleet.sharding import keys, lopsided, owners
 
 ZONES = [f"room-{number}" for number in range(6000)]
 
@@ -46,3 +49,56 @@ def test_a_shard_that_is_removed_leaves_its_zones_and_no_other_zone_moves() -> N
 
 def test_the_order_in_which_shards_are_named_does_not_matter() -> None:
     assert owners(ZONES[:100], shard_names(5)) == owners(ZONES[:100], shard_names(5)[::-1])
+
+
+DEVICES = """
+[sources.{name}]
+kind = "modbus"
+host = "{name}.example"
+first_register = 0
+type = "int16"
+"""
+ZONE = """
+[[zones]]
+id = "{zone}"
+period = "5min"
+network = "tite"
+[zones.channels]
+T_i = {{ source = "{own}", register = 1, unit = "degC" }}
+T_out = {{ source = "{shared}", register = 2, unit = "degC" }}
+u_heat = {{ source = "{own}", register = 3, unit = "W" }}
+"""
+
+
+def test_zones_that_read_from_one_device_share_a_shard_and_others_go_by_themselves(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    text = "[site]\nid = 'campus'\n" + "".join(DEVICES.format(name=name) for name in ("alpha", "beta", "gamma"))
+    zones = {"a1": ("alpha", "alpha"), "a2": ("alpha", "alpha"), "b1": ("beta", "beta"), "b2": ("gamma", "beta")}
+    text += "".join(ZONE.format(zone=zone, own=own, shared=shared) for zone, (own, shared) in zones.items())
+    path.write_text(text + told_by_clients("posted", 600) + '[sources.clients]\nkind = "http"\n', encoding="utf-8")
+    config = load(path)
+    assert keys(config) == {
+        "a1": "source/alpha",
+        "a2": "source/alpha",
+        "b1": "source/beta",
+        "b2": "source/beta",
+        "posted": "posted",
+    }
+    (warning,) = lopsided(config, 4)
+    assert "sources.beta" in warning or "sources.alpha" in warning
+    assert lopsided(config, 2) == []
+
+
+def test_every_shard_has_a_name_of_its_own_at_a_broker(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    zones = "".join(
+        told_by_clients(f"room-{n}", 600).replace('source = "clients"', f'source = "broker", topic = "t{n}"')
+        for n in range(20)
+    )
+    path.write_text(
+        f'[site]\nid = "campus"\n[sources.broker]\nkind = "mqtt"\nhost = "broker.example"\n{zones}', encoding="utf-8"
+    )
+    names = {
+        shard: part.sources["broker"].client_id for shard, part in Plan(1, load(path), shard_names(3)).shares().items()
+    }
+    assert names == {shard: f"thermogate-campus-broker-{shard}" for shard in shard_names(3)}

@@ -10,8 +10,8 @@ import pytest
 import service.daemon.supply.feeding
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Batch, Reading
+from adapters.routing import Router
 from service.daemon.supply.feeding import feed
-from service.sources.routing import Router
 
 
 class Scripted:

@@ -16,7 +16,7 @@ from support.config_samples import sound, write
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Reading
 from service.config.load import load
-from service.daemon.supply.feeds import Feed, OwnSources, Tally
+from service.daemon.supply.feeds import Feed, Tally
 from service.daemon.supply.ingest import TOGETHER, Ingest
 from service.errors import ServiceError
 from service.records.receipt import Receipt
@@ -57,7 +57,7 @@ def feeds(tmp_path: Path, zones: dict[str, Any]) -> list[Feed]:
         channels[name] = {"source": source, "unit": channels[name]["unit"], "aggregate": "mean"}
     config = load(write(tmp_path, tables))
     return [
-        Feed(name, config, zones, [zone.id for zone in config.zones_of(name)], Tally(), OwnSources())
+        Feed(name, config, zones, [zone.id for zone in config.zones_of(name)], Tally())
         for name in ("one", "two", "log")
     ]
 
@@ -147,7 +147,7 @@ def test_who_posts_again_after_a_failure_loses_no_count_of_any_zone(tmp_path: Pa
             unit = "kWh" if name == "u_heat" else channel["unit"]
             zone["channels"][name] = {"source": "one", "unit": unit, "aggregate": "mean"}
     config = load(write(tmp_path, tables))
-    feed = Feed("one", config, zones, list(zones), Tally(), OwnSources())
+    feed = Feed("one", config, zones, list(zones), Tally())
     now = time.time()
 
     def post(seconds: float, count: float) -> list[Posted]:
