@@ -211,9 +211,14 @@ class Bank:
     def _drawn(self, state: BankState) -> Iterator[_Drawn]:
         """Draws from every physical member that counts."""
         weights = self._weights(state)
-        best, now = self._physical(weights), weights[:, self.compared]
+        now = weights[:, self.compared]
+        told = {self._physical(weights)}
+        knowing = [place for place, member in enumerate(self.members) if member.network.terms]
+        if knowing:
+            # Whatever it weighs: nobody else tells of sun and habits.
+            told.add(max(knowing, key=now.__getitem__))
         for place, (member, own) in enumerate(zip(self.members, state.members, strict=True)):
-            if member.physical and (now[place] >= _NEGLIGIBLE or place == best):
+            if member.physical and (now[place] >= _NEGLIGIBLE or place in told):
                 drawn = member.draws(own, _DRAWS)
                 assert drawn is not None
                 matrices = assemble(member.network, drawn.theta)

@@ -41,8 +41,8 @@ def prior_at(prior: Sequence[float], hours: Array) -> Array:
 Tables = dict[str, Mapping[str, object]]
 
 DEFAULT_MEMBERS: Tables = {
-    "jump": {"estimator": "mkf", "preset": "jump", "prior": (1.4, 1.0, 1.0, 1.0)},
-    "habits": {"estimator": "mkf", "preset": "habits", "prior": (1.0, 1.0, 1.0, 1.0)},
+    "jump": {"estimator": "mkf", "preset": "jump", "prior": (1.4, 1.0, 0.4, 0.2)},
+    "drift": {"estimator": "mkf", "preset": "drift", "prior": (3.0, 1.0, 0.2, 0.1)},
     "habits-slow": {"estimator": "mkf", "preset": "habits-slow", "prior": (0.3, 1.0, 1.0, 1.0)},
     "ekf": {"estimator": "ekf", "prior": (0.6, 1.0, 1.0, 1.0)},
     "arx": {"estimator": "arx", "past_outputs": 12, "past_inputs": 6, "prior": (1.4, 1.0, 1.0, 1.0)},
@@ -52,7 +52,7 @@ DEFAULT_MEMBERS: Tables = {
 
 They are what was left when members were taken out for as long as no recording needed them. Who is best one step ahead
 is much the same everywhere, so there the weights begin near those that were learned on recordings. Hours ahead, the
-direct regressions begin with as much as all others together: as persistence, for no physics is right on the first day.
+direct regressions begin with more than all others together: as persistence, for no physics is right on the first day.
 """
 
 
@@ -70,17 +70,17 @@ _FORMER: Tables = {
 
 
 _BARE = "bare"
-_KNOW_HEAT = ("habits", "habits-slow")
-"""Members that know sun and habits, of a network that has terms for them."""
+_KNOWS_HEAT = "habits-slow"
+"""The member that knows sun and habits, of a network that has terms for them."""
 
 
 def default_members(network: Network) -> Tables:
-    """The members of a bank that is told none: DEFAULT_MEMBERS, of which few know the terms of `network`."""
+    """The members of a bank that is told none: DEFAULT_MEMBERS, of which one knows the terms of `network`."""
     if not network.terms:
         return DEFAULT_MEMBERS
     # Hundreds of particles would each learn what a few are enough for.
     return {
-        name: table if name in _KNOW_HEAT else {**table, "network": _BARE} for name, table in DEFAULT_MEMBERS.items()
+        name: table if name == _KNOWS_HEAT else {**table, "network": _BARE} for name, table in DEFAULT_MEMBERS.items()
     }
 
 

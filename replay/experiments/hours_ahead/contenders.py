@@ -20,8 +20,6 @@ from replay.experiments.series.filtering import FilterRun
 from replay.experiments.series.networks import zone_of
 
 NAIVE = (PERSISTENCE, YESTERDAY)
-REGRESSIONS = ("arx", "daily", "direct", *DIRECT)
-"""Those that know no physics."""
 BANK = "bank"
 DRAWS_NOTHING = ("arx", "daily", "direct", "ekf", "ukf")
 _USUAL = (

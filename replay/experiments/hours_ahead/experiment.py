@@ -11,8 +11,6 @@ from replay.experiments.hours_ahead import figures
 from replay.experiments.hours_ahead.contenders import (
     BANK,
     DRAWS_NOTHING,
-    NAIVE,
-    REGRESSIONS,
     Contender,
     contenders,
     jobs_of,
@@ -41,8 +39,6 @@ FARTHEST = 4.0
 """K from its mean to what came 6 h later, at most, in the first three days."""
 HEAT_LOSS_OFF, GAIN_OFF = 0.2, 0.7
 """Shares by which what was learned of a building of EnergyPlus may be off."""
-_AHEAD_BY_FAR = 0.9
-"""A regression whose CRPS is below this share of that of every physical model knows something that they miss."""
 
 Standing = tuple[str, float, float, str]
 """A contender, the geometric mean and the largest of a ratio, and where it is largest."""
@@ -336,27 +332,7 @@ def _settings(
     ]
     if narrow:
         paragraphs.append(f"Keep a margin where its 95 % interval covered less than 90 %: {', '.join(narrow)}.")
-    beaten = [name for name in known if _a_regression_is_ahead(results, name, entered)]
-    if beaten:
-        paragraphs.append(
-            f"On {', '.join(beaten)} a regression without physics is ahead of every single model of the building by "
-            "more than a tenth, six hours ahead or a day ahead. The network misses something there: run `thermogate "
-            "experiment topology`."
-        )
     return Section("What to set", tuple(paragraphs))
-
-
-def _a_regression_is_ahead(results: Results, recording: str, entered: Sequence[Contender]) -> bool:
-    regressions = [one.label for one in entered if one.name in REGRESSIONS]
-    physical = [one.label for one in entered if one.name not in (*REGRESSIONS, *NAIVE, BANK)]
-    for horizon in ("6 h", "24 h"):
-        ahead, behind = (
-            min((results.mean(recording, label, key(CRPS, horizon)) for label in labels), default=np.nan)
-            for labels in (regressions, physical)
-        )
-        if ahead < _AHEAD_BY_FAR * behind:
-            return True
-    return False
 
 
 def _in_full(results: Results, known: Mapping[str, Recording]) -> Table:

@@ -10,8 +10,9 @@ from support.forecasts import unfolded
 from estimator.bank.bank import Bank, answering_plan
 from estimator.bank.options import BankOptions, Member
 from estimator.errors import OptionsError
+from estimator.heat.terms import with_known_heat
 from estimator.network.network import Conductance, HeatInput, Network, Parameter
-from estimator.network.presets import network
+from estimator.network.presets import automatic, network
 from estimator.registry import build
 from estimator.types import Mixture, Mixtures, Outcome, Posterior
 
@@ -445,3 +446,15 @@ def test_options_of_a_member_name_the_member():
         small_bank(voice=["rbpf"])
     with pytest.raises(OptionsError, match=r"members.a.network = \['own'\] must be one of"):
         small_bank(members={"a": {"estimator": "mkf", "network": ["own"]}})
+
+
+def test_sun_and_habits_are_told_whatever_the_member_weighs_that_knows_them() -> None:
+    known = with_known_heat(automatic(("T_i", "T_out", "u_heat")), habits=True)
+    knowing = {"estimator": "mkf", "preset": "habits-slow", "prior": 1e-6}
+    members = {"knowing": knowing, "ekf": {"estimator": "ekf", "network": "bare"}}
+    bank = build("bank", known, PERIOD, {"members": members})
+    drive = np.array([5.0, 1000.0, *np.ones(16)])
+    state = bank.predict(bank.start(1, np.array([20.0]), drive), drive)
+    summary = bank.parameters(state, np.array([0.025, 0.5, 0.975]))
+    assert summary.coefficients.shape == (16, 3)
+    assert 100.0 < summary.coefficients[0, 1] < 300.0
