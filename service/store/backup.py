@@ -25,9 +25,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from service.errors import BackupError, CheckpointError
+from service.errors import BackupError
 from service.fields.values import IDENTIFIER
-from service.store.checkpoint import DAMAGE, CheckpointStore, decode
+from service.store.checkpoint import CheckpointStore, Found
 from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.journal_file import SCHEMA_VERSION, schema_problem
 from service.store.ownership import as_owner_of, database, open_plain
@@ -180,10 +180,7 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
     for _ in range(_ATTEMPTS):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        with as_owner_of(state_dir) as state:
-            zones = _zones(state / CHECKPOINTS)
-        copied = {zone: _copy_checkpoint(state_dir, zone, folder / CHECKPOINTS / zone) for zone in zones}
-        steps = {zone: step for zone, step in copied.items() if step is not None}
+        steps = _copy_checkpoints(state_dir, folder / CHECKPOINTS)
         with (
             database(state_dir / JOURNAL, "rw") as source,
             closing(sqlite3.connect(folder / JOURNAL)) as copy,
@@ -192,16 +189,10 @@ def _copy(state_dir: Path, folder: Path, tick: Tick) -> int:
             (verdict,) = copy.execute("PRAGMA quick_check(1)").fetchone()
             if verdict != "ok":
                 raise BackupError(f"the journal {state_dir / JOURNAL} is damaged ({verdict}); restore an older backup")
-            pruned: dict[str, int] = dict(copy.execute("SELECT zone, time FROM pruned")) if _version(copy) > 1 else {}
+            pruned: dict[str, int] = dict(copy.execute("SELECT zone, time FROM pruned"))
         if all(pruned.get(zone, step) <= step for zone, step in steps.items()):
             return len(steps)
     raise BackupError(f"the journal in {state_dir} is pruned faster than it can be copied; raise site.max_journal")
-
-
-def _zones(checkpoints: Path) -> list[str]:
-    """The zones that have a folder among `checkpoints`; what else somebody has put there is no state."""
-    names = sorted(os.listdir(checkpoints)) if checkpoints.is_dir() else []
-    return [name for name in names if re.fullmatch(IDENTIFIER, name)]
 
 
 def _copy_journal(source: sqlite3.Connection, copy: sqlite3.Connection, tick: Tick) -> None:
@@ -231,29 +222,26 @@ def _version(connection: sqlite3.Connection) -> int:
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
-def _copy_checkpoint(state_dir: Path, zone: str, folder: Path) -> int | None:
-    """Copy the newest valid checkpoint of `zone` into `folder`; its step, None if there is none."""
+def _copy_checkpoints(state_dir: Path, folder: Path) -> dict[str, int]:
+    """Copy the newest sound checkpoint of every zone into `folder`; their steps."""
+    steps = {}
     with as_owner_of(state_dir) as state:
-        found = _newest_checkpoint(state / CHECKPOINTS, zone)
-    if found is None:
-        return None
-    name, content, step = found
-    folder.mkdir(parents=True)
-    (folder / name).write_bytes(content)
-    return step
+        zones = CheckpointStore(state / CHECKPOINTS).zones()
+    for zone in zones:
+        with as_owner_of(state_dir) as state:
+            newest = _newest_checkpoint(CheckpointStore(state / CHECKPOINTS), zone)
+        if newest is not None and newest.checkpoint is not None:
+            (folder / zone).mkdir(parents=True)
+            (folder / zone / newest.path.name).write_bytes(newest.content)
+            steps[zone] = newest.checkpoint.step
+    return steps
 
 
-def _newest_checkpoint(checkpoints: Path, zone: str) -> tuple[str, bytes, int] | None:
-    """Name, content and step of the newest valid checkpoint of `zone`; None if there is none."""
-    for path in CheckpointStore(checkpoints).files(zone):
-        try:
-            with open(open_plain(path), "rb") as file:
-                content = file.read()
-            return path.name, content, decode(content, path).step
-        except FileNotFoundError:
-            continue  # the daemon has removed it, for it has written a newer one
-        except (*DAMAGE, CheckpointError) as error:
-            _log.warning("checkpoint %s is left out of the backup: %s", path, error)
+def _newest_checkpoint(store: CheckpointStore, zone: str) -> Found | None:
+    for found in store.found(zone):
+        if found.checkpoint is not None:
+            return found
+        _log.warning("checkpoint %s is left out of the backup: %s", found.path, found.damage)
     return None
 
 

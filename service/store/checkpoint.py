@@ -13,10 +13,12 @@ import io
 import json
 import logging
 import lzma
+import os
+import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -27,7 +29,9 @@ import numpy as np
 import numpy.typing as npt
 
 from service.errors import CheckpointError, StateMismatch
+from service.fields.values import IDENTIFIER
 from service.store.durable_files import make_folder, sync_folder, write_file
+from service.store.ownership import open_plain
 
 FORMAT_VERSION = 1
 _HEADER = "header"
@@ -59,7 +63,7 @@ class Checkpoint(NamedTuple):
 
     `fingerprint` identifies the network and structural options it belongs to; `arrays` are the estimator's, of any
     dtype but object; `meta` is what JSON can hold. `about` describes it to people, and nothing depends on it. `zone` is
-    whose it is; earlier versions did not write it.
+    whose it is; a model file is of none.
     """
 
     fingerprint: str
@@ -68,6 +72,15 @@ class Checkpoint(NamedTuple):
     meta: Mapping[str, object]
     about: Mapping[str, object] = {}
     zone: str = ""
+
+
+class Found(NamedTuple):
+    """A checkpoint's file: what is in it, or what is wrong with it."""
+
+    path: Path
+    content: bytes
+    checkpoint: Checkpoint | None
+    damage: Exception | None = None
 
 
 class CheckpointStore:
@@ -116,13 +129,15 @@ class CheckpointStore:
             if not folder.is_dir():
                 return None
             _remove_leftovers(folder)
-            for path in _newest_first(folder):
-                checkpoint = self._read(path, zone)
-                if checkpoint is None:
+            for found in self.found(zone):
+                if isinstance(found.damage, (OSError, CheckpointError)):
+                    raise found.damage
+                if found.checkpoint is None:
+                    self._set_damaged_aside(found)
                     continue
-                if checkpoint.fingerprint != fingerprint:
+                if found.checkpoint.fingerprint != fingerprint:
                     raise StateMismatch(zone, folder)
-                return checkpoint
+                return found.checkpoint
         except OSError as error:
             raise CheckpointError(
                 f"the checkpoints in {folder} cannot be read ({error.strerror}); make the folder readable and writable"
@@ -138,6 +153,29 @@ class CheckpointStore:
             raise CheckpointError(
                 f"the checkpoints in {folder} cannot be listed ({error.strerror}); make the folder readable"
             ) from error
+
+    def zones(self) -> list[str]:
+        """The zones that have a folder here; what else somebody has put there is no state."""
+        names = sorted(os.listdir(self.path)) if self.path.is_dir() else []
+        return [name for name in names if re.fullmatch(IDENTIFIER, name)]
+
+    def found(self, zone: str) -> Iterator[Found]:
+        """The kept checkpoints of `zone`, newest first, damaged ones among them. Nothing is changed; what a daemon has
+        removed meanwhile is passed over, for it has written a newer one."""
+        for path in self.files(zone):
+            content = b""
+            try:
+                with open(open_plain(path), "rb") as file:
+                    content = file.read()
+                checkpoint = decode(content, path)
+                if checkpoint.zone != zone:
+                    # Zones alike have the same fingerprint, and would go on with what another room has taught.
+                    raise ValueError(f"it is of zone '{checkpoint.zone}'")
+                yield Found(path, content, checkpoint)
+            except FileNotFoundError:
+                continue
+            except (*DAMAGE, CheckpointError) as error:
+                yield Found(path, content, None, error)
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
@@ -170,22 +208,14 @@ class CheckpointStore:
             ) from error
         return aside
 
-    def _read(self, path: Path, zone: str) -> Checkpoint | None:
-        content = path.read_bytes()
-        try:
-            checkpoint = decode(content, path)
-            if checkpoint.zone not in ("", zone):
-                # Zones alike have the same fingerprint, and would go on with what another room has taught.
-                raise ValueError(f"it is of zone '{checkpoint.zone}'")
-            return checkpoint
-        except DAMAGE as error:
-            aside = path.with_name(f"{path.name}.corrupt")
-            path.replace(aside)
-            sync_folder(path.parent)
-            _log.warning(
-                "checkpoint %s is damaged (%s); set aside as %s, using the one before", path, error, aside.name
-            )
-            return None
+    @staticmethod
+    def _set_damaged_aside(found: Found) -> None:
+        aside = found.path.with_name(f"{found.path.name}.corrupt")
+        found.path.replace(aside)
+        sync_folder(found.path.parent)
+        _log.warning(
+            "checkpoint %s is damaged (%s); set aside as %s, using the one before", found.path, found.damage, aside.name
+        )
 
 
 def encode(checkpoint: Checkpoint) -> bytes:

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from service.errors import CheckpointError, JournalError, ServiceError
-from service.store.checkpoint import DAMAGE, Checkpoint, CheckpointStore, decode
+from service.errors import JournalError, ServiceError
+from service.store.checkpoint import Checkpoint, CheckpointStore
 from service.store.journal import Journal
 from service.store.journal_file import SCHEMA_VERSION, translated
 from service.store.store import CHECKPOINTS, JOURNAL
@@ -38,15 +38,10 @@ class StoredState:
 
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
-        for path in self._checkpoints.files(zone):
-            try:
-                found = decode(path.read_bytes(), path)
-            except FileNotFoundError:
-                continue  # the daemon has removed it, for it has written a newer one
-            except (*DAMAGE, CheckpointError) as error:
-                _log.warning("checkpoint %s is left out: %s", path, error)
-                continue
-            return found if found.fingerprint == fingerprint else None
+        for found in self._checkpoints.found(zone):
+            if found.checkpoint is not None:
+                return found.checkpoint if found.checkpoint.fingerprint == fingerprint else None
+            _log.warning("checkpoint %s is left out: %s", found.path, found.damage)
         return None
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from service.errors import CheckpointError, JournalError, ServiceError
-from service.fields.values import IDENTIFIER
+from service.errors import JournalError, ServiceError
 from service.store.backup import unpacked_backup
-from service.store.checkpoint import DAMAGE, CheckpointStore, decode
+from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
 from service.store.journal_file import schema_problem, translated
 from service.store.ownership import database
@@ -68,17 +66,11 @@ def _verify_state(folder: Path) -> Verified:
                 problems.append(f"the journal {path}: {there - sound} rows of the history of zone '{zone}' are damaged")
     checkpoints = 0
     store = CheckpointStore(folder / CHECKPOINTS)
-    names = sorted(one.name for one in store.path.iterdir()) if store.path.is_dir() else []
-    for zone in filter(re.compile(IDENTIFIER).fullmatch, names):
-        for file in store.files(zone):
+    for zone in store.zones():
+        for found in store.found(zone):
             checkpoints += 1
-            try:
-                if decode(file.read_bytes(), file).zone not in ("", zone):
-                    problems.append(f"the checkpoint {file} is of another zone")
-            except FileNotFoundError:
-                checkpoints -= 1  # the daemon has removed it, for it has written a newer one
-            except (*DAMAGE, CheckpointError) as error:
-                problems.append(f"the checkpoint {file} is damaged: {error}")
+            if found.damage is not None:
+                problems.append(f"the checkpoint {found.path} is damaged: {found.damage}")
     return Verified(len(zones), samples, rows, checkpoints, tuple(problems))
 
 

@@ -125,40 +125,27 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         update = update._replace(gate=None)
     if update.effective_sample_size is not None and math.isnan(update.effective_sample_size):
         update = update._replace(effective_sample_size=None)
-    loop, fresh = worker.loop, worker.carried
-    held = Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES])
-    state, stored = loop.estimator.unpack(_under(_ESTIMATOR, checkpoint)), _under(_VERIFIED, checkpoint)
-    # Before version 0.2 no forecast was verified: what is pending then begins with this start.
-    verified = (
-        loop.verification.unpack(stored)
-        if stored
-        else loop.verification.start(worker.settings.seed, np.array(update.y), held.values)
+    loop = worker.loop
+    standing = LoopStanding(
+        loop.estimator.unpack(_under(_ESTIMATOR, checkpoint)),
+        stated(update.forecast),
+        loop.verification.unpack(_under(_VERIFIED, checkpoint)),
+        loop.as_issued.unpack(_under(_ISSUED, checkpoint)),
     )
-    issued = loop.as_issued.unpack(_under(_ISSUED, checkpoint))
-    standing = LoopStanding(state, stated(update.forecast), verified, issued)
-    # The last day and the record are missing in checkpoints of earlier versions.
-    day = _alike(fresh.day._asdict(), _DAY, checkpoint)
-    record = _alike(fresh.record._asdict(), _RECORD, checkpoint)
-    carried = fresh._replace(held=held, vanished=meta.progress.vanished, standing=standing)
-    if day is not None:
-        carried = carried._replace(day=Day(**day))
-    if record is not None:
-        carried = carried._replace(record=Record(**record), diagnosis=meta.diagnosis)
+    carried = worker.carried._replace(
+        held=Held(checkpoint.arrays[_HELD_VALUES], checkpoint.arrays[_HELD_TIMES]),
+        vanished=meta.progress.vanished,
+        standing=standing,
+        day=Day(**_under(_DAY, checkpoint)),
+        record=Record(**_under(_RECORD, checkpoint)),
+        diagnosis=meta.diagnosis,
+    )
     # Neither is there before the zone was told a set-point.
     if known := _under(_THERMOSTAT, checkpoint):
         thermostat = thermostats.unpack(known, len(worker.network.inputs))
         carried = carried._replace(thermostat=thermostat, live=loop.live.unpack(_under(_LIVE, checkpoint)))
-    trust = worker.trust if record is None else meta.trust
-    worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, trust)
+    worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
 
 
 def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:
     return {name.removeprefix(prefix): value for name, value in checkpoint.arrays.items() if name.startswith(prefix)}
-
-
-def _alike(fresh: Mapping[str, Any], prefix: str, checkpoint: Checkpoint) -> dict[str, Any] | None:
-    """The arrays of `checkpoint` under `prefix` with the names and shapes of `fresh`; None where they are others."""
-    stored = {name: checkpoint.arrays.get(prefix + name) for name in fresh}
-    if any(value is None or value.shape != fresh[name].shape for name, value in stored.items()):
-        return None
-    return stored

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import io
 import json
-import logging
 import os
 import zipfile
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from service.errors import CheckpointError, StateMismatch
+from service.errors import CheckpointError
 from service.store import checkpoint as module
 from service.store.checkpoint import Checkpoint, CheckpointStore
 
@@ -67,24 +66,9 @@ def test_the_file_is_a_plain_npz_without_pickle(store: CheckpointStore) -> None:
         assert np.array_equal(archive["array.bit_generator"], ARRAYS["bit_generator"])
 
 
-def test_no_checkpoint_is_none(store: CheckpointStore) -> None:
-    assert store.load("living", "f1") is None
-    store.save("bedroom", make(1))
-    assert store.load("living", "f1") is None
-
-
 def test_objects_are_never_stored(store: CheckpointStore) -> None:
     with pytest.raises(CheckpointError, match="holds Python objects"):
         store.save("living", make(1)._replace(arrays={"bad": np.array([object()])}))
-
-
-def test_the_newest_is_loaded_and_the_oldest_are_removed(store: CheckpointStore) -> None:
-    for step in (1, 2, 30, 4, 5):
-        store.save("living", make(step))
-    assert files(store) == ["000000000004.npz", "000000000005.npz", "000000000030.npz"]
-    loaded = store.load("living", "f1")
-    assert loaded is not None
-    assert loaded.step == 30
 
 
 def test_the_same_step_is_replaced(store: CheckpointStore) -> None:
@@ -144,31 +128,6 @@ def test_a_valid_archive_with_swapped_arrays_is_damaged(
     np.savez(buffer, **parts)
     check_damage(store, buffer.getvalue(), original, caplog)
     assert not path.exists()
-
-
-def test_all_damaged_is_none_and_loud(store: CheckpointStore, caplog: pytest.LogCaptureFixture) -> None:
-    for step in (1, 2):
-        store.save("living", make(step)).write_bytes(b"")
-    with caplog.at_level(logging.WARNING):
-        assert store.load("living", "f1") is None
-    assert len(caplog.records) == 2
-    assert files(store) == ["000000000001.npz.corrupt", "000000000002.npz.corrupt"]
-
-
-def test_another_fingerprint_says_what_to_do(store: CheckpointStore) -> None:
-    store.save("living", make(1))
-    with pytest.raises(StateMismatch, match=r"thermogate run CONFIG --reset living"):
-        store.load("living", "f2")
-    assert store.load("living", "f1") is not None, "nothing was set aside"
-
-
-def test_a_newer_format_is_not_taken_for_damage(store: CheckpointStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "FORMAT_VERSION", 2)
-    path = store.save("living", make(1))
-    monkeypatch.setattr(module, "FORMAT_VERSION", 1)
-    with pytest.raises(CheckpointError, match=r"format 2 of a newer Thermogate .*upgrade"):
-        store.load("living", "f1")
-    assert path.exists()
 
 
 def test_a_newer_format_with_another_digest_is_not_taken_for_damage(store: CheckpointStore) -> None:
@@ -244,10 +203,8 @@ def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(
 
     for function in ("listdir", "scandir"):
         monkeypatch.setattr(os, function, refuse)
-    with pytest.raises(CheckpointError, match="cannot be read"):
-        store.load("living", "f1")
-    for ask in (store.oldest, store.files):
-        with pytest.raises(CheckpointError, match="living cannot be listed"):
+    for ask in (store.oldest, store.files, lambda zone: store.load(zone, "f1")):
+        with pytest.raises(CheckpointError, match="living cannot be (listed|read)"):
             ask("living")
 
 
@@ -276,13 +233,6 @@ def test_a_checkpoint_of_another_zone_is_not_taken(tmp_path: Path, caplog: pytes
     assert found is not None
     assert (found.step, found.zone) == (300, "kitchen")
     assert "it is of zone 'attic'" in caplog.text
-
-
-def test_a_checkpoint_of_before_says_no_zone_and_is_taken(tmp_path: Path) -> None:
-    store = CheckpointStore(tmp_path)
-    path = store.save("kitchen", make(300))
-    path.write_bytes(module.encode(make(300)))
-    assert store.load("kitchen", "f1") is not None
 
 
 def test_a_file_that_unpacks_to_more_than_it_is_is_refused_unread(tmp_path: Path) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +15,6 @@ from support.fake_zones import PERIOD, START, make_sample, make_update
 
 from adapters.reading import Quality
 from service.errors import JournalError
-from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.store.journal import Journal
 
@@ -59,38 +56,6 @@ def test_a_network_without_inputs_has_empty_arrays(journal: Journal) -> None:
     assert read.input_quality == ()
 
 
-def test_a_stored_time_is_not_overwritten(journal: Journal) -> None:
-    assert journal.append("living", make_sample(0, 21.0))
-    assert not journal.append("living", make_sample(0, 99.0))
-    assert journal.append("bedroom", make_sample(0, 18.0)), "zones are apart"
-    assert [sample.outputs[0] for sample in journal.samples_after("living", None)] == [21.0]
-
-
-def test_samples_after_a_time_are_in_order_and_paged(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal._PAGE", 4)
-    for step in range(10):
-        journal.append("living", make_sample(step))
-        journal.append("bedroom", make_sample(20 + step))
-    steps = [(sample.time - START) // PERIOD for sample in journal.samples_after("living", START + PERIOD)]
-    assert steps == list(range(2, 10))
-    assert list(journal.samples_after("living", START + 9 * PERIOD)) == []
-
-
-def test_a_sample_that_is_older_than_the_newest_is_not_taken(path: Path, journal: Journal) -> None:
-    assert journal.append("living", make_sample(5))
-    assert not journal.append("living", make_sample(4))
-    journal.close()
-    reopened = Journal.open(path)
-    assert not reopened.append("living", make_sample(4))
-    assert (
-        reopened.append_all([("living", make_sample(6)), ("living", make_sample(6)), ("living", make_sample(7))]) == 2
-    )
-    assert [sample.time for sample in reopened.samples_after("living", None)] == [
-        make_sample(k).time for k in (5, 6, 7)
-    ]
-    reopened.close()
-
-
 def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.store.journal._PAGE", 2)
     for step in range(5):
@@ -122,38 +87,6 @@ def test_an_append_is_durable_when_the_process_is_killed(path: Path) -> None:
     journal.close()
 
 
-def test_history_rows_come_back_and_are_replaced(journal: Journal) -> None:
-    update = make_update(7)
-    journal.record("living", update)
-    journal.record("living", update._replace(segment=4))
-    (row,) = journal.history("living", None, None, 10)
-    assert row == replace(HistoryRow.of(update), segment=4)
-    assert row.resampled is update.resampled
-    assert row.mean == update.score.mean[0]
-
-
-def test_what_is_missing_in_history_is_nan(journal: Journal) -> None:
-    journal.record("living", make_update(0)._replace(score=None, y=(math.nan,), log_likelihood=math.nan))
-    (row,) = journal.history("living", None, None, 10)
-    missing = (row.y, row.mean, row.lower, row.upper, row.sd, row.residual, row.log_likelihood)
-    assert all(math.isnan(value) for value in missing)
-    assert row.gate == make_update(0).gate.value
-
-
-def test_history_gives_the_newest_rows_of_a_half_open_span(journal: Journal) -> None:
-    for step in range(10):
-        journal.record("living", make_update(step))
-
-    def steps(start: int | None, end: int | None, limit: int) -> list[int]:
-        bounds = [None if bound is None else START + bound * PERIOD for bound in (start, end)]
-        return [(row.time - START) // PERIOD for row in journal.history("living", *bounds, limit)]
-
-    assert steps(None, None, 3) == [7, 8, 9]
-    assert steps(2, 6, 100) == [2, 3, 4, 5]
-    assert steps(2, 6, 2) == [4, 5]
-    assert steps(20, None, 5) == []
-
-
 def test_many_rows_are_flushed_on_the_way(path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.store.journal._PENDING_LIMIT", 5)
     for step in range(6):
@@ -174,28 +107,6 @@ def test_a_skipped_sample_is_left_out_but_not_lost(path: Path, journal: Journal)
         reasons = connection.execute("SELECT skipped FROM samples ORDER BY time").fetchall()
     connection.close()
     assert reasons == [(None,), ("the step failed twice",), ("again",)]
-
-
-def test_skipping_what_is_not_there_is_an_error(journal: Journal) -> None:
-    with pytest.raises(JournalError, match="no sample of zone 'living'"):
-        journal.skip("living", START, "reason")
-    assert journal.append("living", make_sample(0)), "the failed transaction is over"
-
-
-def test_forget_sets_a_zone_aside_and_leaves_the_others(path: Path, journal: Journal) -> None:
-    for zone in ("living", "bedroom"):
-        journal.append(zone, make_sample(0))
-        journal.record(zone, make_update(0))
-    journal.forget("living")
-    assert journal.last_sample_time("living") is None
-    assert journal.history("living", None, None, 10) == []
-    assert journal.last_sample_time("bedroom") == START
-    assert journal.append("living", make_sample(0)), "the zone begins anew"
-    journal.forget("living")
-    with sqlite3.connect(path) as connection:
-        zones = [zone for (zone,) in connection.execute("SELECT zone FROM samples")]
-    connection.close()
-    assert sum(zone.startswith("living@") for zone in zones) == 2
 
 
 def test_a_newer_schema_is_refused_with_a_remedy(path: Path, journal: Journal) -> None:
@@ -281,20 +192,3 @@ def test_another_writer_is_named_as_the_cause(path: Path, monkeypatch: pytest.Mo
 def test_it_writes_ahead_and_syncs_fully(journal: Journal) -> None:
     assert journal.read("PRAGMA journal_mode") == [("wal",)]
     assert journal.read("PRAGMA synchronous") == [(2,)]
-
-
-def test_close_twice(journal: Journal) -> None:
-    journal.record("living", make_update(0))
-    journal.close()
-    journal.close()
-
-
-def test_the_samples_of_a_zone_belong_to_one_fingerprint(journal: Journal) -> None:
-    assert journal.claim("z", "first")
-    assert journal.claim("z", "second"), "without samples nothing stands against a change"
-    journal.append("z", make_sample(0))
-    assert journal.claim("z", "second")
-    assert not journal.claim("z", "first")
-    assert journal.claim("other", "first")
-    journal.forget("z")
-    assert journal.claim("z", "first")

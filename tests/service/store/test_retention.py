@@ -61,19 +61,6 @@ def pruned(journal: Journal, limits: Limits, oldest_checkpoint: int | None) -> i
     return sum(1 for _ in prune(journal, lambda zone: time, limits))
 
 
-def test_what_is_older_than_keep_history_goes(journal: Journal) -> None:
-    fill(journal, "living", 1000)
-    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=990)
-    assert steps_of(journal, "living") == (list(range(899, 1000)), list(range(899, 1000)))
-    assert journal.pruned_until("living") == FIRST + 898 * STEP
-
-
-def test_samples_after_the_oldest_checkpoint_stay_whatever_their_age(journal: Journal) -> None:
-    fill(journal, "living", 1000)
-    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=300)
-    assert steps_of(journal, "living") == (list(range(301, 1000)), list(range(899, 1000)))
-
-
 def test_without_a_checkpoint_every_sample_stays(journal: Journal) -> None:
     fill(journal, "living", 300)
     pruned(journal, Limits(10 * STEP, 1), oldest_checkpoint=None)
@@ -280,12 +267,3 @@ def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(
     assert asyncio.run(scenario()) == [100, 11]
     store.close()
     assert "every sample of zone 'bedroom' stays in the journal: the checkpoints in" in caplog.text
-
-
-def test_the_size_of_the_journal_is_measured(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    (measure,) = store.measures()
-    ((labels, size),) = measure.read()
-    assert (measure.name, labels) == ("thermogate_journal_bytes", ())
-    assert size == sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) > 10_000
-    store.close()

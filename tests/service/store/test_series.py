@@ -11,7 +11,6 @@ import pytest
 from support.fake_zones import PERIOD, START, make_sample, make_update
 
 from service.records.series import Series, Stretch
-from service.store import journal as journal_module
 from service.store.series import bucket_of
 from service.store.store import JOURNAL, Store
 
@@ -56,22 +55,6 @@ def test_a_short_stretch_is_every_sample(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.band_low, [u.score.lower[0] for u in updates if u.score])
     np.testing.assert_allclose(found.inputs[:, 0], [5.0 + 0.1 * step for step in range(5, 15)])
     assert np.isnan(found.inputs[:, 1]).all(), "what was not measured has no mean"
-
-
-@pytest.mark.parametrize("page", [7, 4000])
-def test_a_long_stretch_is_thinned_and_hides_no_extreme(
-    tmp_path: Path, page: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(journal_module, "SERIES_ROWS", page)
-    filled(tmp_path, range(300))
-    found = read(tmp_path, 0, 300, 30)
-    assert len(found.times) <= 30
-    assert (np.diff(found.times) == found.bucket).all()
-    for index, begin in enumerate(found.times.tolist()):
-        steps = [s for s in range(300) if begin <= START + s * PERIOD < begin + found.bucket]
-        y = [make_update(step).y[0] for step in steps]
-        assert found.means["y"][index] == pytest.approx(np.mean(y))
-        assert (found.y_low[index], found.y_high[index]) == (min(y), max(y))
 
 
 def test_a_gap_is_no_bucket(tmp_path: Path) -> None:

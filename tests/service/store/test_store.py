@@ -4,7 +4,6 @@ import asyncio
 import shutil
 
 import pytest
-from support.fake_zones import make_update
 from support.zone_samples import sample
 
 import service.store.store
@@ -33,29 +32,6 @@ def spied(store, monkeypatch, failures=()):
     return commits
 
 
-def test_samples_that_come_at_once_share_commits(store, monkeypatch):
-    commits = spied(store, monkeypatch)
-    zones = [f"zone-{index}" for index in range(200)]
-
-    async def scenario():
-        await asyncio.gather(*(store.append(zone, sample(0)) for zone in zones))
-        return [await store.run(store.journal.last_sample_time, zone) for zone in zones]
-
-    assert asyncio.run(scenario()) == [sample(0).time] * 200
-    assert sum(commits) == 200
-    assert len(commits) <= 2
-
-
-def test_a_sample_is_stored_when_append_returns_and_only_once(store, tmp_path):
-    async def scenario():
-        await store.append("living", sample(0, 21.0))
-        await store.append("living", sample(0, 99.0))
-        return await store.samples_after("living", None)
-
-    (kept,) = asyncio.run(scenario())
-    assert kept.outputs[0] == 21.0
-
-
 def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(store, monkeypatch):
     commits = spied(store, monkeypatch, [JournalError("the journal failed (disk full); free space on its disk")])
 
@@ -68,35 +44,6 @@ def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(store,
 
     asyncio.run(scenario())
     assert commits == [3, 3]
-
-
-def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(store):
-    async def scenario():
-        stopped = asyncio.create_task(store.append("a", sample(0)))
-        waiting = asyncio.create_task(store.append("b", sample(0)))
-        await asyncio.sleep(0)
-        stopped.cancel()
-        await waiting
-        assert stopped.cancelled()
-        return await store.run(store.journal.last_sample_time, "b")
-
-    assert asyncio.run(scenario()) == sample(0).time
-
-
-def test_what_was_recorded_is_seen_at_once_and_outlives_the_store(store, tmp_path):
-    async def scenario():
-        store.record("living", make_update(0))
-        seen = await store.run(store.journal.history, "living", None, None, 10)
-        store.record("living", make_update(1))
-        return seen
-
-    assert len(asyncio.run(scenario())) == 1
-    store.close()
-    again = Store(tmp_path)
-    try:
-        assert len(asyncio.run(again.run(again.journal.history, "living", None, None, 10))) == 2
-    finally:
-        again.close()
 
 
 def _delete(folder):

@@ -92,17 +92,6 @@ def with_another_record(checkpoint):
     return checkpoint._replace(arrays=dict(checkpoint.arrays) | {"record.days": np.zeros(3)})
 
 
-@pytest.mark.parametrize("spoil", [without_record, with_another_record])
-def test_a_checkpoint_without_a_record_begins_a_new_one(tmp_path, spoil):
-    zone = fed(worker(), STEPS)
-    back = through_disk(zone, tmp_path, spoil)
-    assert back.carried.diagnosis == Diagnosis()
-    assert not back.carried.record.seconds.any()
-    assert comparable(back.latest) == comparable(zone.latest)
-    following = sample(STEPS, inputs=[5.0, 0.0])
-    assert comparable(back.step(following)) == comparable(zone.step(following))
-
-
 def test_a_fresh_worker_knows_of_nothing():
     zone = worker()
     assert zone.diagnosis() == Diagnosis()

@@ -99,7 +99,7 @@ def test_what_is_published_one_step_ahead_and_verified_does_not_depend_on_it(mon
     assert repr(blind.skill()) == repr(zone.skill())
 
 
-def test_the_day_survives_a_restart_and_is_missing_in_an_old_checkpoint(tmp_path):
+def test_the_day_survives_a_restart(tmp_path):
     zone = fed(worker(), DAY // PERIOD + 30)
     store = CheckpointStore(tmp_path)
     store.save("z", snapshot.take(zone, "mark", "ekf"))
@@ -109,14 +109,6 @@ def test_the_day_survives_a_restart_and_is_missing_in_an_old_checkpoint(tmp_path
     for left, right in zip(seen(zone, 40)[1].values(), seen(back, 40)[1].values(), strict=True):
         assert left.tobytes() == right.tobytes()
     assert back.trust == zone.trust
-    arrays = {name: value for name, value in checkpoint.arrays.items() if not name.startswith("day.")}
-    meta = {name: value for name, value in checkpoint.meta.items() if name != "trust"}
-    old = worker()
-    snapshot.restore(old, checkpoint._replace(arrays=arrays, meta=meta))
-    assert seen(old, 4)[2]["T_out"].origin == "held"
-    assert not old.trust.horizons
-    fed(old, 4, DAY // PERIOD + 30)
-    assert comparable(old.latest) == comparable(fed(back, 4, DAY // PERIOD + 30).latest)
 
 
 def test_a_gap_of_days_forgets_the_shape():

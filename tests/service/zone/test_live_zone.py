@@ -43,25 +43,6 @@ def test_the_clock_closes_an_interval_that_a_silent_source_would_keep_open():
     assert all(isnan(value) for value in sample.inputs)
 
 
-def test_an_interval_stays_open_for_its_lateness():
-    align = alignment(lateness=60.0)
-    align.add("bms", readings(10.0), 20.0)
-    assert align.elapse(359.0) == []
-    assert align.add("weather", readings(299.0), 359.5) == [], "late, but in time"
-    (sample,) = align.elapse(360.0)
-    assert align.faults.total() == 0
-    assert sample.output_quality == (Quality.GOOD,)
-
-
-def test_silence_becomes_empty_samples_up_to_the_limit_and_readings_end_it():
-    align = alignment(idle_limit=3)
-    align.add("bms", readings(10.0), 20.0)
-    assert times(align.elapse(20 * PERIOD)) == [0, 300, 600, 900]
-    assert align.elapse(30 * PERIOD) == []
-    align.add("bms", readings(31 * PERIOD), 31 * PERIOD)
-    assert times(align.elapse(32 * PERIOD)) == [31 * PERIOD]
-
-
 def test_a_clock_set_forward_leaves_a_gap_and_goes_on():
     align = alignment(idle_limit=2)
     align.add("bms", readings(10.0), 10.0)
@@ -80,15 +61,6 @@ def test_after_a_clock_set_back_readings_are_refused_until_it_has_caught_up():
     assert align.faults["out_of_order"] == len(TITE.channels)
     align.add("bms", readings(11 * PERIOD + 1.0), 11 * PERIOD + 1.0)
     assert times(align.elapse(12 * PERIOD)) == [11 * PERIOD], "no sample twice, none before another"
-
-
-def test_a_duplicate_is_counted_and_the_first_is_kept():
-    align = alignment()
-    align.add("bms", readings(10.0, 20.0), 10.0)
-    align.add("bms", readings(10.0, 25.0), 11.0)
-    (sample,) = align.elapse(300.0)
-    assert sample.outputs[0] == 20.0
-    assert align.faults["duplicated"] == len(TITE.channels)
 
 
 def test_an_input_is_held_for_its_own_age():

@@ -60,20 +60,6 @@ def test_a_zone_without_a_set_point_carries_nothing_of_a_thermostat():
     assert not any(name.startswith(("thermostat.", "live.")) for name in arrays(zone))
 
 
-def test_state_from_before_there_was_a_thermostat_goes_on_and_learns_one(tmp_path):
-    def without(checkpoint):
-        kept = {
-            name: value for name, value in checkpoint.arrays.items() if not name.startswith(("thermostat.", "live."))
-        }
-        return checkpoint._replace(arrays=kept)
-
-    data = list(samples(4))
-    back = again(fed(worker(), data[:DAILY]), tmp_path, without)
-    assert back.carried.thermostat is None
-    fed(back, data[DAILY:])
-    assert len(back.carried.thermostat.laws.column) == 1
-
-
 def test_a_gap_drops_what_was_pending_and_keeps_what_was_proved():
     data = list(samples(4))
     zone = fed(worker(), data[: 3 * DAILY])

@@ -8,7 +8,6 @@ from estimator.network.presets import network
 from estimator.registry import build
 from service.records.sample import Sample
 from service.zone import snapshot
-from service.zone.skill import WINDOWS
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 DAY = 86400 // PERIOD
@@ -73,20 +72,6 @@ def test_what_is_known_survives_a_restart_with_the_same_bits(day_and_a_half):
     assert again.skill() == other.skill()
 
 
-def test_a_checkpoint_without_it_begins_anew(day_and_a_half):
-    zone, _ = day_and_a_half
-    taken = snapshot.take(zone, "mark", "rbpf")
-    kept = {name: value for name, value in taken.arrays.items() if not name.startswith("verified.")}
-    assert len(kept) < len(taken.arrays)
-    taken = taken._replace(arrays=kept)
-    again = zone.anew()
-    snapshot.restore(again, taken)
-    assert all(one.forecasts == 0 for one in again.skill().over(30))
-    for k in range(3 * DAY // 2, 3 * DAY // 2 + 30):
-        again.step(sample(k))
-    assert by_lead(again)[3600].forecasts > 0
-
-
 def test_a_gap_ends_what_was_pending_and_keeps_what_was_verified():
     zone, _ = lived(DAY // 2)
     before = by_lead(zone)[3600].forecasts
@@ -138,8 +123,3 @@ def test_a_regression_learns_from_the_errors_of_its_own_forecasts(name):
     squares, counts = state.errors[:3, 0].T
     assert (counts > 50.0).all()
     assert (squares / counts < 1.0).all(), "a reading that it refused is no error"
-
-
-def test_before_the_first_sample_there_is_none():
-    assert worker().skill() is None
-    assert WINDOWS == (1, 7, 30)

@@ -14,10 +14,8 @@ from estimator.network.presets import network
 from estimator.registry import build, resolve, structure
 from service.publish.metrics import Metrics
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
-from service.records.history import HistoryRow
 from service.records.record import to_json, values
 from service.store.checkpoint import CheckpointStore
-from service.store.journal import Journal
 from service.zone import snapshot
 from service.zone.worker import WorkerSettings, ZoneWorker
 
@@ -61,17 +59,6 @@ def test_the_gate_is_shut_where_nothing_was_learned(stepped):
     assert {(update.gate, update.effective_sample_size) for update in (*updates, missing, vanished)} == {(None, None)}
 
 
-def test_the_history_row_has_no_alpha(stepped, tmp_path):
-    _, updates = stepped
-    journal = Journal.open(tmp_path / "journal.sqlite3")
-    journal.record("z", updates[-1])
-    (row,) = journal.history("z", None, None, 10)
-    journal.close()
-    assert all(math.isnan(value) for value in (row.alpha_lower, row.alpha_median, row.alpha_upper, row.cdf, row.n_eff))
-    assert (row.gate, row.mean, row.log_likelihood) == (1.0, updates[-1].score.mean[0], updates[-1].log_likelihood)
-    assert repr(row) == repr(HistoryRow.of(updates[-1]))
-
-
 def test_metrics_leave_out_what_is_not_there(stepped):
     _, updates = stepped
     metrics = Metrics({"z": FakeZone("z")})
@@ -108,11 +95,3 @@ def test_tuning_may_change_between_two_starts_but_not_the_estimator():
     }
     assert marks["ekf", 0.001] == marks["ekf", 0.1]
     assert marks["ekf", 0.1] != marks["ukf", 0.1]
-
-
-def test_parameters_have_quantiles_of_everything(stepped):
-    zone, _ = stepped
-    summary = zone.parameters((0.025, 0.5, 0.975))
-    assert summary.parameters.shape == (10, 3)
-    assert summary.time_constants.shape == (4, 3)
-    assert (np.diff(summary.heat_loss) > 0).all()

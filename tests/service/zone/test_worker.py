@@ -99,14 +99,6 @@ def test_a_missing_input_is_held_up_to_its_age():
     assert zone.step(sample(13)).outcome == "started"
 
 
-def test_before_an_input_ever_came_the_zone_waits():
-    zone = worker()
-    assert zone.step(sample(0, inputs=[5.0, NAN, 0.0])) is None
-    assert zone.progress.stalled == "no reading of T_adj yet"
-    assert zone.step(sample(1, y=NAN)) is None
-    assert zone.step(sample(2)).outcome == "started"
-
-
 def test_paper_preprocessing_discards_incomplete_intervals_and_breaks_at_every_gap():
     zone = worker(max_gap=0, hold_inputs=0.0)
     run(zone, 5)
@@ -179,21 +171,6 @@ def test_the_fan_begins_with_the_standing_forecast_and_follows_its_plan():
     fan_of(zone, 3)
     assert comparable(zone.latest) == before
     assert zone.step(sample(30)).score.mean[0] == standing.mean
-
-
-def test_before_the_first_sample_there_is_nothing_to_ask():
-    zone = worker()
-    assert fan_of(zone, 0) is None
-    assert zone.parameters((0.5,)) is None
-    assert zone.latest is None
-
-
-def test_parameters_after_a_sample():
-    zone = worker()
-    run(zone, 3)
-    summary = zone.parameters((0.1, 0.9))
-    assert summary.parameters.shape == (10, 2)
-    assert (summary.parameters[:, 0] <= summary.parameters[:, 1]).all()
 
 
 def test_a_question_from_another_thread_never_mixes_two_samples():
