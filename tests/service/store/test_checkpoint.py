@@ -204,7 +204,7 @@ def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(
     for function in ("listdir", "scandir"):
         monkeypatch.setattr(os, function, refuse)
     for ask in (store.oldest, store.files, lambda zone: store.load(zone, "f1")):
-        with pytest.raises(CheckpointError, match="living cannot be (listed|read)"):
+        with pytest.raises(CheckpointError, match=r"living cannot be (listed|read)"):
             ask("living")
 
 
