@@ -24,6 +24,9 @@ class Tls:
 
 def unreadable(path: Path) -> str | None:
     """Why the file at `path` cannot be read, or None."""
+    if path.exists() and not path.is_file():
+        # A pipe would be waited for.
+        return "it is no file"
     try:
         with path.open("rb"):
             return None

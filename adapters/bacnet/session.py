@@ -7,12 +7,13 @@ import logging
 import math
 import time
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from adapters.bacnet.asking import Asking
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
-from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, UNITS, ObjectId, Property
+from adapters.bacnet.objects import DEVICE, PRESENT_VALUE, SERVICES_SUPPORTED, STATUS_FLAGS, UNITS, ObjectId, Property
 from adapters.bacnet.points import Channels, Seen
 from adapters.bacnet.values import Tagged, Unreadable, whole
 from adapters.reading import Batch, Reading
@@ -145,6 +146,10 @@ class Session:
             for object in objects
             if object not in self._subscribed or now >= self._kept[object].read + max(CONFIRM, self._manner.poll)
         ]
+        if objects and not to_read:
+            # What was told counts while the device answers.
+            with suppress(Refused):
+                await self._link.read_one(self._device, Property(ObjectId(DEVICE, self._instance), SERVICES_SUPPORTED))
         when: dict[ObjectId, float] = {}
         for answered, found in await self._read(self._asking, to_read):
             when |= dict.fromkeys(found, answered)

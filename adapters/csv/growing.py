@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from errno import ENOENT
 from pathlib import Path
 
 from adapters.errors import SourceUnavailable
@@ -25,6 +26,8 @@ class GrowingFile:
     def piece(self) -> bytes | None:
         """The header and the whole lines that are new, None if there are none. Raises SourceUnavailable."""
         try:
+            if not self._path.is_file():
+                raise FileNotFoundError(ENOENT, "there is no such file")
             with self._path.open("rb") as file:
                 file.seek(0, 2)
                 inode, size = self._path.stat().st_ino, file.tell()

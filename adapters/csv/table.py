@@ -176,6 +176,9 @@ def _opened(path: Path, layout: Layout, content: bytes | None = None) -> Iterato
     # A byte-order mark would otherwise end up in the name of the first column.
     utf8 = codecs.lookup(layout.encoding).name == "utf-8"
     encoding = "utf-8-sig" if utf8 else layout.encoding
+    if content is None and path.exists() and not path.is_file() and not path.is_dir():
+        # A pipe would be waited for.
+        raise SourceUnavailable(f"file '{path}' is a pipe or a device; give a file")
     try:
         with path.open("rb") if content is None else io.BytesIO(content) as raw:
             binary = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw

@@ -113,11 +113,18 @@ class HttpSource:
         post may leave the zone out of the names."""
         arrived = time.time() if now is None else now
         found = [(place, watched) for place, one in enumerate(posted) for watched in self._meant(one, zone)]
+        # Nobody has measured what is to come: the client's clock is ahead, for all that it posts together.
+        latest = arrived + self._max_ahead
+        values = [posted[place] for place, _ in found if not isinstance(posted[place].value, Fault)]
+        times = [one.time for one in values if one.time is not None and one.time <= latest]
+        ahead = max(times, default=arrived) - arrived
         # Counters need their counts in the order of time.
         found.sort(key=lambda pair: arrived if (when := posted[pair[0]].time) is None else when)
         counting = {id(watched): watched for _, watched in found if watched.channel.edge.counter}.values()
         before = [watched.counted for watched in counting]
-        readings = [watched.reading(posted[place], arrived, self._max_ahead) for place, watched in found]
+        readings = [
+            watched.reading(_dated(posted[place], ahead, latest), arrived, self._max_ahead) for place, watched in found
+        ]
         counters = tuple(_Counted(one, was, one.counted.until) for one, was in zip(counting, before, strict=True))
         if found:
             self._news.set()
@@ -208,6 +215,13 @@ class _Counted(NamedTuple):
         """Count from before the post again, if no other has come since."""
         if self.watched.counted.until == self.until:
             self.watched.count_from(self.before)
+
+
+def _dated(posted: Posted, ahead: float, latest: float) -> Posted:
+    """`posted` by a clock that is `ahead` s, if it is more than 0; a time after `latest` stays, to be refused."""
+    if ahead <= 0 or posted.time is None or posted.time > latest:
+        return posted
+    return posted._replace(time=posted.time - ahead)
 
 
 def _place(channel: HttpChannel) -> str:

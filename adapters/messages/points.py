@@ -189,6 +189,10 @@ def _dated(
     for entry in _entries(form, incoming, payload):
         when = entry if isinstance(entry, Rejected) else dating.date(entry, incoming)
         dated.append((incoming.arrived, when, "arrival") if isinstance(when, Rejected) else (when[0], entry, when[1]))
+    # Nobody has measured what is to come: the publisher's clock is ahead, for all that it sends together.
+    ahead = max((when - incoming.arrived for when, _, _ in dated), default=0.0)
+    if ahead > 0:
+        dated = [(when if isinstance(entry, Rejected) else when - ahead, entry, by) for when, entry, by in dated]
     return sorted(dated, key=lambda found: found[0])
 
 

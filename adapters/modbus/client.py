@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import struct
 import termios
 import time
 from collections.abc import Awaitable, Callable, Mapping
@@ -54,6 +55,10 @@ logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 class NoAnswer(Exception):
     """The unit did not answer, or cannot answer now; the connection may be sound."""
+
+
+class _Nonsense(ModbusException):
+    """What came is no answer that the protocol has."""
 
 
 class Refused(Exception):
@@ -107,6 +112,7 @@ class ReadingClient:
     def __init__(self, line: Line) -> None:
         client = _client(line)
         client.set_max_no_responses(_NEVER)
+        _guard(client)
         self._connected = lambda: client.connected
         self.connect: Callable[[], Awaitable[bool]] = client.connect
         self.close: Callable[[], None] = client.close
@@ -148,6 +154,10 @@ class ModbusLink:
             try:
                 response = await cancellable(self._client.reads[table](address, count=count, device_id=unit))
                 arrived = time.time()
+            except _Nonsense as error:
+                raise NoAnswer(
+                    "it answers with what is no Modbus; look at the device, or who else is on the line"
+                ) from error
             except ModbusException as error:
                 if not self._client.connected:
                     raise SourceUnavailable(
@@ -200,6 +210,22 @@ def _client(line: Line) -> ModbusBaseClient:
         reconnect_delay=0,
         trace_pdu=_only_reads,
     )
+
+
+def _guard(client: ModbusBaseClient) -> None:
+    """Let an answer that the library cannot decode end its request; else it ends the connection, with a traceback."""
+    protocol = client.ctx
+    handle = protocol.callback_data
+
+    def handled(data: bytes, addr: tuple[object, ...] | None = None) -> int:
+        try:
+            return handle(data, addr)
+        except (ModbusException, LookupError, ValueError, struct.error) as error:
+            if not protocol.response_future.done():
+                protocol.response_future.set_exception(_Nonsense(str(error)))
+            return len(data)
+
+    protocol.callback_data = handled  # type: ignore[method-assign]
 
 
 def _only_reads(sending: bool, pdu: ModbusPDU) -> ModbusPDU:

@@ -130,6 +130,12 @@ def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
     assert run(job()) == {"z/T": 21.5, "z/two": 5.0}
 
 
+async def ended(stream):
+    async with asyncio.timeout(PATIENCE):
+        async for _ in stream:
+            pass
+
+
 def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
 
@@ -157,6 +163,9 @@ def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
             before = time.time()
             batch = await anext(stream)
             assert before - 1 < batch.readings[0].time <= time.time(), "what holds is said again in every poll"
+            peer.silent = True
+            with pytest.raises(SourceUnavailable, match="no answer from"):
+                await ended(stream)
 
     run(job())
 

@@ -1,5 +1,6 @@
 import asyncio
 import gzip
+import os
 import threading
 import time
 from datetime import UTC, datetime
@@ -298,6 +299,12 @@ def test_an_unreadable_file_is_unavailable_when_its_turn_comes(tmp_path, plain):
             await anext(delivery)
 
     asyncio.run(until_it_fails())
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (problem,) = source(tmp_path / "pipe.csv").check()
+    assert "is a pipe or a device; give a file" in problem
 
 
 def test_a_missing_column_and_an_endless_quote_are_told_when_running(tmp_path):

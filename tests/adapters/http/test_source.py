@@ -188,3 +188,10 @@ def test_a_name_is_shown_on_one_line_and_not_in_full() -> None:
     assert Posted("a\nb\ud800", 1.0).shown == "a?b?"
     assert Posted("m", 1.0, field="f").shown == "m f"
     assert len(Posted("x" * 10_000, 1.0).shown) == 80
+
+
+def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> None:
+    """Otherwise a value of a time to come would take the place of the one that is measured then."""
+    posted = [Posted("office/T_i", 20.0 + k, NOW + when) for k, when in enumerate((2.0, 8.0, 60.0))]
+    readings = source(HttpChannel("office/T_i")).receive(posted, None, NOW).readings
+    assert [(one.time - NOW, one.fault) for one in readings] == [(-6.0, None), (0.0, None), (0.0, Fault.AHEAD_OF_TIME)]

@@ -42,6 +42,14 @@ def times(taken: Channels, *samples: Incoming) -> list[float]:
     return [reading.time for reading in readings(taken, *samples)]
 
 
+def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> None:
+    """Otherwise a value of a time to come would take the place of the one that is measured then."""
+    taken = channels(DATED, replace(SENML, id="room/x"))
+    pack = f'[{{"bt": {NOW}, "v": 1}}, {{"t": 4, "v": 2}}]'
+    assert times(channels(DATED), dated(NOW + 8, NOW)) == [NOW]
+    assert [one.time for one in taken.readings(TOPIC, [came(NOW, pack)]) if one.fault is None] == [NOW - 4, NOW]
+
+
 def test_what_was_had_is_passed_over_when_the_session_is_opened_anew() -> None:
     taken = channels(DATED)
     assert times(taken, dated(NOW - 60, NOW)) == [NOW - 60]

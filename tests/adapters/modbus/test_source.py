@@ -211,6 +211,25 @@ def test_an_answer_with_another_function_code_is_none(table, code):
     assert f"function code {code} instead of" in probe.verdict
 
 
+@pytest.mark.parametrize("pdu", [bytes([3, 255, 0, 1]), bytes([0x83]), bytes([3]), bytes([0x55, 1])])
+def test_an_answer_that_breaks_the_protocol_is_told_as_that(pdu, caplog):
+    async def answer(reader, writer):
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError), contextlib.closing(writer):
+            while True:
+                request = await reader.readexactly(12)
+                writer.write(request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu)
+
+    async def job():
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        async with server:
+            (probe,) = await source(server.sockets[0].getsockname()[1], [channel("c", 0)], timeout=0.5).probe(1)
+            return probe
+
+    assert "cable" not in (verdict := run(job()).verdict)
+    assert "no Modbus" in verdict
+    assert "data_received" not in caplog.text, "an answer that cannot be read is no fault of the connection"
+
+
 def test_a_hole_between_the_registers_costs_no_channel():
     async def job():
         site = plant(holding=list(range(20)))
