@@ -7,7 +7,8 @@ With x = T_set - T_i for a heater, and T_i - T_set for a cooler, and the heat q 
 
 The first is u = clip(a + b x, 0, P) with b = P / w and a = P/2 - b m. P is the power [W], m the offset [K] and w the
 band, or the hysteresis [K]. All are fitted by least squares, the kind is the one with the smaller squares, and what is
-uncertain follows from leaving out one day after the other (the jackknife of days: errors of one day are alike).
+uncertain follows from leaving out one day after the other (the jackknife of days, held to its median: errors of one day
+are alike).
 """
 
 from __future__ import annotations
@@ -43,6 +44,9 @@ _LEAST_EXPLAINED = 0.25
 
 _MARGIN = 0.5
 """K beyond its band from which a law calls for all or for nothing without doubt."""
+
+_FARTHEST = 4.5
+"""Median deviations beyond which what leaving out one day changes counts as this much: 3 standard deviations."""
 
 LITTLE, MUCH = 0.1, 0.5
 """Shares of its power below which next to nothing came, and above which most of it did."""
@@ -169,7 +173,10 @@ def _jackknife(numbers: Array, days: int) -> Array:
     if days < 2:
         # Of one day nobody knows how the next one differs.
         return np.diag((5.0 * smallest) ** 2)
-    apart = numbers[1:] - numbers[1:].mean(axis=0)
+    apart = numbers[1:] - np.median(numbers[1:], axis=0)
+    # Without one day, the search may end in another valley: that is no spread of the valley that was found.
+    usual = _FARTHEST * np.median(np.abs(apart), axis=0) + smallest / np.sqrt(days)
+    apart = np.clip(apart, -usual, usual)
     covariance = (days - 1.0) / days * apart.T @ apart
     return np.asarray(covariance + np.diag(smallest**2), dtype=np.float64)
 

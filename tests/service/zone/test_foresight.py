@@ -8,6 +8,7 @@ from support.zone_samples import comparable
 from adapters.reading import Quality
 from adapters.units import IDENTITY, conversion
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
+from estimator.foresight import FADES
 from estimator.network.presets import network
 from estimator.registry import build
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
@@ -70,11 +71,11 @@ def test_then_outdoor_temperature_and_sun_follow_the_day_before_and_heating_is_h
     assert [origins[name].origin for name in ("T_out", "I_sol", "u_heat")] == ["yesterday", "yesterday", "held"]
 
 
-def test_the_shape_of_a_temperature_begins_with_the_last_value():
+def test_the_shape_of_a_temperature_begins_with_the_last_value_and_goes_back():
     zone = fed(worker(), DAY // PERIOD)
     fed(zone, 30, DAY // PERIOD, colder=3.0)
     times, columns, _ = seen(zone, 40)
-    assert np.allclose(columns["T_out"], [outdoors(time) - 3.0 for time in times])
+    assert np.allclose(columns["T_out"], [outdoors(time) - 3.0 * np.exp((times[0] - time) / FADES) for time in times])
     assert np.allclose(columns["I_sol"], [sun(time) for time in times])
 
 
