@@ -14,7 +14,7 @@ from adapters.bacnet.objects import LARGEST_INSTANCE, parse_object
 from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
 from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
-from adapters.fields.values import Flag, PositiveDuration, Timeout, whole
+from adapters.fields.values import Flag, Port, PositiveDuration, Retries, Timeout, whole
 from adapters.fields.words import shown
 
 _ROUTED = re.compile(r"(?P<net>[0-9]{1,5}):(?:0x[0-9a-fA-F]{2,14}|[0-9]{1,3})")
@@ -118,14 +118,12 @@ class BacnetConfig(LiveConfig):
     interface: Interface = Field(
         description='this machine\'s address on the BACnet network with its prefix, such as "192.168.1.10/24"'
     )
-    port: Annotated[int, BeforeValidator(whole(1, 65535))] = Field(default=PORT, description="UDP port of the network")
+    port: Port = Field(default=PORT, description="UDP port of the network")
     bbmd: HostAndPort | None = Field(default=None, description="broadcast management device to register with")
     ttl: Lifetime = Field(default=300.0, description="how long that registration lasts; it is renewed")
     poll: PositiveDuration = Field(default=10.0, description="time between two readings of a channel")
     timeout: Timeout = Field(default=3.0, description="time limit for each answer")
-    retries: Annotated[int, BeforeValidator(whole(0, 10))] = Field(
-        default=1, description="repeats of a request without an answer"
-    )
+    retries: Retries = Field(default=1, description="repeats of a request without an answer")
     lifetime: Lifetime = Field(default=300.0, description="how long a subscription lasts; renewed half-way")
     device: Instance | None = None
     at: Place | None = None

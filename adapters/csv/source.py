@@ -14,7 +14,7 @@ from adapters.csv.cells import FAULTS, Status
 from adapters.csv.growing import GrowingFile
 from adapters.csv.table import CsvChannel, Layout, Table, column_problems, read_header, read_table
 from adapters.edge import Converter
-from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.errors import SourceError, SourceUnavailable
 from adapters.pacing import Pacer
 from adapters.reading import Batch, Probe, Reading
 from adapters.timestamps import time_zone, timestamp_parser
@@ -66,7 +66,6 @@ class CsvSource:
         self._channels = tuple(channels)
         self._pace = pace
         self._closed = False
-        _check_settings(self._files, delimiter, decimal, encoding, pace)
         self._layout = Layout(
             timestamp_column,
             timestamp_parser(timestamp_format),
@@ -183,20 +182,3 @@ def _probe(channel: CsvChannel, index: int, table: Table, row: int) -> Probe:
     if channel.edge.counter:
         return Probe(channel.id, place, f"{value:g}", None, time, hints=("a counter: its differences become power",))
     return Probe(channel.id, place, "-", value, time)
-
-
-def _check_settings(files: Sequence[Path], delimiter: str, decimal: str, encoding: str, pace: float | None) -> None:
-    if not files:
-        raise SourceConfigError("no file is named; list at least one in 'files'")
-    if len(delimiter) != 1 or delimiter in '"\r\n':
-        raise SourceConfigError(f"delimiter {delimiter!r} is not usable; give one character such as ',' or ';'")
-    if decimal not in (".", ","):
-        raise SourceConfigError(f"decimal mark {decimal!r} is not usable; it can be '.' or ','")
-    if delimiter == decimal:
-        raise SourceConfigError(f"delimiter and decimal mark are both '{decimal}'; they must differ")
-    try:
-        "".encode(encoding)
-    except (LookupError, ValueError):
-        raise SourceConfigError(f"encoding '{encoding}' is unknown; use a name such as 'utf-8' or 'latin-1'") from None
-    if pace is not None and not 0 < pace < inf:
-        raise SourceConfigError(f"pace {pace:g} is not usable; give a multiple of real time above 0, or 'max'")

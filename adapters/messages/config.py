@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 from pydantic import BeforeValidator, Field
 
 from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
-from adapters.fields.values import Duration, PositiveDuration, Text, TimeZone, choice, whole
+from adapters.fields.values import Count, Duration, PositiveDuration, Text, TimeZone, choice
 from adapters.fields.words import shown
 from adapters.messages.points import MessageChannel
 from adapters.payload.json_pointer import parse
@@ -51,7 +51,7 @@ class MessagesConfig(LiveConfig):
     """What the table of such a source says of all of its messages."""
 
     max_ahead: Duration = Field(default=10.0, description="how far a time may be ahead of this machine's clock")
-    queue: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
+    queue: Count = Field(
         default=1000, description="messages that wait per key or topic; beyond it the oldest is dropped"
     )
     longest_stretch: PositiveDuration = Field(

@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, Field, model_validator
 from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
 from adapters.fields.tables import TABLE
-from adapters.fields.values import Duration, Flag, PositiveDuration, Text, Timeout, choice, number, whole
+from adapters.fields.values import Duration, Flag, Port, PositiveDuration, Retries, Text, Timeout, choice, number, whole
 from adapters.modbus.client import TRANSPORTS, Line
 from adapters.modbus.codec import ORDERS, TYPES, Format
 from adapters.modbus.plan import REGISTERS_AT_MOST, TABLES, Limits
@@ -130,13 +130,11 @@ class ModbusConfig(LiveConfig):
         default="tcp", description="Modbus TCP, RTU frames over TCP, or a serial port"
     )
     host: Text | None = Field(default=None, description='device or gateway; required unless `"rtu"`')
-    port: Annotated[int, BeforeValidator(whole(1, 65535))] = Field(default=502, description="TCP port")
+    port: Port = Field(default=502, description="TCP port")
     serial: SerialConfig | None = Field(default=None, description='the serial port; required for `"rtu"`')
     poll: PositiveDuration = Field(default=10.0, description="time between two readings of a channel")
     timeout: Timeout = Field(default=3.0, description="time limit for a connection and each answer")
-    retries: Annotated[int, BeforeValidator(whole(0, 10))] = Field(
-        default=1, description="repeats of a request without an answer"
-    )
+    retries: Retries = Field(default=1, description="repeats of a request without an answer")
     pause: Duration = Field(default=0.0, description="pause between two requests")
     batch: Flag = Field(default=True, description="false: one request per channel")
     max_registers: Annotated[int, BeforeValidator(whole(1, REGISTERS_AT_MOST))] = Field(

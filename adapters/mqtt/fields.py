@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from adapters.credentials import Tls
 from adapters.fields.logins import CertificatesConfig, LoginConfig
-from adapters.fields.values import PositiveDuration, Text, Timeout, choice, text, whole
+from adapters.fields.values import Port, PositiveDuration, Text, Timeout, choice, text
 from adapters.mqtt.broker import VERSIONS, Broker, topic_problem
 
 PORT, TLS_PORT = 1883, 8883
@@ -33,9 +33,7 @@ class BrokerConfig(LoginConfig):
     """What every table that leads to a broker has."""
 
     host: Text | None = Field(default=None, description="name or address of the broker")
-    port: Annotated[int, BeforeValidator(whole(1, 65535))] | None = Field(
-        default=None, description="TCP port; none: 1883, with `tls` 8883"
-    )
+    port: Port | None = Field(default=None, description="TCP port; none: 1883, with `tls` 8883")
     version: Annotated[str, BeforeValidator(choice(*VERSIONS))] = Field(default="5", description="version of MQTT")
     client_id: Text | None = Field(
         default=None, description="name at the broker; none: `thermogate-<site>`, of a source with `-<name>`"

@@ -9,7 +9,7 @@ from typing import Annotated, Self
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
 from adapters.fields.tables import TABLE
-from adapters.fields.values import FilePath, Flag, PositiveDuration, is_loopback, text, whole
+from adapters.fields.values import Count, FilePath, Flag, PositiveDuration, is_loopback, text, whole
 from adapters.fields.words import shown
 
 _HOST_NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(?:\.(?!-)[A-Za-z0-9-]{1,63})*")
@@ -47,12 +47,8 @@ class LimitsConfig(BaseModel):
 
     model_config = TABLE
 
-    connections: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
-        default=256, description="connections at a time"
-    )
-    connections_per_client: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
-        default=32, description="of one address (IPv6: one /64)"
-    )
+    connections: Count = Field(default=256, description="connections at a time")
+    connections_per_client: Count = Field(default=32, description="of one address (IPv6: one /64)")
     streams: Annotated[int, BeforeValidator(whole(0, 100_000))] = Field(
         default=64, description="event streams at a time"
     )

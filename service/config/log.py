@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, Field
 
 from adapters.fields.tables import TABLE
-from adapters.fields.values import choice, whole
+from adapters.fields.values import Count, choice
 
 LEVELS = {
     "debug": logging.DEBUG,
@@ -29,6 +29,4 @@ class LogConfig(BaseModel):
     level: Annotated[str, BeforeValidator(choice(*LEVELS))] = Field(
         default="info", description="lowest level that is written"
     )
-    limit: Annotated[int, BeforeValidator(whole(1, 100_000))] = Field(
-        default=10, description="lines a minute of one message about one zone or source"
-    )
+    limit: Count = Field(default=10, description="lines a minute of one message about one zone or source")

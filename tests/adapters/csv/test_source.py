@@ -329,26 +329,13 @@ def test_no_bytes_can_crash_the_source(tmp_path_factory, data, encoding):
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"delimiter": ";;"}, "delimiter ';;' is not usable"),
-        ({"delimiter": ""}, "delimiter '' is not usable"),
-        ({"decimal": ";"}, "decimal mark ';' is not usable"),
-        ({"decimal": ","}, "delimiter and decimal mark are both ','"),
-        ({"encoding": "utf-9"}, "encoding 'utf-9' is unknown"),
-        ({"encoding": "base64"}, "encoding 'base64' is unknown"),
-        ({"pace": 0.0}, "pace 0 is not usable"),
-        ({"pace": nan}, "pace nan is not usable"),
         ({"zone": "Mars/Olympus"}, "time zone 'Mars/Olympus' is unknown"),
         ({"timestamp_format": "%H"}, "timestamp format '%H' is not usable"),
     ],
 )
-def test_settings_that_cannot_work_are_refused(plain, wrong, sentence):
+def test_times_that_cannot_be_read_are_refused(plain, wrong, sentence):
     with pytest.raises(SourceConfigError, match=sentence):
         source(plain, **wrong)
-
-
-def test_a_source_without_files_is_refused():
-    with pytest.raises(SourceConfigError, match="list at least one in 'files'"):
-        source()
 
 
 def test_a_column_without_a_name(tmp_path):
