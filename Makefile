@@ -65,7 +65,7 @@ golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as 
 
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the test against it
 
-bench: $(VENV)/.bench  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
+bench: $(VENV)/.ready  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.lab.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
 
 KILLS ?= 500
@@ -85,8 +85,8 @@ audit:  ## every pinned dependency against the database of known vulnerabilities
 overload: $(VENV)/.ready  ## ten times the configured rate of readings for 10 minutes, and samples ten times faster than they are taken
 	$(BIN)/python -m replay.lab.measuring.overload
 
-soak: $(VENV)/.bench  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
-	$(BIN)/python -m replay.lab.measuring.soak --picture var/soak/soak.svg $(SOAK)
+soak: $(VENV)/.ready  ## 96 simulated hours of the real daemon with restless clients and faults: memory, descriptors, disk; SOAK='--hours 720' changes it
+	$(BIN)/python -m replay.lab.measuring.soak $(SOAK)
 
 attack: $(VENV)/.ready  ## every known attack on a live daemon, and a table of what each cost; seven minutes
 	$(BIN)/python tests/attack/run.py
@@ -122,10 +122,6 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 $(VENV)/home-assistant/installed: .ci/home-assistant | $(VENV)/.ready
 	@$(PYTHON) .ci/home-assistant $(VENV)/home-assistant && touch $@ || \
 	  echo "Home Assistant cannot be installed; the test against it is skipped"
-
-$(VENV)/.bench: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,bench]' && touch $@ || \
-	  echo "the extra 'bench' cannot be installed; what needs it is left out"
 
 # For CI and for whoever wants them: without it, the tests of buildings of EnergyPlus are skipped.
 $(VENV)/.energyplus: $(VENV)/.ready

@@ -25,7 +25,7 @@ def add_to(add: AddCommand) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="data instead of the built-in: a CSV file; for peers and hours-ahead the folder of the data",
+        help="data instead of the built-in: a CSV file; for hours-ahead the folder of the data",
     )
     parser.add_argument(
         "--seeds",

@@ -53,7 +53,7 @@ def _learn(arguments: argparse.Namespace) -> int:
         print("\n  ".join([history.described(zone), *history.doubts]))
     if not any(history.samples for history in histories.values()):
         raise ServiceError("there is nothing to learn from; look at timestamp, decimal and unit of the sources")
-    learned = learn(config, histories, arguments.start, arguments.end, jobs=arguments.jobs)
+    learned = learn(config, histories, jobs=arguments.jobs)
     for zone, known in learned.known.items():
         print(f"zone '{zone}': {known} samples are not later than what it knows already, and were passed over")
     if not learned.traces:

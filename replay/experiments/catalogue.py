@@ -32,10 +32,6 @@ EXPERIMENTS = {
         "which RC network to take: the paper's candidates and one's own, fitted and ranked (Tables 2 and 3)",
         in_lab=False,
     ),
-    "peers": Entry(
-        "experiments.peers.experiment",
-        "measured buildings that others have fitted, from the folder that --data names",
-    ),
     "hours-ahead": Entry(
         "replay.experiments.hours_ahead.experiment",
         "forecasts of the next step and up to a day ahead, by every estimator on measured and simulated recordings",

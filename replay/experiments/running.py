@@ -9,7 +9,6 @@ from replay.errors import ReplayError
 from replay.experiments.catalogue import EXPERIMENTS
 from replay.experiments.checkout import laboratory
 from replay.experiments.pool import run_jobs
-from replay.experiments.progress import Taken
 from replay.experiments.request import Experiment, Request
 from replay.reports.kit.report import write_report
 
@@ -32,8 +31,4 @@ def run_experiment(name: str, request: Request, out: Path, *, workers: int, prog
         results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
-    scored = Taken(results, "scoring")
-    try:
-        return write_report(experiment.report(scored), out)
-    finally:
-        scored.close()
+    return write_report(experiment.report(results), out)

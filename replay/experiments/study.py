@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
 from replay.reports.kit.report import Report
 from replay.reports.kit.table import Cell, Spread, Table, spread
 
@@ -104,5 +105,8 @@ class Study:
 
     def report(self, results: Sequence[Arrays]) -> Report:
         """The report of the results, which come in the order of the jobs; each is measured and let go."""
-        figures = [self.measure(run, arrays) for run, arrays in zip(self.runs, results, strict=True)]
+        figures = [
+            self.measure(run, arrays)
+            for run, arrays in steps(zip(self.runs, results, strict=True), "scoring", len(self.runs))
+        ]
         return self.written(Results(self.runs, figures))

@@ -47,9 +47,6 @@ _ENDED = (
     "on where it stopped"
 )
 
-_AHEAD = 2
-"""Chunks of a zone that wait for its process at most."""
-
 
 class History(NamedTuple):
     """What a recording holds of one zone, by the zone's own grid."""
@@ -68,6 +65,8 @@ class History(NamedTuple):
     """Refused readings by kind."""
     doubts: Sequence[str] = ()
     """What looks wrong with it, one sentence each."""
+    recorded: Sequence[Sample] = ()
+    """The samples themselves, in order."""
 
     def described(self, zone: str) -> str:
         """One line about the history of `zone`."""
@@ -99,15 +98,13 @@ def survey(config: Config, start: float | None, end: float | None) -> dict[str, 
     return asyncio.run(_survey(config, start, end))
 
 
-def learn(
-    config: Config, histories: Mapping[str, History], start: float | None, end: float | None, *, jobs: int | None = None
-) -> Learned:
-    """Take the recording of `config`, of which `survey` has told the `histories`, into the state of its zones.
+def learn(config: Config, histories: Mapping[str, History], *, jobs: int | None = None) -> Learned:
+    """Take the `histories` that `survey` has found for the zones of `config` into their state.
 
     `jobs` processes learn, by default one for each core. Raises ServiceError where the state cannot be written, a
     daemon runs on it, or it belongs to another configuration.
     """
-    return asyncio.run(_Run(config, histories, jobs or os.cpu_count() or 1).learned(start, end))
+    return asyncio.run(_Run(config, histories, jobs or os.cpu_count() or 1).learned())
 
 
 async def _survey(config: Config, start: float | None, end: float | None) -> dict[str, History]:
@@ -137,6 +134,7 @@ def _history(zone: ZoneConfig, samples: Sequence[Sample], alignment: Alignment) 
         longest_gap=int(np.diff(times[known[:, 0]]).max(initial=zone.period) - zone.period),
         refused=refused,
         doubts=doubts(zone, times, values),
+        recorded=samples,
     )
 
 
@@ -157,14 +155,14 @@ class _Run:
         self._jobs = max(1, min(jobs, len(self._zones)))
         self._known: dict[str, int] = {}
 
-    async def learned(self, start: float | None, end: float | None) -> Learned:
+    async def learned(self) -> Learned:
         store = Store(self._config.site.state_dir)
         try:
             async with _processes(self._jobs) as processes:
                 owners = {zone: processes[place % self._jobs] for place, zone in enumerate(self._zones)}
                 total = sum(history.samples for history in self._histories.values())
                 with tqdm(total=total, unit=" samples", delay=SLOW, desc="learning", disable=None) as bar:
-                    await self._fed(store, owners, start, end, bar)
+                    await self._fed(store, owners, bar)
                 loop = asyncio.get_running_loop()
                 traces = [
                     await loop.run_in_executor(owner, _trace, zone, self._histories[zone].refused)
@@ -180,36 +178,17 @@ class _Run:
             store.close()
         return Learned([trace for trace in traces if trace is not None], self._known)
 
-    async def _fed(
-        self, store: Store, owners: Mapping[str, ProcessPoolExecutor], start: float | None, end: float | None, bar: Any
-    ) -> None:
-        """Read the recording, and let every zone learn from what is new."""
-        alignments: dict[str, Alignment] = {}
-        waiting: dict[str, asyncio.Queue[list[Sample] | None]] = {}
+    async def _fed(self, store: Store, owners: Mapping[str, ProcessPoolExecutor], bar: Any) -> None:
+        """Let every zone learn from what is new."""
         async with asyncio.TaskGroup() as tasks:
             for name, zone in self._zones.items():
-                student = _Student(store, zone, owners[name], bar)
-                alignments[name] = make_alignment(zone, resume_after=await student.resume())
-                waiting[name] = asyncio.Queue(_AHEAD)
-                tasks.create_task(student.learn(waiting[name]))
-            chunks: dict[str, list[Sample]] = {name: [] for name in self._zones}
-            taken = dict.fromkeys(self._zones, 0)
-            async for part in recorded(self._config, alignments, start, end):
-                for sample in aligned(alignments[part.zone], part):
-                    if _within(sample, start, end):
-                        chunks[part.zone].append(sample)
-                        taken[part.zone] += 1
-                if len(chunks[part.zone]) >= _CHUNK:
-                    await waiting[part.zone].put(chunks[part.zone])
-                    chunks[part.zone] = []
-            for name, chunk in chunks.items():
-                if chunk:
-                    await waiting[name].put(chunk)
-                await waiting[name].put(None)
-        self._known = {
-            name: known for name in self._zones if (known := self._histories[name].samples - taken[name]) > 0
-        }
-        bar.update(sum(self._known.values()))
+                student, samples = _Student(store, zone, owners[name], bar), self._histories[name].recorded
+                last = await student.resume()
+                new = [sample for sample in samples if last is None or sample.time > last]
+                if known := len(samples) - len(new):
+                    self._known[name] = known
+                    bar.update(known)
+                tasks.create_task(student.learn(new))
 
 
 class _Student:
@@ -232,9 +211,10 @@ class _Student:
             step = samples[-1].time
         return last
 
-    async def learn(self, chunks: asyncio.Queue[list[Sample] | None]) -> None:
-        """Take `chunks` of samples until there is None; each is in the journal before it is learned from."""
-        while (samples := await chunks.get()) is not None:
+    async def learn(self, new: Sequence[Sample]) -> None:
+        """Take the samples `new` in chunks; each is in the journal before it is learned from."""
+        for begin in range(0, len(new), _CHUNK):
+            samples = new[begin : begin + _CHUNK]
             await asyncio.gather(*(self._store.append(self._zone.id, sample) for sample in samples))
             await self._learned(samples)
             self._bar.update(len(samples))

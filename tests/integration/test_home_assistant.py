@@ -231,7 +231,7 @@ def test_a_zone_learns_from_what_the_recorder_has_kept(tmp_path: Path) -> None:
     (tmp_path / "plant.toml").write_text(plant)
     (tmp_path / "history.toml").write_text(history)
     config = load_history(tmp_path / "plant.toml", tmp_path / "history.toml")
-    (trace,) = learn(config, survey(config, None, None), None, None, jobs=1).traces
+    (trace,) = learn(config, survey(config, None, None), jobs=1).traces
     measured = [row.y for row in trace.rows if row.y == row.y]
     assert len(measured) >= 4
     assert measured == sorted(measured)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +19,7 @@ from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Run, Study
 from replay.lab.experiments import published
 from replay.lab.experiments.semi_synthetic.case import simulated_case
+from replay.lab.measuring.bench.machine import processor
 from replay.reports.kit.report import Report, Section
 from replay.simulated.semi_synthetic import PERIOD
 
@@ -88,7 +87,7 @@ def prepare(request: Request) -> Study:
     """The experiment for `request`; NetworkError or ReplayError where it cannot be made."""
     request.accept("data", "seeds", "particles", "network")
     networks = [preset(name) for name in ([request.network] if request.network else ["building-67", "ecolar-6r4c"])]
-    seed, here = request.seeds_or(1)[0], machine()
+    seed, here = request.seeds_or(1)[0], processor()
     entered = contenders(PARTICLES if request.particles is None else (request.particles,))
     # What is measured does not matter to the time it takes; a day or two of the simulated building will do.
     short = Request(data=request.data, days=max(1, -(-SAMPLES * PERIOD // 86_400)))
@@ -156,14 +155,3 @@ def _report(results: Results, here: str) -> Report:
             ),
         ),
     )
-
-
-def machine() -> str:
-    """The processor's name, as far as the system tells, and what runs on it."""
-    name = platform.processor() or platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        name = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), name)
-    except OSError:
-        pass  # not Linux
-    return f"{name}, Python {platform.python_version()}"

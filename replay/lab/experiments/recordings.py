@@ -5,6 +5,7 @@ A new one is a function from the folder of --data to a `Recording`, and one line
 
 from __future__ import annotations
 
+import csv
 import logging
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -27,9 +28,9 @@ from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Known, Recording, of_zone
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
+from replay.experiments.series.filtering import Series
 from replay.lab.experiments import rooms
 from replay.lab.experiments.ecolar.experiment import configuration
-from replay.lab.experiments.peers.data import read_columns, unbroken_series
 from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.localtime import HOUR
 from replay.simulated import ecolar
@@ -88,6 +89,30 @@ def at_hand(folder: Path | None, names: Sequence[str]) -> list[Recording]:
     if not found:
         raise ReplayError("no recording is at hand; name the folder of the data with --data")
     return found
+
+
+def unbroken_series(output: Array, inputs: list[Array], period: int) -> Series:
+    """One segment every `period` s from the channels (K,) of one output and of the inputs, in the network's order."""
+    starts = np.zeros(len(output), dtype=np.bool_)
+    starts[0] = True
+    return Series(period * np.arange(len(output)), output[:, None], np.column_stack(inputs), starts)
+
+
+def read_columns(path: Path, *names: str) -> list[Array]:
+    """The named columns (K,) of a published CSV file; ReplayError where it is not what it should be."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.DictReader(file))
+        table = [np.array([float(row[name]) for row in rows]) for name in names]
+    except OSError as error:
+        raise ReplayError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    except KeyError as error:
+        raise ReplayError(f"{path}: column {error} is missing; this is not the published file") from error
+    except (ValueError, TypeError) as error:
+        raise ReplayError(f"{path}: a cell is not a number ({error}); this is not the published file") from error
+    if not rows or not all(np.isfinite(values).all() for values in table):
+        raise ReplayError(f"{path}: it is empty or has gaps; this is not the published file")
+    return table
 
 
 def _with_sun(network: Network) -> Network:

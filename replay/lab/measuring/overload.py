@@ -17,17 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import tomli_w
 
-from estimator.network.presets import network
 from replay.errors import MeasurementError, ReplayError
-from replay.lab.measuring.fleet.clients import ENDPOINTS, Clients
-from replay.lab.measuring.fleet.measures import summary
-from replay.lab.measuring.processes import DaemonProcess
-from replay.lab.measuring.soak.run import Soak, run
-from replay.recorded.tables import cells, utc_stamps, write_table
-from replay.simulated import semi_synthetic
-from service.fields.durations import format_duration
+from replay.lab.measuring.clients import ENDPOINTS, Clients, summary
+from replay.lab.measuring.daemon import DaemonProcess
+from replay.lab.measuring.scenario import Scenario, write, zone_ids
+from replay.lab.measuring.soak import Soak, run
 from service.zone.mailbox import ROOM
 
 FACTOR = 10.0
@@ -38,7 +33,7 @@ _PACE = 600.0
 _POLL = 0.2
 """s between two polls in the configuration of the simulated building at that pace."""
 
-_ZONE = "fast"
+(_ZONE,) = zone_ids(1)
 
 
 def readings(folder: Path, seconds: float, particles: int = 3000) -> dict[str, Any]:
@@ -52,7 +47,7 @@ def readings(folder: Path, seconds: float, particles: int = 3000) -> dict[str, A
         polls=_POLL / FACTOR,
         faults=False,
     )
-    found, observations, _ = run(soak, folder)
+    found, observations = run(soak, folder)
     early = observations[len(observations) // 3]
     return {
         "seconds": seconds,
@@ -71,9 +66,9 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
 
     Raises MeasurementError where the daemon ends, or does not come to the end of the recording.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    times = _write(folder, count, particles, every)
-    with DaemonProcess(folder / "overload.toml", folder / "daemon.log") as daemon:
+    scenario = Scenario(1, particles, "building-67", every, count - 4)
+    config = write(scenario, folder)
+    with DaemonProcess(config, folder / "daemon.log") as daemon:
         url = daemon.url()
         memory: list[int] = []
         while not _status(url)["samples"]:
@@ -94,10 +89,10 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
         rows = httpx.get(f"{url}/zones/{_ZONE}/history", params={"limit": 20_000}, timeout=60.0).json()["rows"]
         stopped = daemon.stop()
     return {
-        **rates(count - taken_before, took, every),
+        **rates(scenario.rows - taken_before, took, every),
         "seconds": took,
-        "samples": count,
-        "lost": len(set(times) - {row["time"] for row in rows}),
+        "samples": scenario.rows,
+        "lost": scenario.rows - len({row["time"] for row in rows}),
         "out_of_order": sum(a["time"] >= b["time"] for a, b in pairwise(rows)),
         "overruns": status["overruns"],
         "mailbox": ROOM,
@@ -112,37 +107,6 @@ def rates(taken: int, seconds: float, every: float) -> dict[str, float]:
     times more the first are."""
     offered, served = 1.0 / every, max(taken, 1) / seconds
     return {"offered_per_s": offered, "served_per_s": served, "factor": offered / served}
-
-
-def _write(folder: Path, count: int, particles: int, every: float) -> list[str]:
-    """Recording and configuration; the times of its samples."""
-    house, recording = network("building-67"), semi_synthetic.generate(None, seed=1)
-    if count > len(recording.times):
-        raise MeasurementError(f"the recording has {len(recording.times)} samples; ask for no more")
-    stamps = utc_stamps(recording.times[:count])
-    columns = [cells(recording.columns[channel][:count], 4) for channel in house.channels]
-    write_table(folder / "overload.csv", ["timestamp", *house.channels], [stamps, *columns])
-    source = {"kind": "csv", "files": ["overload.csv"], "timestamp": {"column": "timestamp"}}
-    channels = {
-        channel: {"source": "recording", "column": channel, "unit": house.channel_unit(channel)}
-        for channel in house.channels
-    }
-    zone = {
-        "id": _ZONE,
-        "period": format_duration(semi_synthetic.PERIOD),
-        "network": "building-67",
-        "estimator_options": {"particles": particles},
-        "channels": channels,
-    }
-    configuration = {
-        "site": {"id": "overload", "state_dir": "state"},
-        "http": {"port": 0},
-        "zenoh": {"enabled": False},
-        "sources": {"recording": source | {"pace": semi_synthetic.PERIOD / every}},
-        "zones": [zone],
-    }
-    (folder / "overload.toml").write_text(tomli_w.dumps(configuration), encoding="utf-8")
-    return list(stamps)
 
 
 def _status(url: str) -> dict[str, Any]:
@@ -179,11 +143,11 @@ def main() -> int:
     """Run both; 0 if nothing was lost and memory stayed level."""
     parser = argparse.ArgumentParser(prog="python -m replay.lab.measuring.overload", description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="of readings (default 600)")
-    parser.add_argument("--samples", type=int, default=20_000, help="of the recording, to 22,176 (default 20000)")
+    parser.add_argument("--samples", type=int, default=20_000, help="of the recording, 5 to 20,000 (default 20000)")
     parser.add_argument("--out", type=Path, default=Path("var/overload"), help="folder, emptied first")
     given = parser.parse_args()
-    if given.seconds <= 0 or given.samples < 2:
-        parser.error("seconds are above 0, samples 2 at least")
+    if given.seconds <= 0 or not 5 <= given.samples <= 20_000:
+        parser.error("seconds are above 0, samples 5 to 20,000")
     shutil.rmtree(given.out, ignore_errors=True)
     try:
         found = {

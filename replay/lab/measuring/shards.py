@@ -16,7 +16,6 @@ import argparse
 import json
 import os
 import shutil
-import socket
 import sys
 import time
 import tomllib
@@ -30,8 +29,8 @@ import tomli_w
 
 from estimator.errors import EstimatorError
 from replay.errors import MeasurementError, ReplayError
-from replay.lab.measuring.fleet.scenario import Scenario, write
-from replay.lab.measuring.processes import DaemonProcess
+from replay.lab.measuring.daemon import DaemonProcess, free_port
+from replay.lab.measuring.scenario import Scenario, write
 from service.errors import ServiceError
 from service.store.postgres.database import Database
 from service.store.postgres.names import schema_of
@@ -59,7 +58,7 @@ def measure(database: str, scenario: Scenario, shards: Sequence[int], folder: Pa
         place = folder / site
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir(parents=True)
-        port = _free_port()
+        port = free_port()
         config = _write_site(scenario, place, site, port, database, count)
         try:
             runs.append({"shards": count, **_run(config, place / "log", port, scenario, fleet=count > 0)})
@@ -121,18 +120,13 @@ def _against(run: dict[str, Any], daemon: dict[str, Any]) -> dict[str, float]:
 
 def _write_site(scenario: Scenario, folder: Path, site: str, port: int, database: str, shards: int) -> Path:
     """The configuration of a run beside its recording; the daemon passes [fleet] over."""
-    path = write(scenario, folder, zenoh_port=1)
+    path = write(scenario, folder)
     document = tomllib.loads(path.read_text(encoding="utf-8"))
     document["site"]["id"] = site
     document["http"]["port"] = port
-    document["zenoh"] = {"enabled": False}
-    document["sources"]["recording"]["pace"] = "max"
-    document["fleet"] = {
-        "database": database,
-        "shards": max(1, shards),
-        # The estimators of all shards have as many threads as those of the daemon, one each at least.
-        "shard_cpus": (os.cpu_count() or 1) / max(1, shards),
-    }
+    # The estimators of all shards have as many threads as those of the daemon, one each at least.
+    cpus = (os.cpu_count() or 1) / max(1, shards)
+    document["fleet"] = {"database": database, "shards": max(1, shards), "shard_cpus": cpus}
     path.write_text(tomli_w.dumps(document), encoding="utf-8")
     return path
 
@@ -158,13 +152,6 @@ def _refuse_used(database: str, site: str) -> None:
 def _drop(database: str, site: str) -> None:
     with closing(Database(database, site)) as tables:
         tables.transaction(lambda cursor: cursor.execute(f'DROP SCHEMA IF EXISTS "{schema_of(site)}" CASCADE'))
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def table(runs: Sequence[dict[str, Any]]) -> str:
@@ -193,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if min(given.zones, given.rows, *given.shards) < 1:
         parser.error("zones, rows and shards are at least 1")
-    scenario = Scenario(given.zones, given.particles, given.network, every=1.0, rounds=given.rows)
+    scenario = Scenario(given.zones, given.particles, given.network, every=None, rounds=given.rows)
     try:
         runs = measure(given.database, scenario, given.shards, given.out)
     except (ReplayError, ServiceError, EstimatorError) as error:

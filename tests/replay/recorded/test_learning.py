@@ -65,7 +65,7 @@ def written(folder, plant=PLANT, history=HISTORY):
 
 def learned(folder, start=None, end=None):
     config = load_history(*written(folder))
-    return learn(config, survey(config, start, end), start, end, jobs=1)
+    return learn(config, survey(config, start, end), jobs=1)
 
 
 def state_of(folder):
@@ -172,6 +172,6 @@ def test_a_running_daemon_and_a_live_source_are_refused(tmp_path):
     config = load_history(*written(tmp_path))
     histories = survey(config, None, None)
     with locked(tmp_path / "state"), pytest.raises(ServiceError, match="another thermogate already runs"):
-        learn(config, histories, None, None, jobs=1)
+        learn(config, histories, jobs=1)
     with pytest.raises(ServiceError, match="is live"):
         survey(load(tmp_path / "plant.toml"), None, None)

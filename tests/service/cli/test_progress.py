@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from replay.experiments.progress import Taken, steps
+from replay.experiments.progress import steps
 from service.cli import progress
 from service.cli.progress import waiting_for
 
@@ -81,12 +81,3 @@ def test_nobody_watching_sees_nothing(capsys: pytest.CaptureFixture[str]) -> Non
     assert asyncio.run(scenario()) == "found"
     assert list(steps("abc", "reading", 3)) == ["a", "b", "c"]
     assert capsys.readouterr().err == ""
-
-
-def test_results_are_counted_as_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    watched(monkeypatch)
-    taken = Taken([1, 2, 3, 4], "scoring")
-    assert (len(taken), taken[1:3], taken[3]) == (4, [2, 3], 4)
-    assert taken._bar.n == 3
-    assert list(taken) == [1, 2, 3, 4]
-    taken.close()

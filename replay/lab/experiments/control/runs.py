@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -67,21 +67,12 @@ def _lived(run: ControlRun, tick: Tick) -> Lived:
         return close(scene, Thermostat(scene, run.margin, run.early), tick)
     if run.controller == PERFECT:
         return foreseen(scene, run.margin, tick)
-    make, begins, trusting = _PLANNERS[run.controller](run)
+    trusting, begins = run.controller != THERMOGATE, scene.controlled_from
+    make = _online(run, "ekf" if run.controller == EKF else run.estimator)
+    if run.controller == LEAST_SQUARES:
+        make, begins = _least_squares(run)
     with Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting, margin=run.margin) as planner:
         return close(scene, planner, tick)
-
-
-def _thermogate(run: ControlRun) -> tuple[MakeSite, int, bool]:
-    return _online(run, run.estimator), run.scene.controlled_from, False
-
-
-def _untrusting(run: ControlRun) -> tuple[MakeSite, int, bool]:
-    return _online(run, run.estimator), run.scene.controlled_from, True
-
-
-def _ekf(run: ControlRun) -> tuple[MakeSite, int, bool]:
-    return _online(run, "ekf"), run.scene.controlled_from, True
 
 
 def _online(run: ControlRun, estimator: str) -> MakeSite:
@@ -89,7 +80,7 @@ def _online(run: ControlRun, estimator: str) -> MakeSite:
     return lambda samples: Site(building, networks_of(building), estimator, {}, run.scene.seed)
 
 
-def _least_squares(run: ControlRun) -> tuple[MakeSite, int, bool]:
+def _least_squares(run: ControlRun) -> tuple[MakeSite, int]:
     """Fitted to the days before control; without any, to the first half, in which the thermostat goes on."""
     scene = run.scene
     begins = scene.controlled_from if CASES[scene.case].history else scene.steps // STEPS_A_DAY // 2 * STEPS_A_DAY
@@ -105,7 +96,7 @@ def _least_squares(run: ControlRun) -> tuple[MakeSite, int, bool]:
             networks[name] = frozen(network, theta)
         return Site(scene.of, networks, "ekf", {}, scene.seed)
 
-    return make, begins, True
+    return make, begins
 
 
 def _unbroken(inputs: Any, outputs: Any) -> list[Segment]:
@@ -116,13 +107,6 @@ def _unbroken(inputs: Any, outputs: Any) -> list[Segment]:
     return [Segment(filled, outputs)]
 
 
-_PLANNERS: Mapping[str, Callable[[ControlRun], tuple[MakeSite, int, bool]]] = {
-    LEAST_SQUARES: _least_squares,
-    EKF: _ekf,
-    THERMOGATE: _thermogate,
-    UNTRUSTING: _untrusting,
-}
-
 CONTROLLERS = (THERMOSTAT, LEAST_SQUARES, EKF, UNTRUSTING, THERMOGATE, PERFECT)
 
 
@@ -131,7 +115,7 @@ def _sources() -> str:
     """Digest of what a run depends on beyond its payload and the estimators: plant, daemon, controllers, example."""
     replay_folder, service_folder = (Path(package.__file__ or "").parent for package in (replay, service))
     own = [Path(__file__).parent / f"{name}.py" for name in _ACTING]
-    folders = (replay_folder / "energyplus", service_folder / "zone", service_folder / "web" / "control")
+    folders = (replay_folder / "energyplus", service_folder / "zone", service_folder / "forecast")
     digest = hashlib.sha256()
     for file in [*own, *(file for folder in folders for file in sorted(folder.rglob("*.py"))), customer.path()]:
         digest.update(file.read_bytes())

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from support.postgres import Server
 
-from replay.lab.measuring.fleet.scenario import Scenario
+from replay.lab.measuring.scenario import Scenario
 from replay.lab.measuring.shards import _against, _write_site, main, table
 from service.config.load import load
 from service.fleet.checks import fleet_of

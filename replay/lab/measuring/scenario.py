@@ -1,17 +1,14 @@
 """A building of many zones whose samples all land at the same instant, again and again, as files.
 
 One recording feeds every zone: a row of all columns for each period. Paced, a row closes the interval before it for all
-zones at once, at instants that follow each other without drift. In the first rows only the first zone has readings:
-its lone forecasts tell a listener when the instants are, before there is any load.
+zones at once, at instants that follow each other without drift.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import tomli_w
 
 from estimator.network.network import Network
@@ -23,8 +20,6 @@ from replay.simulated.semi_synthetic import PERIOD
 from service.fields.durations import format_duration
 
 SITE = "fleet"
-LONE_ROUNDS = 3
-"""Intervals at the beginning that only the first zone has."""
 _SPARE_ROUNDS = 3
 """Rows beyond the last round, so that no zone comes to its end while it is measured."""
 
@@ -32,24 +27,21 @@ _SPARE_ROUNDS = 3
 class Scenario(NamedTuple):
     """What to write: `zones` of `preset` with `particles` each, an instant every `every` s, `rounds` of them measured.
 
-    The round before the measured ones starts the filters.
+    The round before the measured ones starts the filters. `every` None: as fast as it goes. Particles are those of
+    the `estimator` "rbpf"; another one has its defaults.
     """
 
     zones: int
     particles: int
     preset: str
-    every: float
+    every: float | None
     rounds: int
-
-    @property
-    def pace(self) -> float:
-        """Multiple of real time at which the recording is played."""
-        return PERIOD / self.every
+    estimator: str = "rbpf"
 
     @property
     def rows(self) -> int:
         """Rows of the recording."""
-        return LONE_ROUNDS + 1 + self.rounds + _SPARE_ROUNDS
+        return 1 + self.rounds + _SPARE_ROUNDS
 
 
 def zone_ids(count: int) -> list[str]:
@@ -57,12 +49,13 @@ def zone_ids(count: int) -> list[str]:
     return [f"zone-{index:04d}" for index in range(count)]
 
 
-def write(scenario: Scenario, folder: Path, zenoh_port: int, options: Mapping[str, object] | None = None) -> Path:
-    """Write recording and configuration into `folder`; the configuration's path.
+def write(scenario: Scenario, folder: Path, zenoh_port: int | None = None) -> Path:
+    """Write recording and configuration into `folder`, which is made; the configuration's path.
 
-    `options` are further estimator options; the daemon connects to a listener on `zenoh_port`. Raises MeasurementError
-    for a preset that the recording cannot feed.
+    The daemon connects to a listener on `zenoh_port`, if there is one, and waits for it. Raises MeasurementError for a
+    preset that the recording cannot feed.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     house = network(scenario.preset)
     recording = semi_synthetic.generate(None, seed=1)
     missing = [channel for channel in house.channels if channel not in recording.columns]
@@ -75,33 +68,30 @@ def write(scenario: Scenario, folder: Path, zenoh_port: int, options: Mapping[st
     header, columns = ["timestamp"], [utc_stamps(recording.times[:rows])]
     for index, zone in enumerate(zone_ids(scenario.zones)):
         # Every zone lives in another stretch of the same months.
-        begin = index * 20 % (len(recording.times) - rows)
+        begin = index * 20 % (len(recording.times) - rows + 1)
         for channel in house.channels:
-            values = recording.columns[channel][begin : begin + rows].copy()
-            if index:
-                values[:LONE_ROUNDS] = np.nan
             header.append(f"{zone} {channel}")
-            columns.append(cells(values, 4))
+            columns.append(cells(recording.columns[channel][begin : begin + rows], 4))
     write_table(folder / "fleet.csv", header, columns)
     path = folder / "fleet.toml"
-    path.write_text(tomli_w.dumps(_configuration(scenario, house, zenoh_port, options or {})), encoding="utf-8")
+    path.write_text(tomli_w.dumps(_configuration(scenario, house, zenoh_port)), encoding="utf-8")
     return path
 
 
-def _configuration(
-    scenario: Scenario, house: Network, zenoh_port: int, options: Mapping[str, object]
-) -> dict[str, object]:
+def _configuration(scenario: Scenario, house: Network, zenoh_port: int | None) -> dict[str, object]:
+    # The clock of the recording starts when the listener hears every zone.
+    listener = {"listen": [], "connect": [f"tcp/127.0.0.1:{zenoh_port}"], "await_subscriber": "2min"}
+    options = {"particles": scenario.particles} if scenario.estimator == "rbpf" else {}
     return {
         "site": {"id": SITE, "state_dir": "state"},
         "http": {"port": 0},
-        # The clock of the recording starts when the listener hears every zone.
-        "zenoh": {"listen": [], "connect": [f"tcp/127.0.0.1:{zenoh_port}"], "await_subscriber": "2min"},
+        "zenoh": {"enabled": False} if zenoh_port is None else listener,
         "sources": {
             "recording": {
                 "kind": "csv",
                 "files": ["fleet.csv"],
                 "timestamp": {"column": "timestamp"},
-                "pace": scenario.pace,
+                "pace": "max" if scenario.every is None else PERIOD / scenario.every,
             }
         },
         "zones": [
@@ -109,7 +99,8 @@ def _configuration(
                 "id": zone,
                 "period": format_duration(PERIOD),
                 "network": scenario.preset,
-                "estimator_options": {"particles": scenario.particles, **options},
+                "estimator": scenario.estimator,
+                "estimator_options": options,
                 "channels": {
                     channel: {
                         "source": "recording",

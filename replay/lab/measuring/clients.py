@@ -6,11 +6,13 @@ import asyncio
 import multiprocessing
 import random
 import time
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import httpx
+import numpy as np
 
 ENDPOINTS = {
     "forecast": "/zones/{zone}/forecast",
@@ -124,3 +126,17 @@ async def _client(
             status = 0
         answers.append(Answer(name, sent, time.monotonic(), status))
         await asyncio.sleep(choose.expovariate(1.0 / pause))
+
+
+def summary(answers: Sequence[Answer]) -> dict[str, Any]:
+    """Count, refused requests and quantiles of the latency in s."""
+    if not answers:
+        return {"requests": 0, "not_ok": 0, "p50_s": None, "p99_s": None, "max_s": None}
+    seconds = [answer.answered - answer.sent for answer in answers]
+    return {
+        "requests": len(answers),
+        "not_ok": sum(answer.status != 200 for answer in answers),
+        "p50_s": float(np.quantile(seconds, 0.5)),
+        "p99_s": float(np.quantile(seconds, 0.99)),
+        "max_s": float(max(seconds)),
+    }

@@ -1,1 +1,0 @@
-"""`peers`: measured buildings that others have fitted."""

@@ -1,0 +1,90 @@
+"""What a measurement of the bench comes to, and how much of everything a run measures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+Result = TypeVar("Result")
+
+
+class Target(NamedTuple):
+    """What is measured, what is wanted, the measured figure as text, and whether it is what is wanted."""
+
+    what: str
+    target: str
+    measured: str
+    met: bool
+
+
+class Details(NamedTuple):
+    """Figures without a target: a heading, a sentence, and rows under columns."""
+
+    title: str
+    text: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+class Section(NamedTuple):
+    """The targets of a section and their details."""
+
+    targets: Sequence[Target]
+    details: Sequence[Details] = ()
+
+
+class Sizes(NamedTuple):
+    """Counts of a run; `particles` is N of every row that does not vary it."""
+
+    particles: int = 9000
+    settle: int = 300
+    """Samples before anything is measured: the filter has found its way by then."""
+    repeats: int = 600
+    """Updates that are timed, one by one; the NumPy oracle is timed on every tenth."""
+    particle_counts: tuple[int, ...] = (1000, 3000, 10_000, 30_000, 100_000)
+    zone_counts: tuple[int, ...] = (1, 10, 100, 1000)
+    growth_repeats: int = 30
+    replay_samples: int = 22_172
+    resident_zones: tuple[int, ...] = (1, 50, 100, 200, 400, 700, 1000)
+    control_zones: int = 50
+    control_estimators: tuple[str, ...] = ("bank", "rbpf", "mkf", "ekf")
+    fleet: tuple[int, int, float, int] = (1000, 9000, 10.0, 6)
+    """Zones, particles, s between two instants, and instants."""
+
+
+TINY = Sizes(200, 5, 10, (100, 200, 400), (1, 2, 4), 3, 144, (1, 2, 4), 2, ("ekf",), (3, 60, 1.0, 2))
+"""For the test that the measurements run; their figures mean nothing."""
+
+SIZES = {"full": Sizes(), "tiny": TINY}
+
+
+def timed(work: Callable[[], Result]) -> tuple[float, Result]:
+    """Seconds that `work` takes, and what it returns."""
+    began = time.perf_counter()
+    result = work()
+    return time.perf_counter() - began, result
+
+
+def median(seconds: Sequence[float]) -> float:
+    """The middle one, in s."""
+    return float(np.median(seconds))
+
+
+def text(seconds: float) -> str:
+    """A time as a person reads it."""
+    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
+
+
+def spread(seconds: Sequence[float]) -> str:
+    """Median and quartiles."""
+    lower, middle, upper = np.quantile(seconds, (0.25, 0.5, 0.75)).tolist()
+    return f"{text(middle)} ({text(lower)} to {text(upper)})"
+
+
+def exponent(rows: Sequence[tuple[Any, float]]) -> float:
+    """p of value ~ size^p, by least squares on logarithms of (size, value)."""
+    sizes, values = zip(*rows, strict=True)
+    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])

@@ -1,0 +1,54 @@
+"""Measured buildings that others have fitted and published; the data are not part of the project."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.network import presets
+from estimator.offline.least_squares import Segment, fit_open_loop
+from replay.errors import ReplayError
+from replay.lab.experiments.recordings import ARMADILLO, DARKGREYBOX, at_hand, read_columns
+from replay.localtime import HOUR
+
+DATA = Path(__file__).parents[5] / "shared" / "data"
+measured = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data are not beside the project")
+
+
+@measured
+def test_a_fit_is_no_worse_than_what_darkgreybox_publishes() -> None:
+    """Published for TiTeThRia on the first 672 h: .3719 K."""
+    heat, indoor, outdoor = (values[:672] for values in read_columns(DATA / DARKGREYBOX, "Ph", "Ti", "Ta"))
+    network = presets.network("titethria")
+    for parameter in network.parameters:
+        # A heating power of up to 158 kW: more building than the preset's box allows for.
+        lower, upper = (1e6, 1e12) if parameter.unit == "J/K" else (10.0, 1e6)
+        network = network.with_parameter(parameter.name, lower=lower, upper=upper, nominal=None)
+    segment = Segment(np.column_stack([outdoor, 1000.0 * heat]), indoor[:, None])
+    assert fit_open_loop(network, HOUR, [segment], starts=6).rmse < 0.372
+
+
+@measured
+def test_what_is_there_is_read_and_what_is_not_is_named() -> None:
+    (recording,) = at_hand(DATA, ["FlexHouse"])
+    assert (len(recording.series.times), recording.period) == (1691, 300)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Time,T_ext,T_int\n0,1,2\n", "column 'P_hea' is missing"),
+        ("T_ext,P_hea,I_sol,T_int\n1,x,2,3\n1,1,2,3\n", "a cell is not a number"),
+        ("T_ext,P_hea,I_sol,T_int\n", "it is empty or has gaps"),
+    ],
+)
+def test_another_file_under_the_name_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "armadillo").mkdir()
+    (tmp_path / ARMADILLO).write_text(text, encoding="utf-8")
+    with pytest.raises(ReplayError, match=said):
+        at_hand(tmp_path, ["armadillo"])
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ReplayError, match="it holds none of"):
+        at_hand(tmp_path, [])
