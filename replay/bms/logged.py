@@ -70,6 +70,8 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
         asyncio.get_running_loop(),
         [*weather.values(), *(column for room in rooms for column in room.values())],
     )
+    # A folder that is kept goes on where it was: the same seed lives the same days again, at once.
+    lived = max(LIVED_DAYS * DAY, _rows(demo.directory / _FILE) * _ROW)
     with (demo.directory / _FILE).open("w", encoding="utf-8") as log:
         log.write(",".join(["time", *(column.name for column in every)]) + "\n")
         serving = asyncio.create_task(http.run())
@@ -81,8 +83,8 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
                 log.write(",".join([_stamp(simulation.world.now.time), *_cells(every)]) + "\n")
                 elapsed += _ROW
                 simulation.catch_up()
-                due = max(due + (_ROW / demo.pace if elapsed > LIVED_DAYS * DAY else 0.0), loop.time())
-                if elapsed > LIVED_DAYS * DAY or elapsed % DAY == 0:
+                due = max(due + (_ROW / demo.pace if elapsed > lived else 0.0), loop.time())
+                if elapsed > lived or elapsed % DAY == 0:
                     log.flush()
                 await asyncio.sleep(due - loop.time())
             await http.stop(serving)
@@ -155,6 +157,11 @@ def _zone(
 def _channel(column: Column) -> dict[str, Any]:
     table: dict[str, Any] = {"source": "logger", "column": column.name, "unit": column.unit, "aggregate": "mean"}
     return table | ({"scale": column.scale} if column.scale != 1.0 else {})
+
+
+def _rows(log: Path) -> int:
+    """Of an earlier log; 0 if there is none."""
+    return max(log.read_bytes().count(b"\n") - 1, 0) if log.exists() else 0
 
 
 def _set_point(simulation: Simulation, room: int) -> float:
