@@ -64,7 +64,7 @@ def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterat
                 if history - firsts[1] > DAY:
                     told.append(f"'{zone}' from {written_time(firsts[1])} to {written_time(history)}")
         yield
-    _tell_deleted(told)
+    tell_deleted(told)
     while journal.size() > _BEGIN * limits.max_journal:
         victim = _oldest_zone(journal, oldest_checkpoint)
         if victim is None or not _delete(journal, *victim):
@@ -93,7 +93,7 @@ def _is_steady(newest: int, sample_until: Callable[[int], int | None]) -> bool:
     return True
 
 
-def _tell_deleted(stretches: Sequence[str]) -> None:
+def tell_deleted(stretches: Sequence[str]) -> None:
     """Log which zones have lost more history than a day brings, because it was too old."""
     if stretches:
         more = f", and of {len(stretches) - _TOLD} more zones" if len(stretches) > _TOLD else ""

@@ -1,7 +1,8 @@
 """What the database keeps: `keep_history` of every zone, within `max_journal` in all.
 
-Rows go as in SQLite (`service.store.retention`), zone by zone and a day at a time, from the zones of the own lease. A
-month goes as a whole once no zone has anything in it that stays: that gives the space back to the disk.
+Rows go as in SQLite (`service.store.retention`), zone by zone, a day at least and a week at most, from the zones of the
+own lease. A month goes as a whole once no zone has anything in it that stays, nor more than a week that goes for its
+age: that gives the space back to the disk.
 """
 
 from __future__ import annotations
@@ -9,12 +10,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 
+from service.fields.times import written_time
 from service.store.postgres import partitions
 from service.store.postgres.database import Cursor
 from service.store.postgres.journal import PostgresJournal
 from service.store.postgres.partitions import Month
 from service.store.postgres.schema import lock_of
-from service.store.retention import DAY, HOUR, LEAP, STEADY_HOURS, Limits
+from service.store.retention import DAY, HOUR, LEAP, MOST_AT_ONCE, STEADY_HOURS, Limits, tell_deleted
 
 _log = logging.getLogger(__name__)
 
@@ -63,17 +65,23 @@ def prune(journal: PostgresJournal, limits: Limits) -> Iterator[None]:
     """Delete what is beyond `limits`, a part of it at every step of the iterator; samples come in between."""
     lease = journal.fence.lease
     query = f"{_BOUNDS} AND lease = %(name)s AND epoch = %(epoch)s"
-    for zone, _, _, before, needed in journal.database.read(
+    told: list[str] = []
+    for zone, number, _, before, needed in journal.database.read(
         query, keep=float(limits.keep_history), leap=LEAP, name=lease.name, epoch=lease.epoch
     ):
-        while _delete(journal, zone, needed, before):
+        firsts = [journal.database.read(_FIRST[table], zone=number, before=before) for table in ("samples", "history")]
+        samples, history = (min(before, rows[0][0] + MOST_AT_ONCE) if rows else before for rows in firsts)
+        while _delete(journal, zone, min(samples, needed), history):
             yield
+        if firsts[1] and history - firsts[1][0][0] > DAY:
+            told.append(f"'{zone}' from {written_time(firsts[1][0][0])} to {written_time(history)}")
         yield
+    tell_deleted(told)
     months = partitions.present(journal.database)
     newest = max((month.end for month in months), default=0)
     for month in months:
         if month.end <= newest - limits.keep_history:
-            _drop(journal, month, limits.keep_history)
+            _drop(journal, month, limits.keep_history, MOST_AT_ONCE)
             yield
     if journal.size() > limits.max_journal:
         journal.database.transaction(_delete_aside)
@@ -81,7 +89,7 @@ def prune(journal: PostgresJournal, limits: Limits) -> Iterator[None]:
     for month in months:
         if journal.size() <= limits.max_journal:
             break
-        _drop(journal, month, 0.0)
+        _drop(journal, month, 0.0, -_ALWAYS)
         yield
 
 
@@ -112,14 +120,16 @@ def _delete_of(cursor: Cursor, table: str, number: int, before: int) -> int:
     return int(cursor.rowcount)
 
 
-def _drop(journal: PostgresJournal, month: Month, keep: float) -> None:
-    """Drop `month` if no zone has anything in it that stays, where it keeps its last `keep` s."""
+def _drop(journal: PostgresJournal, month: Month, keep: float, most: int) -> None:
+    """Drop `month` if no zone has anything in it that stays, where it keeps its last `keep` s, nor more than `most`
+    s."""
     until = "needed" if month.table == "samples" else "before"
     stays = (
         f"SELECT EXISTS (SELECT 1 FROM ({_BOUNDS}) AS bounds WHERE EXISTS "
-        f"(SELECT 1 FROM {month.name} AS old WHERE old.zone = number AND old.time >= {until}))"
+        f"(SELECT 1 FROM {month.name} AS old WHERE old.zone = number AND old.time >= least({until}, "
+        f"(SELECT min(time) FROM {month.name} AS first WHERE first.zone = number) + %(most)s)))"
     )
-    values = {"keep": float(keep), "leap": LEAP}
+    values = {"keep": float(keep), "leap": LEAP, "most": most}
     if journal.database.read(stays, **values)[0][0]:
         return
 

@@ -527,6 +527,34 @@ def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
     asyncio.run(scenario())
 
 
+def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
+    fleet: Fleet, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also where a month could go as a whole: a clock that is wrong for a day must not cost the history of years."""
+    store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
+    day = 86_400
+    first = month_of("samples", make_sample(0).time).start
+    times = [first + k * day // 2 for k in range(90)]
+
+    async def scenario() -> list[list[int]]:
+        await store.claim("z", "f")
+        for when in times:
+            await store.append("z", make_sample(0)._replace(time=when))
+            store.record("z", make_update(0)._replace(time=when))
+        await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(times[-1]))
+        left = []
+        for _ in range(4):
+            await store.run(lambda: list(prune(store._own, Limits(10.0 * day, 1e12))))
+            rows = [fleet.sql(f"SELECT min(time) FROM {{}}.{table}") for table in ("samples", "history")]
+            left.append([(oldest - first) // day for ((oldest,),) in rows])
+        return left
+
+    assert asyncio.run(scenario()) == [[7, 7], [14, 14], [21, 21], [31, 31]], (
+        "the last ten days of the month go with it"
+    )
+    assert sum("history older than keep_history is deleted: of zone 'z'" in text for text in caplog.messages) == 4
+
+
 def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
     fleet: Fleet, caplog: pytest.LogCaptureFixture
 ) -> None:
