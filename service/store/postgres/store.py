@@ -42,11 +42,6 @@ class PostgresStore(JournalStore):
         self._known_size = 0
         super().__init__(self._own, self._kept, f"the database {self._database.place}", RESET)
 
-    @property
-    def lost(self) -> str | None:
-        """Why nothing can be written under this lease ever again; None while it is held, as far as is known."""
-        return self._fence.lost
-
     async def take(self, zones: Collection[str]) -> None:
         """Take many zones at once, as far as nobody else holds them; `claim` of each is quicker then."""
         await self.run(self._own.take, zones)
