@@ -402,7 +402,7 @@ def journal_cut_off(folder: Path) -> str:
     with Daemon(RECORDED, folder / "second.log", _settings(folder)) as daemon:
         assert daemon.process.wait(PATIENCE) == 1, daemon.log()
         (sentence,) = [line for line in daemon.log().splitlines() if line.startswith("thermogate:")]
-        assert "has been cut off" in sentence, sentence
+        assert "if the file itself is damaged, restore a backup" in sentence, sentence
     return "refused at the start, with what to restore"
 
 
