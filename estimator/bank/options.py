@@ -45,7 +45,7 @@ DEFAULT_MEMBERS: Tables = {
     "drift": {"estimator": "mkf", "preset": "drift", "prior": (3.0, 1.0, 0.2, 0.1)},
     "habits-slow": {"estimator": "mkf", "preset": "habits-slow", "prior": (0.3, 1.0, 1.0, 1.0)},
     "ekf": {"estimator": "ekf", "prior": (0.6, 1.0, 1.0, 1.0)},
-    "arx": {"estimator": "arx", "past_outputs": 12, "past_inputs": 6, "prior": (1.4, 1.0, 1.0, 1.0)},
+    "arx": {"estimator": "arx", "prior": (1.4, 1.0, 1.0, 1.0)},
     "direct": {"estimator": "direct", "prior": (0.5, 2.0, 6.0, 6.0)},
 }
 """Members that trust different things. The first one publishes its volatility and gate, see `BankOptions.voice`.

@@ -71,7 +71,7 @@ def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
     assert living["estimator_options"]["particles"] == 9000
     assert living["estimator_options"]["coordinates"] == "logit"
     assert shown["zones"][1]["estimator"] == "bank"
-    assert shown["zones"][1]["estimator_options"]["members"]["arx"]["past_outputs"] == 12
+    assert shown["zones"][1]["estimator_options"]["members"]["arx"]["past_outputs"] == 6
     assert shown["zones"][1]["network"]["heat_inputs"][1] == {
         "channel": "I_sol",
         "node": "T_i",
