@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from estimator.arrays import Array
 from estimator.network.network import Network
@@ -171,6 +172,9 @@ class ParameterSummary(NamedTuple):
     """(n_levels,) in W/K, seen from the first measured node to all boundaries in steady state."""
     coefficients: Array = np.empty((0, 0))
     """(m, n_levels): coefficients of the network's terms, each in its own unit; no row where they are not learned."""
+    collapsed: npt.NDArray[np.bool_] = np.empty(0, dtype=np.bool_)
+    """(n_theta + n_x + 1,): which intervals of parameters, time constants and heat loss have collapsed, once somebody
+    looked (`estimator.believed`); empty before."""
 
     @classmethod
     def unknown(cls, network: Network, levels: Array) -> ParameterSummary:

@@ -20,7 +20,7 @@ PACKAGES = {
 LEVELS = {
     "estimator": (
         {"loop"},
-        {"registry", "diagnosis", "foresight"},
+        {"registry", "diagnosis", "foresight", "believed"},
         {"thermostat"},
         {"bank", "statespace"},
         {"verification"},

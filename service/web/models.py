@@ -217,6 +217,10 @@ class QuantilesPayload:
     unit: str
     free: bool = shown("false: held, so that all quantiles are the same")
     quantiles: Vector
+    collapsed: bool = shown(
+        "true: the interval of a parameter is narrower than telemetry can make it, so that none is believed; "
+        "quantiles but the median are null"
+    )
 
 
 @record

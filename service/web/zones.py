@@ -242,15 +242,16 @@ def _parameters(
     network, diagnosis = zone.network, zone.status().diagnosis
     own = zip(network.parameters, summary.parameters, strict=True)
     known = zip(network.terms, summary.coefficients, strict=False)
+    collapsed = iter(summary.collapsed.tolist())
     return ParametersPayload(
         network.name,
         tuple(levels),
-        parameters=tuple(QuantilesPayload(p.name, p.unit, p.free, row) for p, row in own),
+        parameters=tuple(QuantilesPayload(p.name, p.unit, p.free, row, next(collapsed)) for p, row in own),
         time_constants=tuple(
-            QuantilesPayload(f"tau_{rank}", "h", True, row / _HOUR)
+            QuantilesPayload(f"tau_{rank}", "h", True, row / _HOUR, next(collapsed))
             for rank, row in enumerate(summary.time_constants, start=1)
         ),
-        heat_loss=QuantilesPayload("heat_loss", "W/K", True, summary.heat_loss),
+        heat_loss=QuantilesPayload("heat_loss", "W/K", True, summary.heat_loss, next(collapsed)),
         known_heat=tuple(TermPayload(term.name, term.node, term.unit, row) for term, row in known),
         thermostat=laws,
         variants=tuple(sorted(diagnosis.variants, key=lambda each: -each.weight)),

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from adapters.reading import Quality
+from estimator.believed import believed
 from estimator.diagnosis.finding import Diagnosis
 from estimator.foresight import Day
 from estimator.heat.known import KnownHeat
@@ -189,9 +190,9 @@ class ZoneWorker:
         return None if standing is None or self.progress.stalled else standing
 
     def parameters(self, levels: Sequence[float]) -> ParameterSummary | None:
-        """Posterior quantiles of the parameters; None before the first sample."""
+        """Posterior quantiles of the parameters, collapsed intervals marked; None before the first sample."""
         standing = self.standing
-        return None if standing is None else self.estimator.parameters(standing.state, np.array(levels))
+        return None if standing is None else believed(self.estimator, standing.state, np.array(levels, dtype=float))
 
     def heat_loss(self, levels: Sequence[float]) -> list[float] | None:
         """Posterior quantiles of the heat-loss coefficient, W/K; None before the first sample, and for an estimator

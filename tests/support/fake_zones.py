@@ -199,7 +199,14 @@ class FakeZone:
         scale = 1.0 + 0.1 * (np.array(levels) - 0.5)
         nominal = np.array([parameter.nominal or 1.0 for parameter in self.network.parameters])
         constants = np.array([95.0, 864.0, 9612.0, 716400.0])
-        return ParameterSummary(np.array(levels), nominal[:, None] * scale, constants[:, None] * scale, 105.0 * scale)
+        collapsed = np.zeros(len(nominal) + len(constants) + 1, dtype=bool)
+        return ParameterSummary(
+            np.array(levels),
+            nominal[:, None] * scale,
+            constants[:, None] * scale,
+            105.0 * scale,
+            collapsed=collapsed,
+        )
 
     def skill(self) -> Skill | None:
         self.asked.append(("skill",))

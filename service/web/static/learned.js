@@ -48,6 +48,8 @@ function parameterRow({ name, unit, quantiles }, prior, findings) {
 
 // Where the interval lies between the bounds, on the prior's logarithmic scale.
 function place({ lower, upper }, [low, middle, high]) {
+  // A collapsed interval has no ends: its middle alone is shown.
+  if (low === null) [low, high] = [middle, middle];
   const width = 120;
   const at = (value) => (value > 0 && upper > lower ? (width * Math.log(value / lower)) / Math.log(upper / lower) : 0);
   const from = Math.max(0, at(low));

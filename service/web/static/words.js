@@ -78,7 +78,9 @@ export function doubts({ status, forecast, skill, trust }) {
 }
 
 const middle = (quantiles) => quantiles[Math.floor(quantiles.length / 2)];
-const range = (quantiles, show) => t("between", { low: show(quantiles[0]), high: show(quantiles.at(-1)) });
+const scaled = (quantiles, factor) => quantiles.map((value) => (value === null ? null : value * factor));
+// A collapsed interval has no ends.
+const range = (quantiles, show) => quantiles[0] === null ? "–" : t("between", { low: show(quantiles[0]), high: show(quantiles.at(-1)) });
 
 // What the parameters say of the room: [sentence, interval] pairs.
 export function learnedSentences(parameters) {
@@ -87,9 +89,9 @@ export function learnedSentences(parameters) {
   if (middle(loss) !== null) found.push([t("learned.loss", { value: amount(middle(loss)) }), range(loss, (value) => `${amount(value)} W/K`)]);
   const constants = parameters.time_constants.filter(({ quantiles }) => middle(quantiles) > 0);
   if (!constants.length) return found;
-  const half = constants.at(-1).quantiles.map((hours) => hours * 3600 * Math.LN2);
+  const half = scaled(constants.at(-1).quantiles, 3600 * Math.LN2);
   found.push([t("learned.cools", { value: duration(middle(half)) }), range(half, duration)]);
-  const quick = constants[0].quantiles.map((hours) => hours * 3600);
+  const quick = scaled(constants[0].quantiles, 3600);
   if (constants.length > 1) {
     const heater = parameters.parameters.some(({ name }) => /^C_(h|heater|rad|hk)/.test(name));
     found.push([t(heater ? "learned.heater" : "learned.quick", { value: duration(middle(quick)) }), range(quick, duration)]);
