@@ -37,7 +37,7 @@ from service.publish.metrics import Metrics
 from service.publish.sinks import Announcement, Occasion
 from service.publish.zenoh import Publisher
 from service.records.receipt import Receipt
-from service.web.app import create_app
+from service.web.app import Backend, create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import overview
 from service.zone.zone import Zone
@@ -206,13 +206,8 @@ async def _application(site: GoldenSite, keys: Path) -> AsyncIterator[tuple[Aske
         SITE,
         site.zones,
         site.metrics.registry,
-        version="1.2.3",
         keys=KeyRing(keys, required=False),
-        reload=reload,
-        streams=streams,
-        changes=changes,
-        take=take,
-        time_zone="Europe/Berlin",
+        backend=Backend("1.2.3", "Europe/Berlin", reload=reload, take=take, streams=streams, changes=changes),
     )
     documented = {route.path for route in app.routes if isinstance(route, Route) and not _is_of_the_page(route)}
     asked_for = {re.sub("^/zones/[^/]+", "/zones/{zone}", path.partition("?")[0]) for _, path, _ in OF_THE_SITE}

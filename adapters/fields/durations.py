@@ -10,7 +10,7 @@ DAY = 86400.0
 _LONGEST = 36525 * DAY
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": DAY}
-_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*(s|min|h|d)\s*")
+_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*(s|min|h|d)\s*", re.ASCII)
 
 
 def parse_duration(value: object) -> float:

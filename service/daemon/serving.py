@@ -14,7 +14,7 @@ from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.sinks import Sink
 from service.records.view import ZoneView
-from service.web.app import create_app
+from service.web.app import Backend, create_app
 from service.web.keys import KeyRing
 from service.web.operations import Problems, Reload
 from service.web.readings import Take
@@ -47,15 +47,11 @@ class Serving:
             config.site.id,
             zones,
             registry,
-            version=version("thermogate"),
             keys=KeyRing(config.keys_file, required=config.http.exposed),
-            problems=problems,
-            reload=reload,
             http=config.http,
-            streams=self._streams,
-            take=take,
-            changes=self._changes,
-            time_zone=config.site.time_zone,
+            backend=Backend(
+                version("thermogate"), config.site.time_zone, problems, reload, take, self._streams, self._changes
+            ),
         )
         self.server = HttpServer(app, config.http)
         return self.server, app

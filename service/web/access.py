@@ -134,6 +134,12 @@ def writer(request: Request) -> Caller:
 Writer = Annotated[Caller, Depends(writer)]
 
 
+def may_read(request: Request) -> bool:
+    """Whether the client may read, also where a request needs no key."""
+    found: bool = request.scope["state"]["reader"]()
+    return found
+
+
 class RequireKey:
     """Middleware that finds out who asks and lets nobody past who may not.
 
@@ -153,7 +159,9 @@ class RequireKey:
                 await refusal(refused)(connection, receive, send)
                 return
             client = peer_of(connection) if caller is ANYBODY else f"key {caller.name}"
-            connection.setdefault("state", {}).update(caller=caller, client=client)
+            connection.setdefault("state", {}).update(
+                caller=caller, client=client, reader=lambda: self._may_read(connection)
+            )
             asker = current_asker() or Asker()
             asker.name = client
             asked_by(asker)
@@ -198,16 +206,22 @@ class RequireKey:
                 raise _unknown_zone(parts[2], sorted(caller.zones))
         return caller
 
+    def _may_read(self, connection: Connection) -> bool:
+        try:
+            return not self._keys.in_force or self._keys.find(_secret(connection) or "") is not None
+        except KeyFileError:
+            return False
+
     async def _authenticated(self, connection: Connection) -> Caller:
-        scheme, _, secret = Headers(scope=connection).get("authorization", "").partition(" ")
-        if scheme.lower() != "bearer":
+        secret = _secret(connection)
+        if secret is None:
             raise RequestRefused(
                 HTTPStatus.UNAUTHORIZED,
                 ["this needs an API key; send it as Authorization: Bearer tg_..., made with `thermogate keys create`"],
                 headers={"WWW-Authenticate": _REALM},
             )
         try:
-            key = self._keys.find(secret.strip())
+            key = self._keys.find(secret)
         except KeyFileError as error:
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [str(error)], retry_after=KEYS_RETRY_SECONDS) from None
         if key is not None:
@@ -222,6 +236,12 @@ class RequireKey:
             raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], retry_after=wait, headers=headers)
         sentence = "this API key is wrong, revoked or expired; `thermogate keys list` shows the valid ones"
         raise RequestRefused(HTTPStatus.UNAUTHORIZED, [sentence], headers=headers)
+
+
+def _secret(connection: Connection) -> str | None:
+    """The key that a request was sent with."""
+    scheme, _, secret = Headers(scope=connection).get("authorization", "").partition(" ")
+    return secret.strip() if scheme.lower() == "bearer" else None
 
 
 def find_zone(zones: Mapping[str, ZoneView], zone: str, caller: Caller) -> ZoneView:

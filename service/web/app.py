@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -21,14 +21,14 @@ from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys,
 from service.web.control.routes import control_routes
 from service.web.guard import Guard
 from service.web.heating import heating_routes
-from service.web.limits import LargeAnswers, StreamLimits
+from service.web.limits import Limiter
 from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.page.outlook import Outlooks
 from service.web.page.overview import overview_routes
 from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
-from service.web.readings import Take, reading_routes
+from service.web.readings import Bodies, Take, reading_routes
 from service.web.server.assets import Asset
 from service.web.server.bodies import GatherBody
 from service.web.server.compression import Compress
@@ -41,27 +41,37 @@ Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in
 deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
 
 
+class Backend(NamedTuple):
+    """What the routes have behind them beside the zones."""
+
+    version: str = "unknown"
+    time_zone: str | None = None
+    """Of the site (IANA), for the page and for times of day."""
+    problems: Problems = list
+    """What in the daemon does not answer."""
+    reload: Reload | None = None
+    """Reads the configuration again."""
+    take: Take | None = None
+    """Takes what is posted."""
+    streams: Streams | None = None
+    """Where the zones announce what happens; without it a stream tells what there is and no more."""
+    changes: Changes | None = None
+    """Where the zones announce that something has."""
+
+
 def create_app(
     site: str,
     zones: Mapping[str, ZoneView],
     metrics_registry: CollectorRegistry,
     *,
-    version: str = "unknown",
     keys: Keys | None = None,
-    problems: Problems = list,
-    reload: Reload | None = None,
     http: HttpConfig | None = None,
-    streams: Streams | None = None,
-    take: Take | None = None,
-    changes: Changes | None = None,
-    time_zone: str | None = None,
+    backend: Backend | None = None,
 ) -> FastAPI:
     """The ASGI application that serves `zones` (by id, in the order to list them) and the metrics in a registry.
 
-    `keys` open it; without, reading is open and administration closed. `problems` says what in the daemon does not
-    answer, `reload` reads the configuration again. `http` has the hosts it answers for and the limits. `streams` is
-    where the zones announce what happens, and `changes` where that they did; without them a stream tells what there is
-    and no more. `take` takes what is posted. `time_zone` is the site's (IANA), for the page.
+    `keys` open it; without, reading is open and administration closed. `http` has the hosts it answers for and the
+    limits.
 
     It needs nothing from outside: no request leaves the machine, neither from here nor from the pages it serves.
     """
@@ -69,31 +79,29 @@ def create_app(
     # would write it anew for every client.
     app = FastAPI(
         title="Thermogate",
-        version=version,
+        # Of the interface: which version of the program this is, is for those with a key.
+        version="1",
         description=_DESCRIPTION,
         openapi_url=None,
         dependencies=[Depends(api_problems.known_parameters)],
     )
     api_problems.install(app)
-    http = http or HttpConfig()
-    app.state.stream_limits = StreamLimits(http.limits.streams_per_client, http.limits.streams)
+    http, backend = http or HttpConfig(), backend or Backend()
+    limiter = app.state.limiter = Limiter(http.limits)
     # The last one added is the first to see a request.
     app.add_middleware(Compress)
     app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
-    large = LargeAnswers()
-    app.include_router(zone_routes(site, zones, large))
-    app.include_router(control_routes(site, zones, large))
-    app.include_router(heating_routes(site, time_zone, zones))
-    app.state.malformed_posts = Counter()
-    app.include_router(reading_routes(site, zones, take, http.limits.body, app.state.malformed_posts))
-    app.include_router(stream_routes(site, zones, streams or Streams()))
-    changes = changes or Changes()
+    malformed = app.state.malformed_posts = Counter()
+    changes = backend.changes or Changes()
+    _include_questions(app, site, zones, limiter, backend.time_zone)
+    app.include_router(reading_routes(site, zones, backend.take, limiter, Bodies(http.limits.body, malformed)))
+    app.include_router(stream_routes(site, zones, backend.streams or Streams()))
     app.include_router(series_routes(site, zones))
-    app.include_router(overview_routes(site, time_zone, zones, changes, Outlooks(zones, changes.note)))
-    app.include_router(operation_routes(site, zones, metrics_registry, version, problems, reload))
+    app.include_router(overview_routes(site, backend.time_zone, zones, changes, Outlooks(zones, changes.note)))
+    app.include_router(operation_routes(zones, metrics_registry, backend.version, backend.problems, backend.reload))
     api_pages.install(app)
     document = Asset(lambda: json.dumps(_written(app)).encode(), "application/json")
     app.add_route("/openapi.json", document.answer, include_in_schema=False)
@@ -106,11 +114,19 @@ def create_questions(site: str, zones: Mapping[str, ZoneView], time_zone: str | 
         docs_url=None, redoc_url=None, openapi_url=None, dependencies=[Depends(api_problems.known_parameters)]
     )
     api_problems.install(app)
-    large = LargeAnswers()
-    app.include_router(zone_routes(site, zones, large))
-    app.include_router(control_routes(site, zones, large))
-    app.include_router(heating_routes(site, time_zone, zones))
+    _include_questions(app, site, zones, Limiter(), time_zone)
     return app
+
+
+def _include_questions(
+    app: FastAPI, site: str, zones: Mapping[str, ZoneView], limiter: Limiter, time_zone: str | None
+) -> None:
+    for router in (
+        zone_routes(site, zones, limiter),
+        control_routes(site, zones, limiter),
+        heating_routes(site, time_zone, zones),
+    ):
+        app.include_router(router)
 
 
 def _written(app: FastAPI) -> dict[str, Any]:

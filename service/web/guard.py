@@ -77,14 +77,19 @@ class Guard:
         if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > limits.url:
             sentence = f"the address with its query is longer than {limits.url} bytes"
             return RequestRefused(HTTPStatus.REQUEST_URI_TOO_LONG, [sentence], headers=_CLOSE)
-        if sum(len(name) + len(value) for name, value in scope["headers"]) > limits.headers:
+        if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > limits.headers:
             sentence = f"the headers are longer than {limits.headers} bytes"
             return RequestRefused(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE, [sentence], headers=_CLOSE)
-        asked = Headers(scope=scope).getlist("host")
+        headers = Headers(scope=scope)
+        if "transfer-encoding" in headers and ("content-length" in headers or scope["http_version"] < "1.1"):
+            # Where two programs read a request's end differently, the second one may be smuggled in (RFC 9112, 6.1).
+            sentence = "Transfer-Encoding goes with neither Content-Length nor HTTP/1.0; send one of them"
+            return RequestRefused(HTTPStatus.BAD_REQUEST, [sentence], headers=_CLOSE)
+        asked = headers.getlist("host")
         if not all(_is_meant(host, self._hosts) for host in asked):
             sentence = "this name is not one of the daemon's; add it to http.allowed_hosts, or ask for the address"
             return RequestRefused(HTTPStatus.MISDIRECTED_REQUEST, [sentence])
-        if _is_of_another_site(Headers(scope=scope), asked):
+        if _is_of_another_site(headers, asked):
             sentence = "a page of another site has sent this; open the address yourself, or ask without a browser"
             return RequestRefused(HTTPStatus.FORBIDDEN, [sentence], headers=_CLOSE)
         return None

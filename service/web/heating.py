@@ -10,7 +10,7 @@ from typing import Annotated
 from zoneinfo import ZoneInfo
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.errors import Away, NoLaw, PlanError
 from service.forecast.answers import Comparison, Demand, Preheat, SiteDemand, ZoneTotal
@@ -33,7 +33,7 @@ from service.records.view import Answer, Question, ZoneView
 from service.web.access import Asking, find_zone
 from service.web.models import Finite, Horizon
 from service.web.models import Query as Parameters
-from service.web.planned import PlannedInput, values_of
+from service.web.planned import PlannedInput, named_apart, values_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 from service.web.zones import no_forecast
@@ -90,7 +90,7 @@ class WhatIfBody(_Body):
     """Body of POST /zones/{zone}/what-if."""
 
     horizon: Horizon = Field(description="from valid_time on; a whole number of periods")
-    plans: list[CourseBody] = Field(
+    plans: Annotated[list[CourseBody], AfterValidator(named_apart)] = Field(
         min_length=2, max_length=20, description="each other one is compared with the first"
     )
     price: PlannedInput | None = Field(default=None, description="of a kWh, in any currency, as inputs are planned")

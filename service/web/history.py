@@ -12,7 +12,7 @@ from service.records.asker import Asker, current_asker
 from service.records.history import History, HistoryRow
 from service.records.record import document, to_json, with_items
 from service.records.view import ZoneView
-from service.web.limits import LargeAnswers
+from service.web.limits import LARGE, Limiter
 
 PAGE = 1000
 """Rows that are read and written at a time. A history of no more waits for no other one."""
@@ -21,9 +21,9 @@ PAGE = 1000
 class Histories:
     """Writes the histories of the zones of `site`, long ones in turn."""
 
-    def __init__(self, site: str, large: LargeAnswers) -> None:
+    def __init__(self, site: str, limiter: Limiter) -> None:
         self._site = site
-        self._large = large
+        self._limiter = limiter
 
     async def answer(self, zone: ZoneView, start: int | None, end: int | None, limit: int) -> bytes:
         """A History as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open). Raises
@@ -31,7 +31,7 @@ class Histories:
         asker = current_asker() or Asker()
         if limit <= PAGE:
             return await self._written(zone, start, end, limit, asker)
-        async with self._large.turn():
+        async with self._limiter.turn(LARGE):
             return await self._written(zone, start, end, limit, asker)
 
     async def _written(self, zone: ZoneView, start: int | None, end: int | None, limit: int, asker: Asker) -> bytes:

@@ -1,4 +1,4 @@
-"""What one client may take of the daemon: streams, large answers, and wrong keys."""
+"""What one client may take of the daemon: one table of limits, one limiter, and a bound on wrong keys."""
 
 from __future__ import annotations
 
@@ -7,29 +7,42 @@ import logging
 import math
 import time
 from collections import Counter, OrderedDict
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from http import HTTPStatus
+from typing import NamedTuple
 
 from fastapi import Request
 
+from service.config.http import LimitsConfig
 from service.records.asker import Asker, current_asker
 from service.web.server.refusal import RequestRefused
 
-STREAM_RETRY_SECONDS = 10
 
-FAILURES = 10
-"""Wrong keys that a peer may send at once, and then per FAILURE_SECONDS."""
+class Limit(NamedTuple):
+    """How much there may be of one kind of `work`, named in the plural: `at_once` of all clients and `of_one` of one
+    of them are under way; of one, `waiting` are under way or wait, for at most `patience` s."""
 
-FAILURE_SECONDS = 60.0
+    work: str
+    at_once: int
+    of_one: int
+    waiting: int
+    patience: float
+    retry_after: int
 
-LARGE_AT_ONCE = 2
-"""Large answers that are made at a time, of one client one."""
 
-LARGE_WAITING = 8
-"""Of one client, with the one that is being made."""
+STREAMS, POSTS, LARGE = "streams", "posts", "large"
 
-TURN_RETRY_SECONDS = 1
+
+def table(limits: LimitsConfig) -> dict[str, Limit]:
+    """The limits that are in force: nobody waits for a stream; the journal writes one post after the other; and two
+    large answers at a time are what memory has room for."""
+    return {
+        STREAMS: Limit("streams", limits.streams, limits.streams_per_client, 0, 0.0, 10),
+        POSTS: Limit("posts of readings", 4, 2, 8, 60.0, 1),
+        LARGE: Limit("large answers", 2, 1, 8, 10.0, 5),
+    }
+
 
 LONG_WAIT_SECONDS = 5.0
 """A client that waits longer for its turn is told of in the log."""
@@ -37,95 +50,92 @@ LONG_WAIT_SECONDS = 5.0
 REPEAT = 600.0
 """Who gets no turn is said again after this time at the earliest, in s."""
 
+FAILURES = 10
+"""Wrong keys that a peer may send at once, and then per FAILURE_SECONDS."""
+
+FAILURE_SECONDS = 60.0
+
 _PEERS = 1024
 _log = logging.getLogger(__name__)
 
 
-class StreamLimits:
-    """How many streams are open, per client and in all."""
+class Limiter:
+    """Gives clients their turns, so that nobody waits for more than what is under way and one turn of each other
+    client, and refuses what is too much."""
 
-    def __init__(self, per_client: int, total: int) -> None:
-        self._per_client = per_client
-        self._total = total
-        self._open: Counter[str] = Counter()
+    def __init__(self, limits: LimitsConfig | None = None) -> None:
+        self._queues = {kind: _Queue(limit) for kind, limit in table(limits or LimitsConfig()).items()}
 
-    @property
-    def open(self) -> int:
-        """Streams that are open now."""
-        return self._open.total()
-
-    @contextmanager
-    def admitted(self, client: str) -> Iterator[None]:
-        """Count a stream of `client` while it lasts; RequestRefused if there are too many."""
-        if self._open[client] >= self._per_client:
-            raise RequestRefused(
-                HTTPStatus.TOO_MANY_REQUESTS,
-                [f"you have {self._per_client} streams open, which is the limit for one client; close one"],
-                retry_after=STREAM_RETRY_SECONDS,
-            )
-        if self.open >= self._total:
-            raise RequestRefused(
-                HTTPStatus.SERVICE_UNAVAILABLE,
-                [f"{self._total} streams are open, which is the limit; try again later"],
-                retry_after=STREAM_RETRY_SECONDS,
-            )
-        self._open[client] += 1
-        try:
-            yield
-        finally:
-            self._open[client] -= 1
-            if not self._open[client]:
-                del self._open[client]
-
-
-async def stream_slot(request: Request) -> AsyncIterator[None]:
-    """Dependency of a route that streams: a place among the streams until its answer has ended, however it ends.
-
-    RequestRefused (429 or 503) before the answer begins if there is none. The client is the caller's key, without
-    keys the address.
-    """
-    limits: StreamLimits = request.app.state.stream_limits
-    with limits.admitted(request.scope["state"]["client"]):
-        yield
-
-
-class Turns:
-    """Work of which little is done at a time. Clients take turns, and one of which too much waits is refused, so that
-    nobody waits for more than what is under way and one turn of each other client."""
-
-    def __init__(self, work: str, at_once: int, of_one: int, waiting: int) -> None:
-        """`work`: what it is, in the plural. `at_once` is done at a time, `of_one` client so much, of which `waiting`
-        is under way or waits at most."""
-        self._work, self._of_one, self._waiting = work, of_one, waiting
-        self._room = asyncio.Semaphore(at_once)
-        self._turns: dict[str, asyncio.Semaphore] = {}
-        self._open: Counter[str] = Counter()
-        self._say_at: dict[str, float] = {}
+    def open(self, kind: str) -> int:
+        """How much of one kind is under way or waits."""
+        return self._queues[kind].open.total()
 
     @asynccontextmanager
-    async def turn(self) -> AsyncIterator[None]:
-        """The time in which work for the client of this task is done. RequestRefused (429) if too much of it waits."""
+    async def turn(self, kind: str) -> AsyncIterator[None]:
+        """The time in which work of one kind is done for the client of this task. RequestRefused: 429 if the client has
+        too much of it or has waited too long, 503 if there is too much of it in all."""
         client = (current_asker() or Asker()).name
-        if self._open[client] >= self._waiting:
-            self._complain(
-                "too many", f"{client} has {self._waiting} {self._work} waiting, and further ones are refused"
-            )
-            sentence = f"{self._waiting} of your {self._work} are waiting already; ask again when they are answered"
-            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], retry_after=TURN_RETRY_SECONDS)
-        turn = self._turns.setdefault(client, asyncio.Semaphore(self._of_one))
-        self._open[client] += 1
-        asked = time.monotonic()
+        async with self._queues[kind].turn(client):
+            yield
+
+
+class _Queue:
+    """The clients of one kind of work."""
+
+    def __init__(self, limit: Limit) -> None:
+        self._limit = limit
+        self._room = asyncio.Semaphore(limit.at_once)
+        self._turns: dict[str, asyncio.Semaphore] = {}
+        self._say_at: dict[str, float] = {}
+        self.open: Counter[str] = Counter()
+
+    @asynccontextmanager
+    async def turn(self, client: str) -> AsyncIterator[None]:
+        """As of Limiter."""
+        self._admit(client)
+        turn = self._turns.setdefault(client, asyncio.Semaphore(self._limit.of_one))
+        self.open[client] += 1
         try:
-            async with turn, self._room:
-                waited = time.monotonic() - asked
-                if waited > LONG_WAIT_SECONDS:
-                    told = ", ".join(f"{name} {count}" for name, count in self._open.most_common(3))
-                    self._complain("late", f"{client} has waited {waited:.0f} s for its turn; {self._work}: {told}")
+            await self._wait(client, turn)
+            try:
                 yield
+            finally:
+                self._room.release()
+                turn.release()
         finally:
-            self._open[client] -= 1
-            if not self._open[client]:
-                del self._open[client], self._turns[client]
+            self.open[client] -= 1
+            if not self.open[client]:
+                del self.open[client], self._turns[client]
+
+    def _admit(self, client: str) -> None:
+        limit, most = self._limit, max(self._limit.of_one, self._limit.waiting)
+        if self.open[client] >= most:
+            self._complain("too many", f"{client} has {most} {limit.work} open, and further ones are refused")
+            sentence = f"you have {most} {limit.work} open, which is the limit for one client; wait, or close one"
+            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], limit.retry_after)
+        if not limit.waiting and self.open.total() >= limit.at_once:
+            sentence = f"{limit.at_once} {limit.work} are open, which is the limit; try again later"
+            raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], limit.retry_after)
+
+    async def _wait(self, client: str, turn: asyncio.Semaphore) -> None:
+        """Until the client has its turn and there is room."""
+        limit, asked = self._limit, time.monotonic()
+        try:
+            async with asyncio.timeout(limit.patience or None):
+                await turn.acquire()
+                try:
+                    await self._room.acquire()
+                except BaseException:
+                    turn.release()
+                    raise
+        except TimeoutError:
+            sentence = f"your {limit.work} have waited {limit.patience:g} s for their turn; ask for fewer at a time"
+            raise RequestRefused(HTTPStatus.TOO_MANY_REQUESTS, [sentence], limit.retry_after) from None
+        finally:
+            waited = time.monotonic() - asked
+            if waited > LONG_WAIT_SECONDS:
+                told = ", ".join(f"{name} {count}" for name, count in self.open.most_common(3))
+                self._complain("late", f"{client} has waited {waited:.0f} s for its turn; {limit.work}: {told}")
 
     def _complain(self, kind: str, sentence: str) -> None:
         """Log who gets no turn, now and then."""
@@ -135,11 +145,15 @@ class Turns:
             _log.warning("%s", sentence)
 
 
-class LargeAnswers(Turns):
-    """Answers that take much memory."""
+async def stream_slot(request: Request) -> AsyncIterator[None]:
+    """Dependency of a route that streams: a place among the streams until its answer has ended, however it ends.
 
-    def __init__(self) -> None:
-        super().__init__("large answers", LARGE_AT_ONCE, 1, LARGE_WAITING)
+    RequestRefused (429 or 503) before the answer begins if there is none. The client is the caller's key, without
+    keys the address.
+    """
+    limiter: Limiter = request.app.state.limiter
+    async with limiter.turn(STREAMS):
+        yield
 
 
 class FailedAttempts:

@@ -7,6 +7,7 @@ from collections import Counter
 from fastapi import FastAPI
 
 from service.records.measures import Measure, Rows, single
+from service.web.limits import STREAMS
 from service.web.server.server import HttpServer
 
 
@@ -14,7 +15,7 @@ def http_measures(server: HttpServer, app: FastAPI) -> list[Measure]:
     """Connections, streams, answers and the certificate of `server`, which serves `app` of `create_app`."""
 
     def streams() -> Rows:
-        return single(app.state.stream_limits.open)
+        return single(app.state.limiter.open(STREAMS))
 
     def expiry() -> Rows:
         return () if server.certificate is None else single(server.certificate.expires.timestamp())

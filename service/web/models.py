@@ -262,7 +262,7 @@ class HealthPayload:
     """The process is alive."""
 
     status: Literal["ok"] = constant("ok")
-    version: str
+    version: str | None = shown("null without a key where keys are in force")
     uptime_s: float
 
 

@@ -18,7 +18,7 @@ from service.publish.payloads import StatusPayload
 from service.records.record import to_json
 from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
-from service.web.access import MOST_NAMES, Administrator
+from service.web.access import MOST_NAMES, Administrator, may_read
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
 from service.web.problems import RETRY_SECONDS, documented
 from service.web.server.refusal import RequestRefused, few
@@ -33,7 +33,6 @@ Reload = Callable[[], Awaitable[str]]
 
 
 def operation_routes(
-    site: str,
     zones: Mapping[str, ZoneView],
     registry: CollectorRegistry,
     version: str,
@@ -50,10 +49,10 @@ def operation_routes(
         responses=documented(500, 503),
         summary="The process is alive: event loop, estimator and journal answer",
     )
-    async def healthz() -> Response:
+    async def healthz(request: Request) -> Response:
         if found := problems():
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
-        payload = HealthPayload(version, time.monotonic() - started)
+        payload = HealthPayload(version if may_read(request) else None, time.monotonic() - started)
         return Response(to_json(payload), media_type="application/json")
 
     @router.get(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Protocol, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, WrapValidator
@@ -81,6 +81,23 @@ class ForecastRequest(BaseModel):
             "values with times; channels not named are foreseen"
         ),
     )
+
+
+class Named(Protocol):
+    """A plan with a name."""
+
+    name: str
+
+
+Plans = TypeVar("Plans", bound=Sequence[Named])
+
+
+def named_apart(plans: Plans) -> Plans:
+    """`plans`, of which no two have the same name, unless it is none; ValueError otherwise."""
+    names = [plan.name for plan in plans if plan.name]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"two plans are named '{twice[0]}'; give each another name")
+    return plans
 
 
 def inputs_of(given: Mapping[str, PlannedInput]) -> Inputs:

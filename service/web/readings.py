@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from http import HTTPStatus
 from itertools import islice
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import TypeAdapter, ValidationError
@@ -23,7 +23,7 @@ from service.records.receipt import Receipt
 from service.records.record import document, document_of
 from service.records.view import ZoneView
 from service.web.access import Caller, Writer, find_zone
-from service.web.limits import Turns
+from service.web.limits import POSTS, Limiter
 from service.web.models import PostedReading, PostedReadings, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
 from service.web.server.bodies import unread_json
@@ -31,10 +31,6 @@ from service.web.server.refusal import MOST_SENTENCES, RequestRefused
 
 MAX_VALUES = 20_000
 """Values in one request."""
-
-AT_ONCE, OF_ONE, WAITING = 4, 2, 8
-"""Requests that are taken at the same time, since the journal writes one after the other; those of one key; and those
-of one key with what waits."""
 
 RETRY_SECONDS = 1
 
@@ -61,15 +57,23 @@ Take = Callable[[Sequence[Posted], str | None], Awaitable[Receipt]]
 """Takes what was posted, for all zones or one; what is accepted is durable on return. Raises ServiceError."""
 
 
+class Bodies(NamedTuple):
+    """What bodies may be, and were."""
+
+    limit: int
+    """Bytes, also of a packed one when it is unpacked."""
+    malformed: Counter[str]
+    """Posts that could not be read, by kind."""
+
+
 def reading_routes(
-    site: str, zones: Mapping[str, ZoneView], take: Take | None, limit: int, malformed: Counter[str]
+    site: str, zones: Mapping[str, ZoneView], take: Take | None, limiter: Limiter, bodies: Bodies
 ) -> APIRouter:
-    """Routes that take readings through `take` (None: there is nobody to take them). A packed body may have `limit`
-    bytes when it is unpacked, as any other has. Posts that cannot be read are counted in `malformed` by kind."""
+    """Routes that take readings through `take` (None: there is nobody to take them)."""
     router = APIRouter(tags=["readings"])
     responses = documented(400, 401, 403, 404, 409, 413, 415, 422, 429, 500, 503)
     body = {"requestBody": _documented_body()}
-    turns, complaints = Turns("posts of readings", AT_ONCE, OF_ONE, WAITING), _Complaints(malformed)
+    complaints = _Complaints(bodies.malformed)
 
     @router.post(
         "/readings",
@@ -102,10 +106,10 @@ def reading_routes(
             # Nobody is there to hear an answer, or a refusal has been sent already.
             return Response()
         # Who sends slowly keeps nobody waiting: the turn begins with the whole body.
-        async with turns.turn():
+        async with limiter.turn(POSTS):
             # A large body takes its time, for which the event loop must not wait.
             try:
-                posted = await asyncio.to_thread(read, body, request.headers, query.precision, limit)
+                posted = await asyncio.to_thread(read, body, request.headers, query.precision, bodies.limit)
             except RequestRefused as error:
                 complaints.note(error, request.headers, caller.name)
                 raise

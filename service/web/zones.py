@@ -28,7 +28,7 @@ from service.records.view import ZoneView
 from service.web import planned
 from service.web.access import Asking, find_zone
 from service.web.history import Histories
-from service.web.limits import LargeAnswers
+from service.web.limits import Limiter
 from service.web.models import (
     ChannelPayload,
     ForecastQuery,
@@ -49,10 +49,10 @@ from service.web.server.refusal import RequestRefused
 _HOUR = 3600.0
 
 
-def zone_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -> APIRouter:
+def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
-    histories = Histories(site, large)
+    histories = Histories(site, limiter)
 
     def current(view: ZoneView, payload: ForecastPayload) -> Response:
         return _json(vouched(payload, view.status(), view.surroundings.limits), site, view.id)

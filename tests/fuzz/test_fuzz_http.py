@@ -24,9 +24,7 @@ from uvicorn.server import ServerState
 from service.config.http import LimitsConfig
 from service.publish.metrics import Metrics
 from service.web.app import create_app
-from service.web.server.parser import CHUNK_BYTES, FREE_CHUNKS, SLACK, Parser
-from service.web.server.protocol import Protocol
-from service.web.server.turns import Turns
+from service.web.server.connection import CHUNK_BYTES, FREE_CHUNKS, READ_BYTES, Connection, Parser, Passes
 
 GET = b"GET /zones HTTP/1.1\r\nHost: localhost\r\n\r\n"
 PLAN = b'{"horizon":"1h","levels":[0.5,0.95],"inputs":{"u_heat":1500}}'
@@ -85,13 +83,15 @@ def answered(pieces: list[bytes]) -> bytes:
         config = Config(app, http="h11", ws="none", log_config=None, lifespan="off")
         config.load()
         transport, state = Transport(), ServerState()
-        protocol = Protocol(config, state, limits, Turns(), lambda: None, lambda: None, None)
+        protocol = Connection((config, state), limits, Passes(), lambda: None, lambda: None)
         protocol.connection_made(transport)
         for piece in pieces:
-            if transport.closing:
-                break
-            protocol.data_received(piece)
-            await asyncio.sleep(0)
+            for begin in range(0, len(piece), READ_BYTES):
+                if not transport.closing:
+                    part = piece[begin : begin + READ_BYTES]
+                    protocol.get_buffer(-1)[: len(part)] = part
+                    protocol.buffer_updated(len(part))
+                    await asyncio.sleep(0)
         # Until everything that can be answered is: tasks end, or wait for more of the request.
         for _ in range(40):
             await asyncio.sleep(0)
@@ -134,30 +134,21 @@ def test_stream_in_pieces(parts: list[bytes], cuts: list[int]) -> None:
     judge(answered([piece for piece in (*pieces, content[begin:]) if piece]))
 
 
-@structured(
-    share=2, examples=100, sizes=st.lists(st.integers(1, 2000), min_size=1, max_size=3000), stop=st.integers(0, 9)
-)
-def test_chunks(sizes: list[int], stop: int) -> None:
-    """A body is given whole, or refused for its chunks or its size; the deadline changes neither."""
-    limit = 100_000
-    parser = Parser(2048, limit)
+@structured(share=2, examples=100, sizes=st.lists(st.integers(1, 2000), min_size=1, max_size=3000))
+def test_chunks(sizes: list[int]) -> None:
+    """A body is given whole, or refused for its chunks."""
+    parser = Parser(2048)
     chunks = b"".join(b"%x\r\n%s\r\n" % (size, b"x" * size) for size in sizes)
     parser.receive_data(POST + b"Transfer-Encoding: chunked\r\n\r\n" + chunks + b"0\r\n\r\n")
-    received, count = 0, 0
+    received = 0
     try:
-        while True:
-            parser.deadline = -1.0 if count % 10 == stop else float("inf")
-            event, count = parser.next_event(), count + 1
-            if isinstance(event, h11.Data):
-                received += len(event.data)
-            elif isinstance(event, h11.EndOfMessage):
-                break
-            else:
-                assert parser.interrupted or isinstance(event, h11.Request)
+        while not isinstance(event := parser.next_event(), h11.EndOfMessage):
+            received += len(event.data) if isinstance(event, h11.Data) else 0
     except h11.RemoteProtocolError:
-        assert sum(sizes) > limit + SLACK or len(sizes) > FREE_CHUNKS
+        assert len(sizes) > FREE_CHUNKS
+        assert b"larger ones" in parser.refusal[1].encode()
         return
-    assert received == sum(sizes) <= limit + SLACK
+    assert received == sum(sizes)
     assert len(sizes) <= FREE_CHUNKS + sum(sizes) // CHUNK_BYTES
 
 

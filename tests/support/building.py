@@ -17,7 +17,7 @@ from support.waiting import PATIENCE
 
 from service.publish.changes import Changes
 from service.publish.events import Streams
-from service.web.app import create_app
+from service.web.app import Backend, create_app
 from service.web.server.server import HttpServer
 
 KEPT = 300
@@ -99,9 +99,7 @@ class Building:
             self.site,
             self.zones,
             CollectorRegistry(),
-            changes=self._changes,
-            streams=self._streams,
-            time_zone=self._time_zone,
+            backend=Backend(time_zone=self._time_zone, streams=self._streams, changes=self._changes),
         )
         self._server = HttpServer(app, config(port=port))
         self._task = asyncio.create_task(self._server.run())

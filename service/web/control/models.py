@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from adapters.reading import Quality
 from service.records.fan import CompactOutputPayload
@@ -12,7 +12,7 @@ from service.records.outlook import InputOrigin
 from service.records.record import Matrices, Matrix, Time, Vector, constant, record, shown
 from service.records.trust import HorizonTrust
 from service.web.models import Horizon, Levels, Query
-from service.web.planned import PlannedInput
+from service.web.planned import PlannedInput, named_apart
 
 MAX_DRAWS = 1000
 MAX_PLANS = 64
@@ -66,7 +66,7 @@ class SiteForecastRequest(BaseModel):
     )
     levels: Levels = Field(default_factory=list, description="levels of the intervals; default: the published ones")
     scenarios: int = Field(default=0, ge=0, le=MAX_DRAWS, description="sampled futures of each zone and plan")
-    plans: Annotated[list[SitePlan], Field(min_length=1, max_length=MAX_PLANS)] = Field(
+    plans: Annotated[list[SitePlan], Field(min_length=1, max_length=MAX_PLANS), AfterValidator(named_apart)] = Field(
         default_factory=lambda: [SitePlan()], description="default: one plan that plans nothing"
     )
 

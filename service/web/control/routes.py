@@ -30,7 +30,7 @@ from service.web.control.models import (
     SiteForecastPayload,
     SiteForecastRequest,
 )
-from service.web.limits import LargeAnswers
+from service.web.limits import LARGE, Limiter
 from service.web.planned import inputs_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
@@ -38,11 +38,11 @@ from service.web.zones import no_forecast
 
 NPZ = "application/x-npz"
 
-LARGE = 100_000
+MANY_NUMBERS = 100_000
 """From so many numbers on an answer is made in turn with others."""
 
 
-def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers) -> APIRouter:
+def control_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(tags=["control"])
 
@@ -99,7 +99,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], large: LargeAnswers
         numbers = bound(request)
         if found := await asyncio.to_thread(mistakes, request):
             raise invalid([_told(one) for one in found])
-        async with large.turn() if numbers > LARGE else nullcontext():
+        async with limiter.turn(LARGE) if numbers > MANY_NUMBERS else nullcontext():
             # A plan that is written takes half as much memory as one that is not.
             written = [
                 await asyncio.to_thread(_written, request, plan, await under(request, plan)) for plan in request.plans

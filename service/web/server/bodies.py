@@ -118,12 +118,27 @@ def unread_json(body: bytes) -> RequestRefused | None:
     if sum(map(body.count, (b",", b"[", b"{"))) > MAX_ITEMS:
         sentence = f"the body has more than {MAX_ITEMS} values; send fewer at a time"
         return RequestRefused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, [sentence])
-    if _SURROGATE.search(body):
-        try:
-            json.dumps(json.loads(body), ensure_ascii=False).encode()
-        except UnicodeEncodeError:
-            sentence = "the body has half a character in it, such as \\ud800; send text that is Unicode"
-            return RequestRefused(HTTPStatus.BAD_REQUEST, [sentence])
-        except (ValueError, RecursionError):
-            return None  # For the application to explain.
+    try:
+        document = json.loads(body, object_pairs_hook=_distinct)
+        if _SURROGATE.search(body):
+            json.dumps(document, ensure_ascii=False).encode()
+    except _TwiceError as error:
+        return RequestRefused(HTTPStatus.BAD_REQUEST, [f"the body has the key {str(error)[:60]!r} twice; give it once"])
+    except UnicodeEncodeError:
+        sentence = "the body has half a character in it, such as \\ud800; send text that is Unicode"
+        return RequestRefused(HTTPStatus.BAD_REQUEST, [sentence])
+    except (ValueError, RecursionError):
+        return None  # For the application to explain.
     return None
+
+
+class _TwiceError(Exception):
+    """An object of JSON has a key twice: programs would read two things out of it."""
+
+
+def _distinct(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
+        raise _TwiceError(name)
+    return found

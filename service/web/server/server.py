@@ -1,36 +1,51 @@
-"""uvicorn inside the daemon's own event loop, behind a door of our own."""
+"""uvicorn inside the daemon's own event loop, with a count of connections in front."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import logging
 import socket
 from collections import Counter
 from collections.abc import Iterator
+from http import HTTPStatus
 from pathlib import Path
+from typing import Literal
 
 import uvicorn
 from fastapi import FastAPI
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.config.http import HttpConfig
 from service.errors import ServiceError
-from service.web.server.door import Door
+from service.fields.values import is_loopback
+from service.web.server.connection import UNIX, Connection, Passes
 from service.web.server.listener import listener
-from service.web.server.protocol import UNIX, Protocol
+from service.web.server.peers import peer_of, plain_address
+from service.web.server.refusal import RequestRefused, refusal
 from service.web.server.tls import ServerCertificate, server_certificate
 
+SPARE = 32
+"""Connections beyond the limit that are still told so; more are closed at once."""
+
 SHUTDOWN_SECONDS = 1
+RETRY_SECONDS = 5
+SWEEP_SECONDS = 1.0
 FOLLOW_SECONDS = 10.0
 """How often a renewed certificate is looked for."""
 
 BACKLOG = 256
 
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+_GONE = (errno.ECONNABORTED, errno.EPROTO)
+
 _log = logging.getLogger(__name__)
 
 
 class _Server(uvicorn.Server):
-    """uvicorn without its signal handlers, which are the daemon's, and without listeners, which are the door's."""
+    """uvicorn without its signal handlers, which are the daemon's, and without listeners: connections are counted
+    before their handshake, and each has the certificate of the moment."""
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -54,6 +69,13 @@ class HttpServer:
         self.certificate = server_certificate(config)
         self._socket = listener(config, setting)
         self.url = _url(self._socket, "http" if self.certificate is None else "https")
+        self._limits = config.limits
+        self._proxies = frozenset(config.trusted_proxies) if config.behind_tls_proxy else frozenset()
+        self._passes = Passes()
+        self._peers: Counter[str] = Counter()
+        self._greetings: set[asyncio.Task[None]] = set()
+        self.cut_off: Counter[str] = Counter()
+        """Connections that were ended because of their client: too many, or too slow to ask or to read."""
         self._server = _Server(
             uvicorn.Config(
                 app,
@@ -64,52 +86,41 @@ class HttpServer:
                 lifespan="off",
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
                 timeout_keep_alive=config.limits.idle_timeout,  # type: ignore[arg-type]
-                h11_max_incomplete_event_size=config.limits.headers,
                 server_header=False,
                 proxy_headers=config.behind_tls_proxy,
                 forwarded_allow_ips=_as_seen(config),
             )
         )
         self._server.config.load()
-        self._door = Door(
-            self._socket,
-            config,
-            self._server.config,
-            self._server.server_state,
-            lambda: None if self.certificate is None else self.certificate.context,
-        )
 
     @property
     def connections(self) -> int:
         """How many connections there are, those in their handshake too."""
-        return self._door.connections
+        return self._peers.total()
 
     @property
-    def open_connections(self) -> tuple[Protocol, ...]:
+    def open_connections(self) -> tuple[Connection, ...]:
         """The connections past their handshake."""
-        return self._door.open_connections
-
-    @property
-    def cut_off(self) -> Counter[str]:
-        """How many connections were ended because of their client, by reason."""
-        return self._door.cut_off
+        return tuple(one for one in self._server.server_state.connections if isinstance(one, Connection))
 
     async def run(self) -> None:
         """Serve until `stop`."""
         self._socket.listen(BACKLOG)
-        accepting = asyncio.create_task(self._door.run())
-        following = asyncio.create_task(self._follow())
+        watching = [asyncio.create_task(work) for work in (self._accept(), self._sweep(), self._follow())]
         serving = asyncio.create_task(self._server.serve())
         try:
-            await asyncio.wait([accepting, following, serving], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([*watching, serving], return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in (accepting, following):
+            for task in (*watching, *self._greetings):
                 task.cancel()
-            results = await asyncio.gather(accepting, following, return_exceptions=True)
+            results = await asyncio.gather(*watching, *self._greetings, return_exceptions=True)
             self._server.should_exit = True
             self.close()
             await serving
-            await self._door.close()
+            for connection in self.open_connections:
+                connection.transport.abort()
+            while self.open_connections:
+                await asyncio.sleep(0)
         for result in results:
             if isinstance(result, Exception):
                 raise result
@@ -139,12 +150,101 @@ class HttpServer:
         self._server.should_exit = True
         await serving
 
+    async def _accept(self) -> None:
+        """Accept connections for ever."""
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                connection, address = await loop.sock_accept(self._socket)
+            except OSError as error:
+                if error.errno not in (*_EXHAUSTED, *_GONE):
+                    raise
+                if error.errno in _EXHAUSTED:
+                    _log.error("no connection can be accepted now (%s)", error.strerror)
+                    await asyncio.sleep(SWEEP_SECONDS)
+                continue
+            self._admit(connection, address)
+
+    def _admit(self, connection: socket.socket, address: tuple[str, int] | Literal[""]) -> None:
+        connection.setblocking(False)
+        # A UNIX socket has no addresses.
+        host = plain_address(address[0]) if address else UNIX
+        peer = peer_of({"type": "http", "client": (host, 0)})
+        # On loopback, and behind a proxy, many clients share an address.
+        shared = host == UNIX or is_loopback(host) or host in self._proxies
+        beyond = self.connections - self._limits.connections
+        if not shared:
+            beyond = max(beyond, self._peers[peer] - self._limits.connections_per_client)
+        if beyond >= 0:
+            self.cut_off["too many"] += 1
+        if beyond >= SPARE:
+            connection.close()
+            return
+        self._peers[peer] += 1
+        greeting = asyncio.create_task(self._greet(connection, peer, _busy if beyond >= 0 else None))
+        self._greetings.add(greeting)
+        greeting.add_done_callback(self._greetings.discard)
+
+    async def _greet(self, connection: socket.socket, peer: str, app: ASGIApp | None) -> None:
+        """Make the connection one of the server's, after the handshake if it is encrypted."""
+        limits, server = self._limits, (self._server.config, self._server.server_state)
+        protocol = Connection(server, limits, self._passes, self._relieve, lambda: self._leave(peer), app)
+        encryption: dict[str, object] = {}
+        if self.certificate is not None:
+            encryption = {
+                "ssl": self.certificate.context,
+                "ssl_handshake_timeout": limits.receive_timeout,
+                "ssl_shutdown_timeout": limits.send_timeout,
+            }
+        try:
+            loop = asyncio.get_running_loop()
+            await loop.connect_accepted_socket(lambda: protocol, connection, **encryption)  # type: ignore[arg-type]
+        except BaseException as error:
+            connection.close()
+            if not protocol.met:
+                self._leave(peer)
+            if not isinstance(error, OSError):
+                raise
+
+    def _leave(self, peer: str) -> None:
+        self._peers[peer] -= 1
+        if not self._peers[peer]:
+            del self._peers[peer]
+
+    async def _sweep(self) -> None:
+        """Look after every connection for ever."""
+        shortest = min(self._limits.receive_timeout, self._limits.send_timeout)
+        while True:
+            await asyncio.sleep(min(SWEEP_SECONDS, shortest / 4))
+            now = asyncio.get_running_loop().time()
+            for connection in self.open_connections:
+                self.cut_off.update(filter(None, [connection.check(now)]))
+            self._relieve()
+
+    def _relieve(self) -> None:
+        """Let go of the slowest readers while more waits to be sent than there is room for; one may always stay."""
+        connections = [one for one in self.open_connections if not one.transport.is_closing()]
+        waiting = sum(connection.unsent for connection in connections)
+        for connection in sorted(connections, key=lambda one: one.stalled_since)[:-1]:
+            if waiting <= self._limits.unsent:
+                return
+            waiting -= connection.unsent
+            connection.transport.abort()
+            self.cut_off["slow to read"] += 1
+
     async def _follow(self) -> None:
         """Notice a renewed certificate, for ever."""
         while True:
             if self.certificate is not None:
                 self.certificate.follow()
             await asyncio.sleep(FOLLOW_SECONDS)
+
+
+async def _busy(scope: Scope, receive: Receive, send: Send) -> None:
+    """The application of connections beyond the limit."""
+    sentence = "too many connections are open; close some, or try again later"
+    refused = RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], RETRY_SECONDS, {"Connection": "close"})
+    await refusal(refused)(scope, receive, send)
 
 
 def _url(listening: socket.socket, scheme: str) -> str:

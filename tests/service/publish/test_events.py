@@ -17,7 +17,7 @@ from service.config.http import HttpConfig, LimitsConfig
 from service.publish.events import Event, Stream, Streams
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
 from service.records.record import document
-from service.web.app import create_app
+from service.web.app import Backend, create_app
 from service.web.server.server import HttpServer
 
 SITE = "home"
@@ -102,7 +102,7 @@ async def serving(limits=None, zones=None):
     streams = Streams()
     http = HttpConfig(port=0, limits=LimitsConfig(**(limits or {})))
     zones = zones or {"living": running("living")}
-    app = create_app(SITE, zones, CollectorRegistry(), streams=streams, http=http)
+    app = create_app(SITE, zones, CollectorRegistry(), backend=Backend(streams=streams), http=http)
     server = HttpServer(app, http)
     task = asyncio.create_task(server.run())
     await server.started(task)
@@ -187,9 +187,9 @@ def test_an_unknown_zone_is_404_and_too_many_streams_are_refused():
             assert "retry-after: 10" in refused.lower()
             # Who leaves makes room.
             clients[0].writer.close()
-            await server.until(lambda: server.app.state.stream_limits.open == 1)
+            await server.until(lambda: server.app.state.limiter.open("streams") == 1)
             await (await server.connect()).events(5)
-            assert server.app.state.stream_limits.open == 2
+            assert server.app.state.limiter.open("streams") == 2
 
     asyncio.run(scenario())
 
@@ -230,14 +230,14 @@ def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
         async with serving({"streams_per_client": 200, "streams": 200}) as server:
             clients = await asyncio.gather(*(server.connect() for _ in range(200)))
             await asyncio.gather(*(client.events(5) for client in clients))
-            assert server.app.state.stream_limits.open == 200
+            assert server.app.state.limiter.open("streams") == 200
             for step in (3, 4, 5):
                 server.announce(step)
                 heard = await asyncio.gather(*(client.events(4 * (step - 1)) for client in clients))
                 assert {events[-1][1] for events in heard} == {stamp(step)}
             for client in clients:
                 client.writer.close()
-            await server.until(lambda: server.app.state.stream_limits.open == 0)
+            await server.until(lambda: server.app.state.limiter.open("streams") == 0)
             assert not server.streams._open
 
     asyncio.run(scenario())
@@ -260,9 +260,9 @@ def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
                     server.announce(step)
                     assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
                     step += 1
-            assert server.app.state.stream_limits.open == 2
+            assert server.app.state.limiter.open("streams") == 2
             assert held(server) < 10_000
-            await server.until(lambda: server.app.state.stream_limits.open == 1)
+            await server.until(lambda: server.app.state.limiter.open("streams") == 1)
             assert not stuck.writer.is_closing(), "it was not the client who left"
 
     asyncio.run(scenario())

@@ -217,5 +217,10 @@ def test_while_nobody_can_say_which_keys_are_good_none_is(app: FastAPI, file: Pa
     assert int(answer.headers["retry-after"]) > 0
     assert request(app, "GET", "/zones").status_code == 401
     assert request(app, "GET", "/healthz").status_code == 200
+    assert request(app, "GET", "/healthz", headers=bearer(secret)).json()["version"] is None, "nobody is known now"
     file.write_bytes(content)
+    assert [request(app, "GET", "/healthz", headers=headers).json()["version"] for headers in ({}, bearer(secret))] == [
+        None,
+        "unknown",
+    ]
     assert status(app, "/zones", secret) == 200

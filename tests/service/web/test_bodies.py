@@ -79,6 +79,22 @@ def test_half_a_character_is_the_clients_mistake(app: FastAPI, body: bytes) -> N
     assert "half a character" in problem(sent(app, body), 400)["detail"]
 
 
+@pytest.mark.parametrize("body", [b'{"horizon":"1h","horizon":"2h"}', b'{"horizon":"1h","inputs":{"u":1,"u":2}}'])
+def test_a_key_that_is_given_twice_is_refused(app: FastAPI, body: bytes) -> None:
+    assert "twice; give it once" in problem(sent(app, body), 400)["detail"]
+
+
+def test_plans_have_names_of_their_own(app: FastAPI) -> None:
+    for plans, status in (["one", "one"], 422), (["one", "two"], 200), (["", ""], 200):
+        answer = post(app, "/forecasts", {"horizon": "1h", "plans": [{"name": name} for name in plans]})
+        assert answer.status_code == status, answer.text
+
+
+def test_digits_are_those_of_ascii(app: FastAPI) -> None:
+    for query in ("horizon=\uff16h", "level=0.\uff19", "horizon=1h&level=\u0660.5"):
+        assert get(app, f"{PLAN}?{query}").status_code == 422
+
+
 def test_whole_characters_may_be_escaped(app: FastAPI) -> None:
     found = problem(sent(app, b'{"horizon":"\\ud83d\\ude00"}'), 422)["detail"]
     assert "\N{GRINNING FACE}" in found

@@ -20,7 +20,7 @@ from service.records.record import document
 from service.web import history as module
 from service.web.app import create_app
 from service.web.history import PAGE, Histories, history_of
-from service.web.limits import LARGE_AT_ONCE, LargeAnswers
+from service.web.limits import LARGE, Limiter
 
 ROWS = 2 * PAGE + 300
 
@@ -78,7 +78,7 @@ class Slow:
 
 def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zone: FakeZone) -> None:
     async def scenario() -> None:
-        histories, slow = Histories("htwg", LargeAnswers()), Slow(zone)
+        histories, slow = Histories("htwg", Limiter()), Slow(zone)
 
         async def ask(name: str, limit: int) -> bytes:
             asked_by(Asker(name))
@@ -88,14 +88,13 @@ def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zo
         greedy = [asyncio.create_task(ask("greedy", 20_000)) for _ in range(5)]
         await until(lambda: slow.reading)
         others = [asyncio.create_task(ask(f"client {k}", 20_000)) for k in range(5)]
-        await until(lambda: len(slow.reading) == LARGE_AT_ONCE)
+        await until(lambda: len(slow.reading) == 2)
         short = asyncio.create_task(ask("greedy", PAGE))
-        await until(lambda: len(slow.reading) == LARGE_AT_ONCE + 1)
+        await until(lambda: len(slow.reading) == 2 + 1)
         slow.open.set()
         await asyncio.gather(*greedy, *others, short)
         assert len(slow.reading) == 11
-        assert not histories._large._open
-        assert not histories._large._turns
+        assert histories._limiter.open(LARGE) == 0
 
     asyncio.run(scenario())
 
@@ -107,7 +106,7 @@ def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> None:
         asked_by(asker)
         view: Any = slow
         with pytest.raises(ServiceError, match="nobody waits for it"):
-            await Histories("htwg", LargeAnswers()).answer(view, None, None, 20_000)
+            await Histories("htwg", Limiter()).answer(view, None, None, 20_000)
         assert slow.reading == []
 
     asyncio.run(scenario())

@@ -18,7 +18,6 @@ from service.errors import CertificateError
 from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.measures import http_measures
-from service.web.server.protocol import READ_BYTES
 from service.web.server.server import HttpServer
 
 
@@ -143,31 +142,3 @@ def test_a_certificate_that_cannot_be_used_stops_the_start(tmp_path: Path) -> No
     pair.private_key.unlink()
     with pytest.raises(CertificateError, match="cannot be read"):
         HttpServer(app(), config(certificate=pair.certificate, private_key=pair.private_key))
-
-
-def test_an_encrypted_connection_holds_little_of_what_is_sent(tmp_path: Path) -> None:
-    """asyncio's buffers of half a megabyte per connection took 264 MB for sixty clients that sent without a pause."""
-    held: list[int] = []
-    application = app()
-
-    @application.post("/slow")
-    async def slow() -> str:
-        held.append(1)
-        await asyncio.sleep(0.3)
-        return "done"
-
-    async def scenario() -> None:
-        pair = make_pair(tmp_path)
-        async with serving(application, config(certificate=pair.certificate, private_key=pair.private_key)) as server:
-            client = await Client.to(server, trusting(pair))
-            await client.send(b"POST /slow HTTP/1.1\r\nHost: localhost\r\nContent-Length: 900000\r\n\r\n")
-            await client.send(b"x" * 900_000)
-            await until(lambda: bool(held))
-            (connection,) = server.open_connections
-            encryption = connection.transport._ssl_protocol  # type: ignore[attr-defined]
-            assert len(encryption.get_buffer(-1)) == READ_BYTES
-            assert encryption._incoming.pending <= 3 * READ_BYTES
-            assert (await client.answer()).status == 200
-            await client.close()
-
-    run(scenario())

@@ -19,7 +19,7 @@ from support.waiting import until
 from service.publish.changes import Changes
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Disturbance
-from service.web.app import create_app
+from service.web.app import Backend, create_app
 from service.web.keys import KeyRing, create_key
 from service.web.page import outlook, overview
 from service.web.page.outlook import Outlook, Outlooks, scaled
@@ -32,7 +32,7 @@ def zones() -> dict[str, FakeZone]:
 
 @pytest.fixture
 def app(zones: dict[str, FakeZone]) -> FastAPI:
-    return create_app("htwg", zones, CollectorRegistry(), time_zone="Europe/Berlin")
+    return create_app("htwg", zones, CollectorRegistry(), backend=Backend(time_zone="Europe/Berlin"))
 
 
 def test_the_overview_has_every_zone_in_one_answer(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -82,7 +82,7 @@ def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
 
     async def run() -> None:
         changes = Changes()
-        app = create_app("htwg", zones, CollectorRegistry(), changes=changes)
+        app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
         async with serving(app, config()) as server:
             client = await follow(server)
             rows: dict[str, Any] = {}
@@ -125,7 +125,7 @@ def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: 
 
     async def run() -> None:
         changes = Changes()
-        app = create_app("htwg", zones, CollectorRegistry(), changes=changes)
+        app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
         async with serving(app, config()) as server:
             client = await follow(server)
             await read_rows(client)

@@ -20,15 +20,18 @@ from support.http_client import get, problem, request
 
 from adapters.http.posted import Posted
 from adapters.reading import Fault, Quality
-from service.config.http import HttpConfig
+from service.config.http import HttpConfig, LimitsConfig
 from service.errors import JournalError
 from service.publish.metrics import Metrics
 from service.records.receipt import Receipt
 from service.web import readings
-from service.web.app import create_app
+from service.web.app import Backend, create_app
 from service.web.keys import KeyRing, create_key
-from service.web.readings import MAX_VALUES, OF_ONE, WAITING
+from service.web.limits import POSTS, table
+from service.web.readings import MAX_VALUES
 from service.web.server.refusal import MOST_SENTENCES, RequestRefused
+
+OF_ONE, WAITING = table(LimitsConfig())[POSTS][2:4]
 
 JSON = "application/json"
 SENML = "application/senml+json"
@@ -69,7 +72,7 @@ def app(desk: Desk, file: Path) -> FastAPI:
     zones = {zone.id: zone for zone in (running("living"), running("bedroom"))}
     http = HttpConfig.model_validate({"limits": {"body": 4_000_000}}, context={"folder": "/"})
     keys = KeyRing(file, required=False)
-    return create_app("htwg", zones, Metrics(zones).registry, keys=keys, take=desk.take, http=http)
+    return create_app("htwg", zones, Metrics(zones).registry, keys=keys, backend=Backend(take=desk.take), http=http)
 
 
 @pytest.fixture
@@ -143,7 +146,9 @@ def test_posting_needs_a_key_for_it_even_where_reading_is_open(app: FastAPI, des
 
 def test_a_zone_may_be_called_readings(tmp_path: Path, desk: Desk, file: Path) -> None:
     zones = {"readings": running("readings")}
-    app = create_app("htwg", zones, Metrics(zones).registry, keys=KeyRing(file, required=False), take=desk.take)
+    app = create_app(
+        "htwg", zones, Metrics(zones).registry, keys=KeyRing(file, required=False), backend=Backend(take=desk.take)
+    )
     assert get(app, "/zones/readings").status_code == 200
     assert get(app, "/zones/readings/forecast").status_code == 200
     problem(request(app, "POST", "/zones/readings/readings", content=b"a b=1"), 401)
@@ -375,7 +380,7 @@ def test_one_tenants_key_does_not_stop_the_readings_of_another(
     assert honest == 200
     assert Counter(greedy) == {200: WAITING, 429: 3}
     told = [record.getMessage() for record in caplog.records if "refused" in record.getMessage()]
-    assert told == [f"key telegraf has {WAITING} posts of readings waiting, and further ones are refused"]
+    assert told == [f"key telegraf has {WAITING} posts of readings open, and further ones are refused"]
 
 
 def test_where_the_journal_fails_the_client_is_told_to_come_back(app: FastAPI, desk: Desk, key: str) -> None:

@@ -24,7 +24,7 @@ from service.records.outlook import Surroundings
 from service.records.record import document_of
 from service.web.control import routes
 from service.web.control.models import SiteForecastPayload, SiteForecastRequest
-from service.web.limits import LargeAnswers
+from service.web.limits import LARGE, Limiter
 from service.zone.zone import Zone
 
 HOURS = 12
@@ -223,14 +223,14 @@ def test_one_zone_refuses_the_same_plans(app: FastAPI) -> None:
 
 def test_a_large_answer_is_made_in_turn_and_is_the_same(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
     taken = []
-    own = LargeAnswers.turn
-    monkeypatch.setattr(LargeAnswers, "turn", lambda self: taken.append(self) or own(self))
+    own = Limiter.turn
+    monkeypatch.setattr(Limiter, "turn", lambda self, kind: taken.append(kind) or own(self, kind))
     body = {"horizon": "10min", "plans": [{"name": "one"}, {"name": "two"}]}
     small = post(app, "/forecasts", body)
     assert not taken
-    monkeypatch.setattr(routes, "LARGE", 1)
+    monkeypatch.setattr(routes, "MANY_NUMBERS", 1)
     large = post(app, "/forecasts", body)
-    assert len(taken) == 1
+    assert taken == [LARGE]
     assert large.content == small.content
     assert [plan["name"] for plan in large.json()["plans"]] == ["one", "two"]
 
