@@ -12,7 +12,7 @@ import zenoh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.fields.values import identifier
+from adapters.fields.values import identifier
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("estimator", "adapters", "service", "replay", "thermogate")

@@ -10,11 +10,11 @@ from fastapi import FastAPI, Response
 from fastapi.responses import PlainTextResponse, RedirectResponse
 from pydantic import BaseModel, ConfigDict, Field
 
+from adapters.fields.times import utc
 from replay.bms.faults import MENU, Fault, FaultError, FaultSpec
 from replay.bms.register_map import as_csv
 from replay.bms.simulation import Simulation
 from service.config.http import HttpConfig
-from service.fields.times import utc
 from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.guard import Guard

@@ -9,10 +9,10 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from adapters.fields.durations import parse_duration
+from adapters.fields.problems import own_sentence
 from replay.bms.plant import Channel, Device
 from replay.errors import ReplayError
-from service.fields.durations import parse_duration
-from service.fields.problems import own_sentence
 
 
 class FaultError(ReplayError):

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from service.fields.times import written_to_the_millisecond
+from adapters.fields.times import written_to_the_millisecond
 
 _SENML_UNITS = {"degC": "Cel", "1": "/", "Wh": "Wh"}  # RFC 8428 and 8798; W, K, % and W/m2 are written as they are
 

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from adapters.fields.durations import format_duration
 from estimator.particle.options import Options, resolve
 from replay.bms.bacnet.objects import CLIENT, FIRST_INSTANCE, objects
 from replay.bms.plant import Channel, Device
 from replay.bms.simulation import Simulation
 from service.config.overrides import apply_overrides
 from service.config.written import network_table
-from service.fields.durations import format_duration
 
 SIMULATED_PERIOD = 600.0
 """Length of a zone's step in simulated s, as near as whole seconds of real time allow."""

@@ -147,7 +147,7 @@ def _bacnet(text: str) -> int | None:
 
 
 def _endpoint(text: str) -> str:
-    from service.fields.values import loopback_endpoint
+    from adapters.fields.values import loopback_endpoint
 
     if text == "off":
         return text

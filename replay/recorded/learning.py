@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from adapters.fields.durations import format_duration
+from adapters.fields.times import written_time
 from replay.localtime import DAY
 from replay.recorded.doubts import doubts
 from replay.recorded.runner import SLOW, aligned
@@ -29,8 +31,6 @@ from service.config.recording import recorded
 from service.config.site import Config, ZoneConfig
 from service.daemon.kernel_cache import guard_kernel_cache
 from service.errors import ServiceError
-from service.fields.durations import format_duration
-from service.fields.times import written_time
 from service.records.sample import Sample
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint

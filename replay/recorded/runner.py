@@ -22,6 +22,8 @@ from typing import Any, TextIO
 import numpy as np
 from tqdm import tqdm
 
+from adapters.fields.durations import format_duration
+from adapters.fields.times import written_time
 from estimator import registry
 from replay.recorded.trace import Trace, Tracer
 from replay.scores import coverage, mean_width, rmse, winkler
@@ -29,8 +31,6 @@ from service.config.fitting import make_alignment, make_worker
 from service.config.recording import Part, recorded
 from service.config.site import Config, ZoneConfig
 from service.errors import ServiceError
-from service.fields.durations import format_duration
-from service.fields.times import written_time
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.sample import Sample

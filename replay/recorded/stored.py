@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from tqdm import tqdm
 
+from adapters.fields.times import written_time
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.localtime import DAY
@@ -23,7 +24,6 @@ from replay.recorded.trace import Trace, Tracer
 from service.config.fitting import fingerprint, make_worker
 from service.config.site import ZoneConfig
 from service.errors import StateMismatch
-from service.fields.times import written_time
 from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.series import GAIN

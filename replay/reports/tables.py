@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from adapters.fields.times import written_time
 from estimator.diagnosis.finding import amount
 from replay.localtime import HOUR
 from replay.recorded.trace import LEVELS, Trace
 from replay.reports.kit.table import Cell, Table, shown
 from service.cli.tables import aligned
-from service.fields.times import written_time
 from service.records.skill import HorizonSkill
 
 _HEADER = ("zone", "ahead", "forecasts", "coverage", "width [K]", "RMSE [K]", "against persistence", "against ARX")

@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from adapters.fields.numbers import read_number, read_whole
+from adapters.fields.times import ZoneMissing, parse_time
 from service.errors import ConfigError
-from service.fields.numbers import read_number, read_whole
-from service.fields.times import ZoneMissing, parse_time
 
 if TYPE_CHECKING:
+    from adapters.channel import SourceConfig
     from service.config.site import Config
-    from service.sources.channel import SourceConfig
 
 AddCommand = Callable[[str, Callable[[argparse.Namespace], int], str], argparse.ArgumentParser]
 """`add(name, command, text)`: a subparser with the options that every command has."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from adapters.fields.durations import format_duration
 from estimator.network import presets
 from estimator.network.family import family
 from estimator.network.network import Network
 from service.cli.tables import aligned
 from service.config.site import Config, ZoneConfig
-from service.fields.durations import format_duration
 from service.zone.alignment import SETPOINT, unit_of
 
 

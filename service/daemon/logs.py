@@ -18,8 +18,8 @@ from contextlib import nullcontext
 from types import TracebackType
 from typing import TextIO
 
+from adapters.fields.times import written_time, written_to_the_millisecond
 from service.config.log import LEVELS, LogConfig
-from service.fields.times import written_time, written_to_the_millisecond
 
 WINDOW_SECONDS = 60.0
 SWEEP_SECONDS = 5.0

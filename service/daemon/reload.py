@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from adapters.fields.words import listed
 from service.config.fitting import fingerprint
 from service.config.site import TABLES, Config, ZoneConfig
-from service.fields.words import listed
 
 RELOADABLE = ("log", "fleet", "zones", "sources", "weather")
 """Tables of the configuration that take effect while the daemon runs, or have none on it; the others do with its next

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
-from service.fields.times import written_time
+from adapters.fields.times import written_time
 from service.pauses import within
 from service.publish.sinks import Announcement
 from service.records.measures import Measure, single

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
+from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FINDINGS
-from service.fields.durations import format_duration
 from service.publish.sinks import Announcement
 from service.records.skill import Skill
 from service.records.status import STATES

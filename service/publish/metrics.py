@@ -14,9 +14,9 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, GCCollector, Hi
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FINDINGS
 from estimator.types import ALPHA_LEVELS
-from service.fields.durations import format_duration
 from service.publish.payloads import clock
 from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family

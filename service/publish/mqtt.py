@@ -17,12 +17,12 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from adapters.errors import SourceError
+from adapters.fields.values import Flag
+from adapters.fields.words import shown
 from adapters.mqtt.background import Background
 from adapters.mqtt.broker import Broker
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
-from service.fields.mqtt_broker import BrokerConfig, Topic
-from service.fields.values import Flag
-from service.fields.words import shown
+from adapters.mqtt.fields import BrokerConfig, Topic
 from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery
 from service.publish.sinks import Announcement, Occasion, SinkKind

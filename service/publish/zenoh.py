@@ -22,12 +22,12 @@ import zenoh
 from pydantic import Field, model_validator
 
 from adapters.errors import SourceConfigError
+from adapters.fields.values import Duration, Endpoint, Flag
 from adapters.zenoh.access import publishing
 from adapters.zenoh.connection import Connection
+from adapters.zenoh.fields import Mode, SessionConfig
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
-from service.fields.values import Duration, Endpoint, Flag
-from service.fields.zenoh_session import Mode, SessionConfig
 from service.publish.sinks import TOPICS, Announcement, Occasion, SinkKind
 from service.records.measures import Measure, Rows, single
 

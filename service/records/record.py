@@ -19,7 +19,7 @@ import numpy.typing as npt
 from pydantic import PlainSerializer, TypeAdapter, WithJsonSchema
 from pydantic_core import CoreSchema, core_schema
 
-from service.fields.times import utc
+from adapters.fields.times import utc
 
 Number = Annotated[float, WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]})]
 """A float64, null in JSON where it is not finite."""

@@ -25,8 +25,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
+from adapters.fields.values import IDENTIFIER
 from service.errors import BackupError
-from service.fields.values import IDENTIFIER
 from service.store.checkpoint import CheckpointStore, Found
 from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.journal_file import SCHEMA_VERSION, schema_problem

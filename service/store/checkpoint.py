@@ -28,8 +28,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from adapters.fields.values import IDENTIFIER
 from service.errors import CheckpointError, StateMismatch
-from service.fields.values import IDENTIFIER
 from service.store.durable_files import make_folder, sync_folder, write_file
 from service.store.ownership import open_plain
 

@@ -16,8 +16,8 @@ from contextlib import suppress
 from itertools import islice
 from typing import Any, TypeVar
 
+from adapters.fields.times import written_time
 from service.errors import Fenced, ServiceError, StateMismatch
-from service.fields.times import written_time
 from service.records.measures import Measure
 from service.records.sample import Sample
 from service.records.series import Series, Stretch

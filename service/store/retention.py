@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from service.fields.times import written_time
+from adapters.fields.times import written_time
 from service.store.journal import Journal
 
 HOUR, DAY = 3600, 86_400

@@ -21,8 +21,8 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
+from adapters.fields.values import Identifier
 from service.errors import KeyFileError
-from service.fields.values import Identifier
 from service.store.durable_files import make_folder
 from service.store.ownership import as_owner_of, others_can_change
 from service.web.server.followed import FollowedFiles

@@ -15,10 +15,10 @@ from pydantic import (
     WithJsonSchema,
 )
 
+from adapters.fields.durations import parse_duration
+from adapters.fields.numbers import is_level
+from adapters.fields.times import ZoneMissing, parse_time
 from estimator.diagnosis.finding import Finding, VariantWeight
-from service.fields.durations import parse_duration
-from service.fields.numbers import is_level
-from service.fields.times import ZoneMissing, parse_time
 from service.forecast.answers import LearnedLaw
 from service.publish.payloads import StatusPayload
 from service.records.record import Time, Vector, constant, document_of, record, shown

@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
+from adapters.fields.problems import extended, own_sentence
 from service.errors import RequestError, ServiceError, TooManyQuestions
-from service.fields.problems import extended, own_sentence
 from service.web.server.refusal import MEDIA_TYPE, RequestRefused, failure_answer, few, problem_answer, refusal
 
 RETRY_SECONDS = 60

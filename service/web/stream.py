@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Header
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import Response, StreamingResponse
 
-from service.fields.times import parse_time
+from adapters.fields.times import parse_time
 from service.publish.events import Event, Streams, event, events_of
 from service.publish.sinks import TOPICS, Announcement
 from service.records.record import document

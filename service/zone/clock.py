@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from service.fields.times import written_time
+from adapters.fields.times import written_time
 
 PLAUSIBLE = 1_735_689_600.0
 """2025-01-01T00:00:00Z in UTC s. There is no Thermogate of that age: a clock before it has not been set."""

@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
+from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, Diagnosis
 from estimator.types import Outcome
-from service.fields.durations import format_duration
 from service.records.skill import HorizonSkill, IssuedSkill, Skill
 from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
 from service.records.update import Update

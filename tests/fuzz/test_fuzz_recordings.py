@@ -17,10 +17,10 @@ from adapters.csv.source import CsvChannel, CsvSource
 from adapters.csv.times import parse_timestamps, to_utc
 from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceError
+from adapters.fields.durations import format_duration, parse_duration
 from adapters.reading import Quality, Reading
 from adapters.timestamps import EARLIEST, LATEST, timestamp_parser
 from adapters.units import conversion
-from service.fields.durations import format_duration, parse_duration
 
 BERLIN = ZoneInfo("Europe/Berlin")
 FOLDER = folder()

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from adapters.csv.config import CsvConfig
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.checkout import laboratory
@@ -17,7 +18,6 @@ from replay.experiments.topology.toml import Place
 from replay.localtime import DAY
 from service.config.load import load
 from service.config.site import Config, ZoneConfig
-from service.sources.csv import CsvConfig
 
 
 class Recording(NamedTuple):

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import tomli_w
 
+from adapters.fields.durations import format_duration
 from estimator.network.network import Network
 from estimator.network.presets import network
 from replay.errors import MeasurementError
 from replay.recorded.tables import cells, utc_stamps, write_table
 from replay.simulated import semi_synthetic
 from replay.simulated.semi_synthetic import PERIOD
-from service.fields.durations import format_duration
 
 SITE = "fleet"
 _SPARE_ROUNDS = 3

@@ -12,9 +12,9 @@ from http.client import HTTPException
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from adapters.fields.addresses import is_web_address
 from service.cli.arguments import AddCommand, positive
 from service.errors import one_line
-from service.fields.addresses import is_web_address
 
 OK, WARNING, CRITICAL, UNKNOWN = range(4)
 """Exit codes as monitoring plugins have them."""

@@ -36,8 +36,8 @@ def _inspect(arguments: argparse.Namespace) -> int:
 
 def description(checkpoint: Checkpoint, path: Path) -> list[str]:
     """What `inspect` prints of `checkpoint`, read from `path`."""
+    from adapters.fields.times import written_time
     from service.cli.tables import aligned
-    from service.fields.times import written_time
     from service.store.checkpoint import FORMAT_VERSION
     from service.zone import snapshot
 

@@ -71,9 +71,9 @@ def _mistakes(arguments: argparse.Namespace) -> list[str]:
 def _create(config: Config, arguments: argparse.Namespace) -> None:
     import sys
 
+    from adapters.fields.values import identifier
+    from adapters.fields.words import suggestion
     from service.errors import ConfigError
-    from service.fields.values import identifier
-    from service.fields.words import suggestion
     from service.web.keys import create_key
 
     ids = [zone.id for zone in config.zones]
@@ -93,9 +93,9 @@ def _create(config: Config, arguments: argparse.Namespace) -> None:
 
 def _expiry(text: str) -> datetime:
     """The UTC time that a duration from now or an RFC 3339 time means; ConfigError if it is neither, or past."""
+    from adapters.fields.durations import parse_duration
+    from adapters.fields.times import ZoneMissing, parse_time
     from service.errors import ConfigError
-    from service.fields.durations import parse_duration
-    from service.fields.times import ZoneMissing, parse_time
 
     now = datetime.now(UTC).replace(microsecond=0)
     try:
@@ -130,7 +130,7 @@ def _list(config: Config, arguments: argparse.Namespace) -> None:
 
 
 def _row(key: Key, now: datetime) -> tuple[str, ...]:
-    from service.fields.times import written_time
+    from adapters.fields.times import written_time
 
     zones = "all" if key.zones is None else ", ".join(key.zones)
     expires = "never" if key.expires is None else written_time(key.expires)

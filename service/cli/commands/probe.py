@@ -9,15 +9,15 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from adapters.fields.numbers import read_number
 from service.cli.arguments import AddCommand, load_config, load_source_tables, take_config, whole_range
-from service.fields.numbers import read_number
 
 if TYPE_CHECKING:
+    from adapters.channel import SourceConfig
     from adapters.reading import Probe
     from adapters.scanning import Scan
     from service.cli.progress import Waiting
     from service.config.site import Config
-    from service.sources.channel import SourceConfig
 
 LISTEN_SECONDS = 5.0
 
@@ -77,9 +77,9 @@ def _tables(text: str) -> tuple[str, ...]:
 
 
 def _probe(arguments: argparse.Namespace) -> int:
+    from adapters.fields.words import suggestion
     from adapters.scanning import Scan
     from service.errors import ConfigError
-    from service.fields.words import suggestion
 
     for option in ("devices", "registers", "tables"):
         if getattr(arguments, option) is not None and not arguments.scan:

@@ -17,7 +17,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from service.fields.times import written_time
+from adapters.fields.times import written_time
 
 MOST = 3
 """How many processes one sample of a zone may take with it."""

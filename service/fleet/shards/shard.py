@@ -12,6 +12,7 @@ from typing import Any
 
 from prometheus_client import Metric
 
+from adapters.fields.times import written_time
 from adapters.http.posted import Posted
 from service.config.fitting import fingerprint
 from service.config.site import Config
@@ -22,7 +23,6 @@ from service.daemon.supply.feeds import Handed, narrowed
 from service.daemon.supply.ingest import hand
 from service.daemon.tasks import end
 from service.errors import Away, ServiceError, StateMismatch
-from service.fields.times import written_time
 from service.fleet.messages import Beat, News
 from service.fleet.peers import end_process, own_node, remembered
 from service.fleet.plan import QUARANTINE

@@ -10,8 +10,8 @@ import logging
 from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 
+from adapters.fields.words import listed
 from service.errors import Fenced
-from service.fields.words import listed
 from service.store.postgres.database import Cursor
 from service.store.postgres.leases import Lease, lost
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 
-from service.fields.times import written_time
+from adapters.fields.times import written_time
 from service.store.postgres import partitions
 from service.store.postgres.database import Cursor
 from service.store.postgres.journal import PostgresJournal

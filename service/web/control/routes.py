@@ -10,8 +10,8 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
 
+from adapters.fields.durations import DAY, format_duration
 from service.errors import NoModel, ServiceError
-from service.fields.durations import DAY, format_duration
 from service.forecast.learned import ModelQuestion
 from service.forecast.plan import Plan
 from service.forecast.request import ForecastRequest, Mistake, bound, mistakes

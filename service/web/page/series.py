@@ -11,7 +11,7 @@ import numpy as np
 from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
-from service.fields.times import utc
+from adapters.fields.times import utc
 from service.records.record import document, document_of
 from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView

@@ -17,9 +17,9 @@ import uvicorn
 from fastapi import FastAPI
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from adapters.fields.values import is_loopback
 from service.config.http import HttpConfig
 from service.errors import ServiceError
-from service.fields.values import is_loopback
 from service.web.server.connection import UNIX, Connection, Passes
 from service.web.server.listener import listener
 from service.web.server.peers import peer_of, plain_address

@@ -16,9 +16,9 @@ from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat, load_pem_private_key
 
+from adapters.fields.times import written_day
 from service.config.http import HttpConfig
 from service.errors import CertificateError
-from service.fields.times import written_day
 from service.web.server.followed import FollowedFiles
 
 WARN_SECONDS = 14 * 86400.0

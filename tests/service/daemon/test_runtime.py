@@ -10,11 +10,11 @@ import pytest
 from support.config_samples import HEADER, sound, write
 from support.running_zone import plumbing
 
+from adapters.fields.times import parse_time, utc
 from service.config.load import load
 from service.config.site import Config
 from service.daemon.runtime import Runtime
 from service.daemon.zone_table import ZoneTable
-from service.fields.times import parse_time, utc
 
 FIRST = parse_time("2025-05-03T00:00:00Z")
 

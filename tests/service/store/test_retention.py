@@ -17,8 +17,8 @@ from support.running_zone import Announced, finished, plumbing, straight
 from support.zone_samples import comparable, sample, worker
 
 import service.store.store
+from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
-from service.fields.times import written_time
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.retention import Limits, prune

@@ -10,9 +10,9 @@ import pytest
 
 from adapters.csv.source import CsvChannel, CsvSource
 from adapters.edge import Edge
+from adapters.routing import Router
 from adapters.units import conversion, default_valid_range
 from estimator.network.presets import SOLAR_APERTURE, network
-from service.sources.routing import Router
 from service.zone.alignment import Alignment, Rules
 
 FLEXHOUSE = Path(__file__).parents[4] / "shared" / "data" / "flexhouse_prbs1" / "inputPRBS1.csv"

@@ -1,1 +1,0 @@
-"""Re-exports of adapters.fields, until every room imports from there."""

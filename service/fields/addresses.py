@@ -1,1 +1,0 @@
-from adapters.fields.addresses import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.fields.durations import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.mqtt.fields import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.fields.numbers import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.fields.problems import *  # noqa: F403

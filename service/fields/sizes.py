@@ -1,1 +1,0 @@
-from adapters.fields.sizes import *  # noqa: F403

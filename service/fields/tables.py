@@ -1,1 +1,0 @@
-from adapters.fields.tables import *  # noqa: F403

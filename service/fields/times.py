@@ -1,1 +1,0 @@
-from adapters.fields.times import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.fields.values import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.fields.words import *  # noqa: F403

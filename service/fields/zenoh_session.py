@@ -1,1 +1,0 @@
-from adapters.zenoh.fields import *  # noqa: F403

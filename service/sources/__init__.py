@@ -1,1 +1,0 @@
-"""Re-exports of adapters, until every room imports from there."""

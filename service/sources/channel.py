@@ -1,1 +1,0 @@
-from adapters.channel import *  # noqa: F403

@@ -1,1 +1,0 @@
-from adapters.csv.config import *  # noqa: F403

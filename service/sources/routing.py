@@ -1,1 +1,0 @@
-from adapters.routing import *  # noqa: F403
