@@ -357,7 +357,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Daemon, s
     settings = {
         "site.state_dir": str(folder / "state"),
         "zones.0.estimator_options.particles": 200,
-        "sources.recording.pace": 600,
+        "sources.recording.pace": 150,
         "zenoh.enabled": True,
         "zenoh.listen": [endpoint],
     }
