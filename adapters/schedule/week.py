@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime, timedelta, tzinfo
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,14 +14,15 @@ HOLIDAY = "holiday"
 WEEKDAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 
 
-class Week(NamedTuple):
+@dataclass(frozen=True)
+class Week:
     """Values that change at times of day, by the day of the week. A value holds until the next one, over midnight."""
 
     changes: Mapping[str, Mapping[float, float]]
     """Of each of WEEKDAYS, and of HOLIDAY if holidays differ: values by the hour from which they hold, ascending."""
     zone: tzinfo
-    holidays: Container[object] = ()
-    """Dates that have the values of HOLIDAY."""
+    holidays: Container[object] = field(default=(), repr=False)
+    """Dates that have the values of HOLIDAY. A calendar shows the years that somebody has asked it for: no part of repr."""
 
     def at(self, time: float) -> float:
         """The value at UTC s `time`."""

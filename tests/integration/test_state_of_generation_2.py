@@ -100,7 +100,9 @@ def test_the_daemon_of_today_goes_on(
         assert not re.search("damaged|corrupt|Traceback| ERROR ", log), log
 
 
-@pytest.mark.parametrize(("zone", "estimator"), [("room-1", "rbpf"), ("room-2", "ekf"), ("room-3", "bank"), ("room-4", "bank")])
+@pytest.mark.parametrize(
+    ("zone", "estimator"), [("room-1", "rbpf"), ("room-2", "ekf"), ("room-3", "bank"), ("room-4", "bank")]
+)
 def test_its_checkpoints_are_shown(site: Path, zone: str, estimator: str) -> None:
     (checkpoint,) = (site.parent / "state" / "checkpoints" / zone).glob("*.npz")
     shown = thermogate("inspect", checkpoint)

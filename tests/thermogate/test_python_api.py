@@ -19,6 +19,7 @@ from dateutil.tz import tzoffset
 from support.harness import ROOT
 
 import thermogate as tg
+from estimator.foresight import FADES
 from estimator.network import presets
 from service.config.site import ZoneTable
 from service.store.checkpoint import decode, encode
@@ -446,9 +447,10 @@ def test_scenarios_are_the_paths_of_the_mixture_filter() -> None:
 def test_scenarios_foresee_what_is_not_planned_as_a_forecast_does() -> None:
     table = room(samples=200)
     model = tg.fit(table, "tite", estimator="mkf", estimator_options={"particles": 16})
-    # A day has 144 periods. Its shape begins with the value in force.
+    # A day has 144 periods. Its shape begins with the value in force, and goes back to the day before.
     outside, day, steps = table["T_out"].to_numpy(), 144, 36
-    foreseen = outside[-day : steps - day] + (outside[-1] - outside[-1 - day])
+    fading = np.exp(-600 * np.arange(steps) / FADES)
+    foreseen = outside[-day : steps - day] + (outside[-1] - outside[-1 - day]) * fading
     known = {"T_out": foreseen, "u_heat": table["u_heat"].iloc[-1]}
     expected = bits(model.scenarios(known, "6h", count=20))
     assert bits(model.scenarios(horizon="6h", count=20)) == expected

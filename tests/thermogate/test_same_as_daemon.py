@@ -49,7 +49,8 @@ def assert_the_same(model: tg.Model, updates: list, parameters: list, summary: d
     assert model.faults == summary["faults"]
     quantiles = model.parameters([0.025, 0.5, 0.975])
     for name, row in summary["parameters"].items():
-        assert quantiles.loc[name, ["q0.025", "q0.5", "q0.975"]].tolist() == [row["q0.025"], row["q0.5"], row["q0.975"]]
+        told = [None if np.isnan(value) else value for value in quantiles.loc[name, ["q0.025", "q0.5", "q0.975"]]]
+        assert told == [row["q0.025"], row["q0.5"], row["q0.975"]]
     assert model.findings.to_dict("records") == summary["findings"]
     skill = model.skill()
     for name, one in zip(skill.index, summary["skill"].values(), strict=True):

@@ -192,7 +192,11 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         """`app`, whose answers are given to the transport as fast as the client takes them."""
 
         async def paced(scope: Scope, receive: Receive, send: Send) -> None:
+            begun = False
+
             async def in_pieces(message: Message) -> None:
+                nonlocal begun
+                begun = True
                 body = message.get("body", b"")
                 if len(body) <= PIECE:
                     await send(message)
@@ -217,6 +221,14 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
             asked_by(asker)
             try:
                 await app(scope, receive, in_pieces)
+            except asyncio.CancelledError:
+                # uvicorn cancels what is not done in time at a stop, and would log a traceback.
+                if not begun:
+                    status = HTTPStatus.SERVICE_UNAVAILABLE
+                    headers, body = _problem(status, "the daemon is stopping; ask again when it runs")
+                    head = [(name.lower().encode(), value.encode()) for name, value in headers]
+                    await send({"type": "http.response.start", "status": int(status), "headers": head})
+                    await send({"type": "http.response.body", "body": body})
             finally:
                 self._asker = Asker()
 
@@ -247,10 +259,15 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
         """Answer with a problem and close, past the application; only close where an answer has begun."""
         answered = self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE)
         if not answered and (self.scope is None or self.scope["method"] != "HEAD"):
-            document = {"type": "about:blank", "title": status.phrase, "status": int(status), "detail": detail}
-            body = json.dumps(document).encode()
-            headers = [("Content-Type", MEDIA_TYPE), ("Content-Length", str(len(body))), ("Connection", "close")]
+            headers, body = _problem(status, detail)
             head = h11.Response(status_code=status, headers=headers, reason=status.phrase.encode())
             for event in (head, h11.Data(data=body), h11.EndOfMessage()):
                 self.transport.write(self.conn.send(event) or b"")
         self.transport.close()
+
+
+def _problem(status: HTTPStatus, detail: str) -> tuple[list[tuple[str, str]], bytes]:
+    """Headers and body of an answer that ends its connection."""
+    document = {"type": "about:blank", "title": status.phrase, "status": int(status), "detail": detail}
+    body = json.dumps(document).encode()
+    return [("Content-Type", MEDIA_TYPE), ("Content-Length", str(len(body))), ("Connection", "close")], body

@@ -286,7 +286,7 @@ def test_a_zone_says_what_it_waits_for(tmp_path):
                     await asyncio.sleep(0.01)
             fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
             assert len(fan.outputs[0].mean) == 3
-            assert (await zone.ask(ParametersQuestion((0.5,)))).parameters.shape == (10, 1)
+            assert (await zone.ask(ParametersQuestion((0.5,)))).summary.parameters.shape == (10, 1)
             zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
             assert zone.status().state == "running"
             await zone.end("only")
