@@ -22,7 +22,7 @@ class Week:
     """Of each of WEEKDAYS, and of HOLIDAY if holidays differ: values by the hour from which they hold, ascending."""
     zone: tzinfo
     holidays: Container[object] = field(default=(), repr=False)
-    """Dates that have the values of HOLIDAY. A calendar shows the years that somebody has asked it for: no part of repr."""
+    """Dates that have the values of HOLIDAY; a calendar shows the years it was asked for, which are no part of repr."""
 
     def at(self, time: float) -> float:
         """The value at UTC s `time`."""
