@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from adapters.fields.times import written_time
 from replay.bms.control import create_control
 from replay.bms.living.calendar import ZONE
 from replay.bms.simulation import Simulation
@@ -80,7 +80,7 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
             ready((configuration, http.url))
             due = loop.time()
             while not stop.is_set():
-                log.write(",".join([_stamp(simulation.world.now.time), *_cells(every)]) + "\n")
+                log.write(",".join([written_time(simulation.world.now.time), *_cells(every)]) + "\n")
                 elapsed += _ROW
                 simulation.catch_up()
                 due = max(due + (_ROW / demo.pace if elapsed > lived else 0.0), loop.time())
@@ -172,10 +172,6 @@ def _cells(every: list[Column]) -> Iterator[str]:
     for column in every:
         value = column.read()
         yield f"{value:.3f}" if isfinite(value) else ""
-
-
-def _stamp(time: float) -> str:
-    return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
 _HEAD = """\

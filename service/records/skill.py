@@ -8,8 +8,8 @@ from service.records.record import Number, Time, constant, record, shown
 
 
 @record
-class HorizonSkill:
-    """What the verified forecasts of one horizon were worth."""
+class Verified:
+    """What verified forecasts of one horizon were worth, however they are judged."""
 
     lead: int = shown("from the last sample that the forecast knew to the one that it is about, s", key="lead_s")
     forecasts: int = shown("how many were verified")
@@ -18,6 +18,12 @@ class HorizonSkill:
     rmse: Number = shown("root mean square error of the mean, K")
     width: Number = shown("mean width of the interval, K")
     persistence_rmse: Number = shown("of the forecast that nothing changes, K")
+
+
+@record
+class HorizonSkill(Verified):
+    """What the verified forecasts of one horizon were worth."""
+
     arx_rmse: Number = shown("of a linear regression on past outputs and inputs, learned online, K")
     skill_against_persistence: Number = shown("1 - rmse / persistence_rmse; above 0 is better than it")
     skill_against_arx: Number = shown("1 - rmse / arx_rmse")
@@ -40,16 +46,9 @@ class HorizonSkill:
 
 
 @record
-class IssuedSkill:
+class IssuedSkill(Verified):
     """What the forecasts of one horizon were worth as they were issued, with the inputs that were foreseen then."""
 
-    lead: int = shown("from the last sample that the forecast knew to the one that it is about, s", key="lead_s")
-    forecasts: int = shown("how many were verified")
-    coverage: Number = shown("share of them whose interval held what came, 0 to 1")
-    crps: Number = shown("mean continuous ranked probability score, K")
-    rmse: Number = shown("root mean square error of the mean, K")
-    width: Number = shown("mean width of the interval, K")
-    persistence_rmse: Number = shown("of the forecast that nothing changes, K")
     yesterday_rmse: Number = shown("of the measurement a day before, K; on the first day, of persistence")
     persistence_crps: Number = shown("mean absolute error of persistence, which is the CRPS of a number, K")
     yesterday_crps: Number = shown("the same of the measurement a day before, K")
