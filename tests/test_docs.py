@@ -431,7 +431,11 @@ def test_the_python_page_lists_the_whole_interface() -> None:
 
 def test_every_metric_is_documented() -> None:
     rows = tables(section("operations.md", "Metrics"))[0][1:]
-    assert sorted((names(row[0])[0], row[1]) for row in rows) == sorted(exposed().items())
+    told = {names(metric)[0]: meaning for metric, meaning in rows}
+    assert sorted(told) == sorted(exposed())
+    for name, kind in exposed().items():
+        assert (kind == "counter") == name.endswith("_total"), name
+        assert (kind == "histogram") == told[name].endswith("a histogram"), name
 
 
 @pytest.mark.parametrize(("page", "heading"), [("interfaces.md", "Zenoh"), ("mqtt.md", "Forecasts")])
@@ -446,14 +450,13 @@ def offered(command: str, capsys: pytest.CaptureFixture[str]) -> set[str]:
     return set(re.findall(r"^  (?:-h, )?(--[a-z-]+)", capsys.readouterr().out, re.MULTILINE))
 
 
-def test_every_command_and_option_is_documented(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_is_documented(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     commands = re.findall(r"^    ([a-z-]+)(?: |$)", capsys.readouterr().out, re.MULTILINE)
     rows = tables(section("operations.md", "Commands"))[0][1:]
-    documented = {names(command)[0].split()[1]: names(listed) for command, _, listed in rows}
-    assert documented.keys() == {*commands, "--version"}
+    assert {names(command)[0].split()[1] for command, _ in rows} == {*commands, "--version"}
     for command in commands:
-        assert offered(command, capsys) == {*documented[command], "--set", "--debug", "--help"}, command
+        assert {"--set", "--debug", "--help"} <= offered(command, capsys), command
 
 
 @pytest.mark.parametrize("block", blocks("sh"))
