@@ -176,23 +176,6 @@ def test_toml_examples_are_right(block: Block, tmp_path: Path) -> None:
         assert not wrong
 
 
-def small_file() -> str:
-    match = re.search(r"```toml\n(.*?)```", section("configuration.md", "A complete small file"), re.DOTALL)
-    assert match
-    return match[1]
-
-
-def test_the_summary_of_a_check_is_the_one_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", str(with_recordings(small_file(), tmp_path))]) == 0
-    printed = capsys.readouterr().out.replace(str(tmp_path), "/etc/thermogate")
-    assert printed in TEXT["configuration.md"]
-
-
-def test_the_network_shown_is_the_one_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["networks", "titeth", "--set", "solar=true"]) == 0
-    assert capsys.readouterr().out in TEXT["configuration.md"]
-
-
 def test_units_and_their_defaults_are_those_in_force() -> None:
     units, rules = tables(section("configuration.md", "`[zones.channels]`"))[1:]
     for unit, convertible, valid, rule in units[1:-1]:
@@ -214,68 +197,63 @@ def test_every_network_preset_is_documented() -> None:
 
 
 def test_every_estimator_option_is_documented_with_its_values() -> None:
-    values, meanings = tables(section("configuration.md", "`[zones.estimator_options]`"))
-    known = {field.name for field in fields(options.Options)}
-    assert set(first_names(meanings)) == known | {"discount"}
-    assert set(first_names(values)) == known - {"preset", "volatility_blocks"}
-    plain = presets.network("titeth")
-    shown = [
-        options.resolve(plain, 300, {}),
-        options.resolve(plain, 600, {}),
-        options.resolve(presets.network("building-67"), 600, {"preset": "paper"}),
-        options.resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
-    ]
-    assert_values_as_documented(values, shown)
+    text = section("configuration.md", "`[zones.estimator_options]`")
+    (table,) = tables(text)
+    assert {*first_names(table)} == {field.name for field in fields(options.Options)} - {"preset", "volatility_blocks"}
+    assert {"preset", "discount", "volatility_blocks"} <= {*names(text)}
+    paper = options.resolve(presets.network("building-67"), 600, {"preset": "paper"})
+    assert_values_as_documented(table, [options.resolve(presets.network("titeth"), 600, {}), paper])
+    ecolar = options.resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"})
+    assert changes(text.partition("|")[0]) == differences(ecolar, paper)
 
 
 def test_every_option_of_ekf_and_ukf_is_documented_with_its_values() -> None:
-    values, meanings = tables(section("configuration.md", "Options of `ekf` and `ukf`"))
-    known = {field.name for field in fields(augmented_options.UKFOptions)}
-    assert set(first_names(meanings)) == known
-    assert set(first_names(values)) == known - {"preset"}
-    plain, resolve = presets.network("titeth"), augmented_options.resolve_ukf
-    shown = [
-        resolve(plain, 300, {}),
-        resolve(plain, 600, {}),
-        resolve(presets.network("building-67"), 600, {"preset": "paper"}),
-        resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"}),
-    ]
-    assert_values_as_documented(values, shown)
+    text = section("configuration.md", "Options of `ekf` and `ukf`")
+    (table,) = tables(text)
+    assert {*first_names(table)} == {field.name for field in fields(augmented_options.UKFOptions)} - {"preset"}
+    resolve = augmented_options.resolve_ukf
+    paper = resolve(presets.network("building-67"), 600, {"preset": "paper"})
+    assert_values_as_documented(table, [resolve(presets.network("titeth"), 600, {}), paper])
+    ecolar = resolve(presets.network("ecolar-6r4c"), 300, {"preset": "paper"})
+    assert changes(text.partition("|")[0]) == differences(ecolar, paper)
 
 
 def test_every_option_of_mkf_is_documented_with_its_values() -> None:
-    described, values, meanings = tables(section("configuration.md", "Options of `mkf`"))
+    text = section("configuration.md", "Options of `mkf`")
+    described, table = tables(text)
+    shared = {*names(text.partition("with its default values: ")[2])} - {'volatility = "process"'}
     known = {field.name for field in fields(mkf_options.MKFOptions)}
-    assert {name for row in meanings[1:] for name in names(row[0])} == known
-    assert set(first_names(values)) == known - {"preset", "volatility_blocks"}
+    assert {*first_names(table)} | shared == known - {"preset"}
     assert {name for row in described[1:] for name in names(row[0])} == set(mkf_options.PRESETS)
-    columns = [names(heading)[0] for heading in values[0][2:-1]]
-    resolve, plain = mkf_options.resolve, presets.network("titeth")
-    assert_values_as_documented(values, [resolve(plain, 600, {"preset": preset}) for preset in columns])
+    plain = presets.network("titeth")
+    default = mkf_options.resolve(plain, 600, {})
+    assert_values_as_documented(table, [default])
+    rbpf = options.resolve(plain, 600, {})
+    for name in shared:
+        assert getattr(default, name) == getattr(rbpf, name), name
+    for row in described[1:]:
+        for preset in names(row[0]):
+            resolved = mkf_options.resolve(plain, 600, {"preset": preset})
+            assert changes(row[3]) == differences(resolved, default), preset
 
 
 def test_every_option_of_arx_and_daily_is_documented_with_its_values() -> None:
-    values, meanings = tables(section("configuration.md", "Options of `arx` and `daily`"))
-    known = {field.name for field in fields(arx_options.ARXOptions)}
-    assert set(first_names(meanings)) == set(first_names(values)) == known
+    (table,) = tables(section("configuration.md", "Options of `arx` and `daily`"))
+    assert {*first_names(table)} == {field.name for field in fields(arx_options.ARXOptions)}
     plain = presets.network("titeth")
-    assert_values_as_documented(
-        values, [arx_options.resolve(plain, 300, {}), arx_options.resolve_daily(plain, 300, {})]
-    )
+    assert_values_as_documented(table, [arx_options.resolve(plain, 300, {}), arx_options.resolve_daily(plain, 300, {})])
 
 
 def test_every_option_of_direct_is_documented_with_its_value() -> None:
-    values, meanings = tables(section("configuration.md", "Options of `direct`"))
-    known = {field.name for field in fields(arx_options.DirectOptions)}
-    assert set(first_names(meanings)) == set(first_names(values)) == known
-    assert_values_as_documented(values, [arx_options.DirectOptions()])
+    (table,) = tables(section("configuration.md", "Options of `direct`"))
+    assert {*first_names(table)} == {field.name for field in fields(arx_options.DirectOptions)}
+    assert_values_as_documented(table, [arx_options.DirectOptions()])
 
 
 def test_every_option_of_the_bank_is_documented_with_its_value() -> None:
-    values, meanings = tables(section("configuration.md", "Options of `bank`"))
-    known = {field.name for field in fields(bank_options.BankOptions)}
-    assert set(first_names(meanings)) == set(first_names(values)) == known
-    numbers = [row for row in values if row[0] not in ("`members`", "`voice`")]
+    (table,) = tables(section("configuration.md", "Options of `bank`"))
+    assert {*first_names(table)} == {field.name for field in fields(bank_options.BankOptions)}
+    numbers = [row for row in table if row[0] not in ("`members`", "`voice`")]
     assert_values_as_documented(numbers, [bank_options.BankOptions()])
 
 
@@ -305,14 +283,29 @@ def test_the_changelog_tells_the_versions_of_stored_state() -> None:
 
 
 def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:
-    """Each row of `table` has, between unit and range, the value of its option in each of the options `shown`."""
-    for name, _, *cells, _ in table[1:]:
+    """Each row of `table` has, before range and meaning, the value of its option in each of the options `shown`."""
+    for name, *cells, _, _ in table[1:]:
         for cell, resolved in zip(cells, shown, strict=True):
             value = getattr(resolved, names(name)[0])
             if isinstance(value, bool | str):
                 assert cell == str(value).lower(), name
             else:
                 assert float(cell) == pytest.approx(value, rel=1e-4), name
+
+
+def changes(text: str) -> dict[str, Any]:
+    """The options that `text` sets, such as `particles = 8`."""
+    return tomllib.loads("\n".join(name for name in names(text) if " = " in name))
+
+
+def differences(resolved: Any, default: Any) -> dict[str, Any]:
+    """The options in which `resolved` differs from `default`, but for the name of its preset."""
+    fresh = {field.name: getattr(resolved, field.name) for field in fields(resolved) if field.name != "preset"}
+    return {
+        name: value if isinstance(value, str | bool) else pytest.approx(value, rel=1e-4)
+        for name, value in fresh.items()
+        if value != getattr(default, name)
+    }
 
 
 RECORDS = (receipt_records, history_records, skill_records, trust_records)
