@@ -35,8 +35,8 @@ coverage: $(VENV)/.ready  ## the tests with line coverage of the packages, daemo
 	$(BIN)/coverage combine -q
 	$(BIN)/coverage report
 
-faults: $(VENV)/.ready  ## the store with every single operation failing, and a bit flipped in every hundredth byte; minutes
-	FAULTS=all $(BIN)/python -m pytest tests/service/store/test_faults.py tests/service/store/test_damage.py
+faults: $(VENV)/.ready  ## the store with every single operation failing; minutes
+	FAULTS=all $(BIN)/python -m pytest tests/service/store/test_faults.py
 
 replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's 20,000 particles, minutes each
 	$(BIN)/python -m replay.simulated.ecolar var/ecolar

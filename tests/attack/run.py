@@ -23,7 +23,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from attack import files, telemetry, web
+from attack import telemetry, web
 from attack.victim import HOLD_SECONDS, MEMORY_MB, Target, Victim
 from support.certificates import make_pair
 from support.harness import Daemon
@@ -43,7 +43,7 @@ def main() -> int:
     try:
         print(f"processors {os.cpu_count()}, load {os.getloadavg()[0]:.1f}")
         failed = over_http(folder, arguments.only, arguments.tls)
-        failed += by_publishers(folder, arguments.only) + on_files(folder, arguments.only)
+        failed += by_publishers(folder, arguments.only)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     print(f"{failed} gave way")
@@ -108,23 +108,6 @@ def gave_way(name: str, victim: Victim, attack: Callable[[Target], str]) -> bool
         note += log.partition("Traceback")[2]
     print(f"{name:40} {figures}  {f'GAVE WAY: {chr(44).join(bad)}; ' if bad else ''}{note}", flush=True)
     return bool(bad)
-
-
-def on_files(folder: Path, only: list[str]) -> int:
-    """The attacks of `files`; how many succeeded."""
-    failed = 0
-    for index, (name, attack) in enumerate(_chosen(files.ATTACKS, only)):
-        place = folder / f"files-{index}"
-        place.mkdir()
-        begun = time.monotonic()
-        try:
-            note = attack(place)
-        except PermissionError as error:
-            note = f"left out: {error}"
-        except AssertionError as error:
-            note, failed = f"GAVE WAY: {error}", failed + 1
-        print(f"{name:40} {time.monotonic() - begun:5.1f}  {note}", flush=True)
-    return failed
 
 
 def wait_for_samples(daemon: Daemon, encrypted: bool) -> None:

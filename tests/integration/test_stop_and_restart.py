@@ -98,28 +98,6 @@ def test_a_stop_does_not_wait_for_a_long_forecast_or_a_long_queue(tmp_path):
         assert "goes on after" in daemon.log()
 
 
-def test_killed_at_several_moments_it_still_ends_with_the_same_bits(uninterrupted, tmp_path):
-    for number, least in enumerate((20, 90, 200)):
-        with Daemon(CONFIG, tmp_path / f"{number}.log", settings(tmp_path)) as daemon:
-            caught_in_the_middle(daemon, least)
-            time.sleep(0.013 * number)
-            daemon.kill()
-    with Daemon(CONFIG, tmp_path / "last.log", settings(tmp_path)) as daemon:
-        daemon.wait_until_ended()
-        assert "replayed from the journal" in daemon.log()
-        assert_same_history(daemon, uninterrupted)
-
-
-def test_a_second_daemon_on_the_same_state_is_refused(tmp_path):
-    with Daemon(CONFIG, tmp_path / "first.log", settings(tmp_path)) as first:
-        first.url()
-        with Daemon(CONFIG, tmp_path / "second.log", settings(tmp_path)) as second:
-            assert second.process.wait(timeout=180) == 1
-            assert "another thermogate already runs on site.state_dir" in second.log()
-            assert "Traceback" not in second.log()
-        assert first.get("/healthz")[0] == 200
-
-
 def test_of_two_daemons_that_start_at_once_one_is_refused(tmp_path):
     for number in range(3):
         logs = [tmp_path / f"{number}-{which}.log" for which in "ab"]

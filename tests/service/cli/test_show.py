@@ -24,62 +24,6 @@ def effective(path: Path, capsys: Capture, *options: str) -> dict[str, Any]:
     return tomllib.loads(capsys.readouterr().out)
 
 
-def test_every_default_is_filled_in(tmp_path: Path, capsys: Capture) -> None:
-    tables = sound(tmp_path)
-    tables["zones"][0]["estimator"] = "rbpf"
-    shown = effective(write(tmp_path, tables), capsys)
-
-    assert shown["site"] == {
-        "id": "house",
-        "state_dir": str(tmp_path / "var/thermogate"),
-        "checkpoint_every": "5min",
-        "keep_history": "400d",
-        "max_journal": "2GB",
-    }
-    assert shown["log"] == {"format": "plain", "level": "info", "limit": 10}
-    assert shown["http"]["limits"]["send_timeout"] == "30s"
-    assert shown["http"] | {"limits": None} == {
-        "host": "127.0.0.1",
-        "port": 8080,
-        "behind_tls_proxy": False,
-        "trusted_proxies": ["127.0.0.1", "::1"],
-        "allowed_hosts": [],
-        "limits": None,
-    }
-    assert shown["zenoh"] == {
-        "enabled": True,
-        "mode": "peer",
-        "listen": ["tcp/127.0.0.1:7447"],
-        "connect": [],
-        "await_subscriber": "0s",
-        "timeout": "5s",
-    }
-    assert shown["sources"]["log"]["pace"] == "max"
-    living = shown["zones"][0]
-    assert (living["period"], living["hold_inputs"], living["max_gap"]) == ("5min", "15min", 12)
-    assert living["channels"]["u_heat"] == {
-        "source": "log",
-        "columns": ["Power1", "Power2"],
-        "unit": "kW",
-        "scale": 1.0,
-        "offset": 0.0,
-        "aggregate": "first",
-        "valid": [-1e6, 1e6],
-    }
-    assert living["network"]["capacitances"]["T_i"] == {"name": "C_i", "lower": 1e5, "upper": 1e8, "nominal": 2e6}
-    assert living["network"]["initial"]["T_e"] == {"source": "measured", "sd": 3.0}
-    assert living["estimator_options"]["particles"] == 9000
-    assert living["estimator_options"]["coordinates"] == "logit"
-    assert shown["zones"][1]["estimator"] == "bank"
-    assert shown["zones"][1]["estimator_options"]["members"]["arx"]["past_outputs"] == 6
-    assert shown["zones"][1]["network"]["heat_inputs"][1] == {
-        "channel": "I_sol",
-        "node": "T_i",
-        "unit": "W/m2",
-        "gain": {"name": "A_w", "unit": "m2", "lower": 0.1, "upper": 30.0, "nominal": 3.0},
-    }
-
-
 def test_overrides_and_options_show(tmp_path: Path, capsys: Capture) -> None:
     path = write(tmp_path, sound(tmp_path))
 

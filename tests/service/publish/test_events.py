@@ -174,26 +174,6 @@ def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
     asyncio.run(scenario())
 
 
-def test_an_unknown_zone_is_404_and_too_many_streams_are_refused():
-    async def scenario():
-        async with serving({"streams_per_client": 2, "streams": 2}) as server:
-            unknown = await server.connect("/zones/attic/stream", "Connection: close\r\n")
-            assert "404" in (await unknown.to_the_end()).split("\r\n")[0]
-            clients = [await server.connect() for _ in range(2)]
-            for client in clients:
-                await client.events(5)
-            refused = await (await server.connect(headers="Connection: close\r\n")).to_the_end()
-            assert "429" in refused.split("\r\n")[0]
-            assert "retry-after: 10" in refused.lower()
-            # Who leaves makes room.
-            clients[0].writer.close()
-            await server.until(lambda: server.app.state.limiter.open("streams") == 1)
-            await (await server.connect()).events(5)
-            assert server.app.state.limiter.open("streams") == 2
-
-    asyncio.run(scenario())
-
-
 def test_a_silent_zone_sends_comments(monkeypatch):
     monkeypatch.setattr(service.publish.events, "KEEP_ALIVE", 0.02)
 

@@ -335,30 +335,6 @@ def test_nothing_is_written_outside_the_state_folder(name: str, kept: Path, tmp_
     assert not (tmp_path / "outside").exists()
 
 
-def test_an_interrupted_restore_starts_no_daemon_and_can_be_done_again(
-    kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    state = tmp_path / "state"
-    real, moves = Path.rename, 0
-
-    def fails_at_the_last(path: Path, target: Path) -> Path:
-        nonlocal moves
-        moves += 1
-        if moves == 3:
-            raise OSError(5, "Input/output error")
-        return real(path, target)
-
-    monkeypatch.setattr(Path, "rename", fails_at_the_last)
-    with pytest.raises(BackupError, match="Input/output error"):
-        restore_backup(state, "house", kept, replace=True)
-    monkeypatch.undo()
-    assert (state / RESTORING).exists()
-    with pytest.raises(ServiceError, match="run `thermogate restore` again"):
-        Store(state)
-    restore_backup(state, "house", kept, replace=False)
-    assert goes_on(state, 40) == straight(ITEMS)[39:]
-
-
 def test_checkpoints_and_journal_go_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Between the copies of checkpoint and journal the daemon writes new checkpoints and prunes what they spare."""
     state, pruned = tmp_path / "state", []

@@ -139,51 +139,6 @@ def test_a_newer_format_with_another_digest_is_not_taken_for_damage(store: Check
         store.load("living", "f1")
 
 
-def test_leftovers_of_a_crash_are_removed(store: CheckpointStore) -> None:
-    store.save("living", make(1))
-    leftover = store.path / "living" / "000000000009.npz.tmp"
-    leftover.write_bytes(b"half a checkpoint")
-    loaded = store.load("living", "f1")
-    assert loaded is not None
-    assert loaded.step == 1
-    assert not leftover.exists()
-
-
-def test_a_crash_before_the_rename_leaves_the_old_set(store: CheckpointStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    store.save("living", make(1))
-
-    def fail(descriptor: int) -> None:
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(CheckpointError, match=r"cannot be written \(Input/output error\)"):
-        store.save("living", make(2))
-    monkeypatch.undo()
-    loaded = store.load("living", "f1")
-    assert loaded is not None
-    assert loaded.step == 1
-    assert files(store) == ["000000000001.npz"]
-
-
-def test_file_and_folder_are_synced_around_the_rename(store: CheckpointStore, monkeypatch: pytest.MonkeyPatch) -> None:
-    store.save("living", make(0))
-    order: list[str] = []
-    fsync, replace = os.fsync, Path.replace
-
-    def noted_fsync(descriptor: int) -> None:
-        order.append("folder" if os.path.isdir(f"/proc/self/fd/{descriptor}") else "file")
-        fsync(descriptor)
-
-    def noted_replace(path: Path, target: Path) -> Path:
-        order.append("rename")
-        return replace(path, target)
-
-    monkeypatch.setattr(os, "fsync", noted_fsync)
-    monkeypatch.setattr(Path, "replace", noted_replace)
-    store.save("living", make(1))
-    assert order == ["file", "rename", "folder"]
-
-
 def test_an_unusable_folder_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     store = CheckpointStore(tmp_path / "file")

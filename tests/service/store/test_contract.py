@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
+import sqlite3
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import closing
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,7 +31,7 @@ from service.store.postgres.leases import Leases
 from service.store.postgres.store import PostgresStore
 from service.store.retention import Limits
 from service.store.series import bucket_of
-from service.store.store import Store
+from service.store.store import JOURNAL, Store
 from service.zone.zone import Zone
 
 Result = TypeVar("Result")
@@ -41,10 +43,14 @@ _sites = itertools.count()
 class Kept:
     """Where a store keeps what it has; it is opened again and again."""
 
-    def __init__(self, open_one: Callable[[], JournalStore], damage: Callable[[int], None]) -> None:
+    def __init__(
+        self, open_one: Callable[[], JournalStore], damage: Callable[[int], None], change: Callable[[str], None]
+    ) -> None:
         self.open = open_one
         self.damage_checkpoint = damage
         """Change a bit of the checkpoint of zone "z" at a step."""
+        self.change = change
+        """Run a statement of SQL beside the store, with {} before the name of a table."""
 
     def run(self, use: Callable[[JournalStore], Awaitable[Result]], zones: str = "z") -> Result:
         """Open it, claim zones with the fingerprint "f", use it, close it."""
@@ -71,7 +77,11 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Kept]:
             content[len(content) // 2] ^= 1
             path.write_bytes(content)
 
-        yield Kept(lambda: Store(tmp_path), damage)
+        def change(statement: str) -> None:
+            with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection, connection:
+                assert connection.execute(statement.format("")).rowcount == 1
+
+        yield Kept(lambda: Store(tmp_path), damage, change)
         return
     server: Server = request.getfixturevalue("postgres_server")
     site = f"contract-{next(_sites)}"
@@ -87,6 +97,7 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Kept]:
     yield Kept(
         lambda: PostgresStore(server.connection, site, leases.acquire("shard", "contract", 600.0)),
         damage,
+        lambda statement: server.run(statement.format(f'"thermogate_{site}".')),
     )
     leases.close()
 
@@ -222,21 +233,70 @@ def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeyp
     monkeypatch.setattr("service.store.journal.SERIES_ROWS", page)
     monkeypatch.setattr("service.store.postgres.journal.SERIES_ROWS", page)
 
+    there = [*range(40), *range(60, 120)]
+
     async def write(store: JournalStore) -> Any:
-        await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(120)))
-        for step in range(120):
-            store.record("z", make_update(step))
         end = START + 120 * PERIOD
-        return await store.series(Stretch("z", START, end, PERIOD, bucket_of(START, end, PERIOD, 30), 3))
+        stretch = Stretch("z", START, end, PERIOD, bucket_of(START, end, PERIOD, 30), 3)
+        empty = await store.series(stretch)
+        assert (empty.times.size, empty.inputs.shape) == (0, (0, 3))
+        await asyncio.gather(*(store.append("z", make_sample(step)) for step in there))
+        for step in there:
+            store.record("z", make_update(step))
+        return await store.series(stretch)
 
     found = kept.run(write)
     assert len(found.times) <= 30
     for index, begin in enumerate(found.times.tolist()):
-        steps = [s for s in range(120) if begin <= START + s * PERIOD < begin + found.bucket]
+        steps = [s for s in there if begin <= START + s * PERIOD < begin + found.bucket]
+        assert steps, "a gap is no bucket"
         y = [make_update(step).y[0] for step in steps]
         assert found.means["y"][index] == pytest.approx(np.mean(y))
         assert (found.y_low[index], found.y_high[index]) == (min(y), max(y))
     assert np.isnan(found.inputs[:, 1]).all(), "what was not measured has no mean"
+
+
+STATEMENTS = [
+    "UPDATE {}samples SET outputs = inputs",
+    "UPDATE {}samples SET inputs = outputs",
+    "UPDATE {}samples SET input_quality = 'good,good,good'",
+    "UPDATE {}samples SET time = time + 1",
+    "UPDATE {}samples SET setpoint = 19.0",
+    "UPDATE {}samples SET link = link + 1",
+    "DELETE FROM {}samples",
+]
+
+
+@pytest.mark.parametrize("statement", STATEMENTS)
+def test_a_damaged_or_missing_sample_is_told(kept: Kept, statement: str) -> None:
+    async def use(store: JournalStore) -> None:
+        for step in range(10):
+            await store.append("z", make_sample(step))
+            await store.append("y", make_sample(10 + step))
+        kept.change(f"{statement} WHERE time = {make_sample(5).time}")
+        with pytest.raises(JournalError, match=r"damaged sample of zone 'z' at .*(--reset z|by SQL)"):
+            await store.samples_after("z", make_sample(2).time)
+        assert len(await store.samples_after("z", make_sample(7).time)) == 2, "what is not needed is not asked for"
+        assert len(await store.samples_after("y", None)) == 10, "the other zone is sound"
+
+    kept.run(use, "zy")
+
+
+def test_a_damaged_row_of_history_is_left_out_and_told_once(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    async def use(store: JournalStore) -> None:
+        for step in range(6):
+            await store.append("z", make_sample(step))
+            store.record("z", make_update(step))
+        await store.write(store.journal.flush)
+        kept.change(f"UPDATE {{}}history SET gate = gate + 0.001 WHERE time = {make_sample(4).time}")
+        for _ in range(3):
+            rows = await store.run(store.journal.history, "z", None, None, 100)
+            assert [row.time for row in rows] == [make_sample(step).time for step in (0, 1, 2, 3, 5)]
+        found = await store.series(Stretch("z", START, START + 6 * PERIOD, PERIOD, PERIOD, 3))
+        assert np.isnan(found.means["y"]).tolist() == [step == 4 for step in range(6)]
+
+    kept.run(use)
+    assert caplog.text.count("damaged history row of zone 'z'") == 1
 
 
 READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
@@ -267,6 +327,17 @@ def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: 
     assert all_of_them == [*READINGS, Reading("z/T_i", START + 2.0, 22.0)], "the first one stays"
     assert (between, nobody) == ([READINGS[1]], [])
     assert kept.run(go_on) == [3, 2]
+
+
+@pytest.mark.parametrize("change", ["value = value + 1", "quality = 'uncertain'", "channel = 'z/X'", "time = time - 1"])
+def test_a_damaged_reading_is_left_out_and_told(kept: Kept, change: str, caplog: pytest.LogCaptureFixture) -> None:
+    async def use(store: JournalStore) -> list[Reading]:
+        await store.write(store.journal.keep, "z", READINGS)
+        kept.change(f"UPDATE {{}}readings SET {change} WHERE channel = 'z/T_i'")
+        return await store.run(store.journal.kept, "z", 0.0)
+
+    assert kept.run(use) == [READINGS[1]]
+    assert "damaged reading of zone 'z'" in caplog.text
 
 
 def checkpoint(step: int, fingerprint: str = "f") -> Checkpoint:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -177,8 +176,8 @@ def damaged_at(path: Path, stride: int) -> Iterator[int]:
         yield offset
 
 
-STRIDES = {"journal": 149, "log": 211, "newest checkpoint": 101 if os.environ.get("FAULTS") == "all" else 701}
-"""Bytes from one that is tried to the next; `make faults` tries more of the checkpoint."""
+STRIDES = {"journal": 149, "log": 211}
+"""Bytes from one that is tried to the next."""
 
 
 @pytest.mark.parametrize("file", STRIDES)

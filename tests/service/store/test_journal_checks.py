@@ -5,16 +5,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-import sqlite3
 from contextlib import closing
 from pathlib import Path
 
 import pytest
-from support.fake_zones import PERIOD, START, make_sample, make_update
+from support.fake_zones import PERIOD, make_sample, make_update
 from support.running_zone import Announced, finished, plumbing, straight
 from support.zone_samples import comparable, sample, worker
 
-from service.errors import JournalError
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
 from service.store.store import JOURNAL
@@ -30,51 +28,6 @@ def path(tmp_path: Path) -> Path:
             journal.append_all([("living", make_sample(step)), ("bedroom", make_sample(step))])
             journal.record("living", make_update(step))
     return path
-
-
-def change(path: Path, statement: str) -> None:
-    with closing(sqlite3.connect(path)) as connection, connection:
-        assert connection.execute(statement).rowcount == 1
-
-
-def time_of(step: int) -> int:
-    return START + step * PERIOD
-
-
-@pytest.mark.parametrize(
-    "change_to",
-    [
-        "outputs = zeroblob(8)",
-        "inputs = substr(inputs, 1, 16)",
-        "input_quality = 'good,good,good'",
-        "time = time + 1",
-        "link = NULL",
-        "link = link + 1",
-    ],
-)
-def test_a_changed_sample_is_told_and_those_after_it_too(change_to: str, path: Path) -> None:
-    change(path, f"UPDATE samples SET {change_to} WHERE zone = 'living' AND time = {time_of(5)}")
-    with closing(Journal.open(path)) as journal:
-        with pytest.raises(JournalError, match=r"damaged sample of zone 'living' at .*--reset living"):
-            list(journal.samples_after("living", time_of(2)))
-        assert len(list(journal.samples_after("bedroom", None))) == 10, "the other zone is sound"
-        assert len(list(journal.samples_after("living", time_of(7)))) == 2, "what is not needed is not asked for"
-
-
-def test_a_missing_sample_is_told(path: Path) -> None:
-    change(path, f"DELETE FROM samples WHERE zone = 'living' AND time = {time_of(5)}")
-    with closing(Journal.open(path)) as journal, pytest.raises(JournalError, match="the one before it is missing"):
-        list(journal.samples_after("living", None))
-
-
-def test_a_changed_row_of_history_is_left_out_and_told_once(path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    change(path, f"UPDATE history SET gate = gate + 0.001 WHERE time = {time_of(4)}")
-    with closing(Journal.open(path)) as journal:
-        for _ in range(3):
-            rows = journal.history("living", None, None, 100)
-            assert [row.time for row in rows] == [time_of(step) for step in range(10) if step != 4]
-    assert [record.levelno for record in caplog.records] == [logging.ERROR]
-    assert f"damaged history row of zone 'living' at {time_of(4)}" in caplog.text
 
 
 def killed_log(path: Path, folder: Path) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import sqlite3
 import stat
 from pathlib import Path
@@ -12,7 +11,6 @@ import pytest
 
 from service.errors import JournalError, ServiceError
 from service.store import store as module
-from service.store.journal import Journal
 from service.store.journal_file import translated
 from service.store.store import Store
 
@@ -33,15 +31,6 @@ def test_only_the_owner_can_open_the_lock(tmp_path: Path) -> None:
     (tmp_path / "lock").chmod(0o644)
     Store(tmp_path).close()
     assert stat.S_IMODE((tmp_path / "lock").stat().st_mode) == 0o600
-
-
-def test_a_journal_that_has_been_cut_off_is_refused_at_the_start(tmp_path: Path) -> None:
-    path = tmp_path / "journal.sqlite3"
-    Journal.open(path).close()
-    for size in (path.stat().st_size - 4096, path.stat().st_size - 1):
-        os.truncate(path, size)
-        with pytest.raises(JournalError, match=r"malformed.*if the file itself is damaged, restore a backup"):
-            Journal.open(path)
 
 
 def test_a_disk_that_fails_is_thought_of_before_the_file(tmp_path: Path) -> None:

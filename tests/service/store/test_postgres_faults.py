@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from support.fake_zones import make_sample, make_update
 from support.postgres import Cutting, Server, server
-from support.running_zone import Announced, caught_up, fed, finished, make, plumbing, straight
+from support.running_zone import Announced, fed, finished, make, plumbing, straight
 from support.waiting import PATIENCE, until
 from support.zone_samples import comparable, sample
 
@@ -247,16 +247,6 @@ def test_a_lease_is_had_though_the_answer_was_cut_off(shard: Shard, cutting: Cut
     leases.close()
 
 
-def test_a_session_that_was_ended_is_made_anew(shard: Shard, postgres_server: Server) -> None:
-    async def use(store: PostgresStore) -> list[int]:
-        for step in range(3):
-            postgres_server.disconnect()
-            await store.append("z", make_sample(step))
-        return [item.time for item in await store.samples_after("z", None)]
-
-    assert shard.run(use) == [make_sample(step).time for step in range(3)]
-
-
 def test_while_the_server_is_away_it_is_asked_at_growing_pauses(
     fragile: Server, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -292,30 +282,6 @@ def test_while_the_server_is_away_it_is_asked_at_growing_pauses(
     assert attempts <= 4 + (time.monotonic() - began) / database.FIRST_PAUSE
     assert attempts < 100
     assert caplog.text.count("works again") == 1
-
-
-def test_a_zone_waits_for_the_server_and_goes_on_bit_for_bit(fragile: Server, tmp_path: Path) -> None:
-    items = [sample(k) for k in range(30)]
-    shard = Shard(fragile.connection)
-
-    async def scenario() -> list[str]:
-        announcer = Announced()
-        store = PostgresStore(shard.connection, shard.site, shard.lease)
-        async with plumbing(tmp_path, announcer, store=store) as shared:
-            zone = make(shared)
-            running = await fed(zone, items[:10])
-            await caught_up(zone, items[:10])
-            await asyncio.to_thread(fragile.stop, signal.SIGQUIT)
-            accepting = asyncio.create_task(zone.intake.accept(items[10:]))
-            await until(lambda: zone.intake.unwritten is not None)
-            await asyncio.to_thread(fragile.start)
-            async with asyncio.timeout(PATIENCE):
-                await accepting
-            await finished(zone, running)
-        return [comparable(update) for _, update in announcer.updates]
-
-    assert asyncio.run(scenario()) == straight(items)
-    shard.leases.close()
 
 
 def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
@@ -401,54 +367,6 @@ def test_a_statement_that_takes_too_long_is_given_up(
         return len(await store.samples_after("z", None))
 
     assert shard.run(use) == 2
-
-
-CHANGES = {
-    "outputs": "outputs = set_byte(outputs, 3, get_byte(outputs, 3) # 1)",
-    "inputs": "inputs = substring(inputs FROM 1 FOR 16)",
-    "quality": "input_quality = 'good,good,good'",
-    "time": "time = time + 1",
-    "setpoint": "setpoint = 19.0",
-    "link": "link = link + 1",
-}
-
-
-@pytest.mark.parametrize("change", [*CHANGES, "missing"])
-def test_a_damaged_or_missing_sample_is_told(shard: Shard, postgres_server: Server, change: str) -> None:
-    table, where = f"{shard.schema()}.samples", f"WHERE time = {make_sample(5).time}"
-
-    async def use(store: PostgresStore) -> None:
-        for step in range(10):
-            await store.append("z", make_sample(step))
-        postgres_server.run(
-            f"UPDATE {table} SET {CHANGES[change]} {where}" if change in CHANGES else f"DELETE FROM {table} {where}"
-        )
-        with pytest.raises(JournalError, match=r"damaged sample of zone 'z' at .*restore a backup.*by SQL"):
-            await store.samples_after("z", make_sample(2).time)
-        assert len(await store.samples_after("z", make_sample(7).time)) == 2, "what is not needed is not asked for"
-
-    shard.run(use)
-
-
-def test_damaged_rows_and_readings_are_left_out_and_told_once(
-    shard: Shard, postgres_server: Server, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def use(store: PostgresStore) -> tuple[int, int]:
-        for step in range(5):
-            store.record("z", make_update(step))
-        await store.write(store.journal.keep, "z", [Reading("z/T_i", 100.0 + n, 20.0) for n in range(2)])
-        await store.write(store.journal.flush)
-        postgres_server.run(
-            f"UPDATE {shard.schema()}.history SET gate = gate + 0.001 WHERE time = {make_sample(3).time}",
-            f"UPDATE {shard.schema()}.readings SET value = 21 WHERE time = 100",
-        )
-        for _ in range(2):
-            rows = len(await store.run(store.journal.history, "z", None, None, 9))
-        return rows, len(await store.run(store.journal.kept, "z", 0.0))
-
-    assert shard.run(use) == (4, 1)
-    assert caplog.text.count("damaged history row of zone 'z'") == 1
-    assert caplog.text.count("damaged reading of zone 'z'") == 1
 
 
 def test_tables_of_a_newer_version_are_refused(shard: Shard, postgres_server: Server) -> None:

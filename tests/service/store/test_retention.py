@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
-import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
@@ -13,17 +12,13 @@ from pathlib import Path
 
 import pytest
 from support.fake_zones import make_sample, make_update
-from support.running_zone import Announced, finished, plumbing, straight
-from support.zone_samples import comparable, sample, worker
 
-import service.store.store
 from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
 from service.store.retention import Limits, prune
 from service.store.store import JOURNAL, Store
-from service.zone.zone import Zone
 
 STEP = 300
 FIRST = make_sample(0).time
@@ -73,16 +68,6 @@ def test_the_newest_sample_stays(journal: Journal) -> None:
     assert steps_of(journal, "living") == ([299], [299])
     assert not journal.append("living", make_sample(299)), "what is there is not taken twice"
     assert journal.append("living", make_sample(300))
-
-
-def test_what_is_left_is_still_checked_and_gone_on_with(tmp_path: Path, journal: Journal) -> None:
-    fill(journal, "living", 300)
-    pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
-    journal.close()
-    with closing(Journal.open(tmp_path / JOURNAL)) as again:
-        assert len(list(again.samples_after("living", FIRST + 250 * STEP))) == 49
-        assert again.append("living", make_sample(300))
-        assert len(list(again.samples_after("living", None))) == 102
 
 
 def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(journal: Journal) -> None:
@@ -207,33 +192,6 @@ def test_appends_come_in_between_the_slices(journal: Journal) -> None:
         assert number < 40
     assert number >= 5, "500 rows at once at most"
     assert steps_of(journal, "living")[0][-1] == 5000 + number
-
-
-def test_the_daemon_keeps_to_its_limits_and_goes_on_bit_for_bit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(service.store.store.Store, "prune_seconds", 0.01)
-    items = [sample(k) for k in range(120)]
-
-    async def part(first: int, last: int) -> list[str]:
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer, checkpoint_every=0.001) as shared:
-            zone = Zone("z", "rbpf", "mark", worker(), shared)
-            await zone.prepare()
-            running = asyncio.create_task(zone.run())
-            keeping = asyncio.create_task(shared.store.keep_within(Limits(20.0 * STEP, FOREVER)))
-            await zone.intake.accept(items[first:last])
-            await finished(zone, running)
-            async with asyncio.timeout(180):
-                while (await zone.history(None, None, 1000))[0].time < (last - 21) * STEP:
-                    await asyncio.sleep(0.01)
-            keeping.cancel()
-            return [comparable(update) for _, update in announcer.updates]
-
-    assert asyncio.run(part(0, 60)) == straight(items)[:60]
-    assert asyncio.run(part(60, 120)) == straight(items)[59:]
-    with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
-        assert connection.execute("SELECT count(*) FROM samples").fetchone()[0] == 21
 
 
 def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(

@@ -63,18 +63,6 @@ def test_without_keys_reading_is_open_and_administration_closed(app: FastAPI) ->
     assert answer.headers["www-authenticate"] == 'Bearer realm="thermogate"'
 
 
-def test_with_a_key_in_force_everything_else_is_closed(app: FastAPI, file: Path) -> None:
-    secret = create_key(file, "one", "read")
-    for path in (*READS, *WHOLE, "/nowhere", "/zones/nowhere"):
-        problem(get(app, path), 401)
-    for path in (*READS, *WHOLE, *OPEN_PATHS):
-        assert status(app, path, secret) == 200, path
-    for path in OPEN_PATHS:
-        assert get(app, path).status_code == 200, path
-    assert get(app, "/static/main.js").status_code == 200
-    assert status(app, "/nowhere", secret) == 404
-
-
 def test_every_route_is_closed_but_the_open_ones(app: FastAPI, file: Path) -> None:
     create_key(file, "one", "read")
     asked = set()

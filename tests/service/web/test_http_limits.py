@@ -169,23 +169,6 @@ def test_who_reads_slowly_gets_it_all(path: str) -> None:
     run(scenario())
 
 
-def test_what_waits_to_be_sent_is_bounded_over_all_clients() -> None:
-    async def scenario() -> None:
-        limits = {"unsent": 16 * 2**20}
-        async with serving(small_app(), config(limits=limits)) as server:
-            deaf = [await Client.to(server, limit=1024) for _ in range(6)]
-            for client in deaf:
-                await client.send(b"GET /large?megabytes=8 HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            await until(lambda: server.cut_off["slow to read"] and len(server.open_connections) <= 2)
-            connections = server.open_connections
-            assert 1 <= len(connections) <= 3, "the slowest were let go, no more than needed"
-            assert sum(one.transport.get_write_buffer_size() for one in connections) <= 16 * 2**20
-            for client in deaf:
-                await client.close()
-
-    run(scenario())
-
-
 async def deaf_client(server: HttpServer, headers: str = "") -> Client:
     """A client for whom much of a large answer waits, none of which it reads."""
     deaf = await Client.to(server, limit=1024)

@@ -11,16 +11,13 @@ import pytest
 from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
 from support import schemas
-from support.fake_zones import PERIOD, START, FakeZone, broken, doubted, running, waiting
+from support.fake_zones import PERIOD, START, FakeZone, broken, running, waiting
 from support.http_client import get, post, problem, request
 
-from estimator.network import presets
 from service.publish.payloads import FanPayload, ForecastPayload
-from service.records.history import HISTORY_COLUMNS, HistoryRow
+from service.records.history import HistoryRow
 from service.records.record import document, document_of
-from service.records.update import Disturbance
 from service.web.app import create_app
-from service.web.models import ParametersPayload
 
 
 @pytest.fixture
@@ -32,18 +29,6 @@ def zones() -> dict[str, FakeZone]:
 @pytest.fixture
 def app(zones: dict[str, FakeZone]) -> FastAPI:
     return create_app("htwg", zones, CollectorRegistry())
-
-
-def test_zones_are_listed_in_order(app: FastAPI) -> None:
-    told = get(app, "/zones").json()
-    assert (told["schema"], told["site"]) == (1, "htwg")
-    assert [(zone["id"], zone["state"], zone["samples"]) for zone in told["zones"]] == [
-        ("living", "running", 3),
-        ("attic", "waiting", 0),
-        ("cellar", "running", 3),
-    ]
-    assert told["zones"][0]["last_sample_time"] == "2025-05-03T00:10:00Z"
-    assert told["zones"][1]["reason"] == "no reading of T_out yet"
 
 
 @pytest.mark.parametrize("limit", [1, 2, 3, 4])
@@ -66,33 +51,12 @@ def test_a_page_after_a_zone_that_is_gone_is_refused(app: FastAPI) -> None:
     assert "there is no zone 'garage' any more" in problem(get(app, "/zones?limit=2&after=garage"), 422)["detail"]
 
 
-def test_a_zone_names_its_channels_parameters_and_status(app: FastAPI) -> None:
-    told = get(app, "/zones/living").json()
-    assert told["channels"][0] == {"channel": "T_air", "unit": "degC", "role": "output"}
-    assert {"channel": "u_heat", "unit": "W", "role": "input"} in told["channels"]
-    network = presets.network("ecolar-6r4c")
-    assert [parameter["name"] for parameter in told["parameters"]] == [p.name for p in network.parameters]
-    assert told["status"]["state"] == "running"
-    assert told["status"]["age_s"] == 360.0
-
-
 def test_the_standing_forecast_is_the_published_one_to_the_last_digit(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     answer = get(app, "/zones/living/forecast")
     published = document(ForecastPayload.of(zones["living"].updates[-1]), "htwg", "living")
     assert answer.content == published
     assert answer.headers["content-type"] == "application/json"
     assert zones["living"].asked == [], "nothing was computed"
-
-
-def test_parameters_come_with_findings_and_the_weights_of_variants(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    plain = get(app, "/zones/living/parameters").json()
-    assert (plain["findings"], plain["variants"]) == ([], [])
-    zones["living"].diagnosis = doubted("living").diagnosis
-    told = get(app, "/zones/living/parameters").json()
-    schemas.check(told, document_of(ParametersPayload))
-    assert [finding["subject"] for finding in told["findings"]] == ["C_air", "C_h", "ground"]
-    assert [(each["variant"], each["weight"]) for each in told["variants"]] == [("ground", 0.8), ("own", 0.2)]
-    assert get(app, "/zones/living").json()["status"]["findings"] == told["findings"]
 
 
 def test_published_levels_are_not_computed_again(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -151,17 +115,6 @@ def test_a_plan_without_levels_uses_the_published_ones(app: FastAPI, zones: dict
     assert zones["living"].asked == [("fan", 2, (0.5, 0.95), {})]
 
 
-def test_parameters_come_with_units_and_quantiles(app: FastAPI) -> None:
-    told = get(app, "/zones/living/parameters?level=.1&level=.9").json()
-    assert told["levels"] == [0.1, 0.9]
-    first = told["parameters"][0]
-    assert (first["name"], first["unit"], first["free"], len(first["quantiles"])) == ("C_air", "J/K", True, 2)
-    assert told["time_constants"][3]["quantiles"] == [716400.0 * 0.96 / 3600, 716400.0 * 1.04 / 3600]
-    assert {constant["unit"] for constant in told["time_constants"]} == {"h"}
-    assert (told["heat_loss"]["unit"], len(told["heat_loss"]["quantiles"])) == ("W/K", 2)
-    assert get(app, "/zones/living/parameters").json()["levels"] == [0.025, 0.5, 0.975]
-
-
 def test_history_is_bounded_and_complete(app: FastAPI, zones: dict[str, FakeZone]) -> None:
     url = "/zones/living/history?start=2025-05-03T02:05:00%2B02:00&end=2025-05-03T00:10:00Z&limit=5"
     told = get(app, url).json()
@@ -171,14 +124,6 @@ def test_history_is_bounded_and_complete(app: FastAPI, zones: dict[str, FakeZone
     unknown = dict.fromkeys(("gain_lower", "gain_median", "gain_upper", "setpoint"))
     assert row == asdict(expected) | {"time": "2025-05-03T00:05:00Z"} | unknown
     assert (told["output"], told["unit"], told["period_s"]) == ("T_air", "degC", 300.0)
-
-
-def test_history_has_gain_and_set_point_where_they_are_known(app: FastAPI, zones: dict[str, FakeZone]) -> None:
-    gain = Disturbance((-50.0, 120.0, 310.0), 0.9, ((0.04, 0.05, 0.06),))
-    updates = zones["living"].updates
-    updates[1] = updates[1]._replace(disturbance=gain, setpoint=20.5)
-    row = get(app, "/zones/living/history").json()["rows"][1]
-    assert [row[name] for name in HISTORY_COLUMNS[-4:]] == [-50.0, 120.0, 310.0, 20.5]
 
 
 def test_a_fraction_of_a_second_rounds_up(app: FastAPI, zones: dict[str, FakeZone]) -> None:
@@ -234,11 +179,6 @@ def test_a_zone_without_a_sample_is_503_with_the_reason(app: FastAPI, method: st
     answer = request(app, method, f"/zones/attic{path}", **body)
     assert "no reading of T_out yet" in problem(answer, 503)["detail"]
     assert int(answer.headers["retry-after"]) == 60
-
-
-def test_a_zone_without_a_sample_still_shows_itself(app: FastAPI) -> None:
-    assert get(app, "/zones/attic").json()["status"]["state"] == "waiting"
-    assert get(app, "/zones/attic/history").json()["rows"] == []
 
 
 def test_a_failing_journal_is_503_with_its_sentence(app: FastAPI) -> None:

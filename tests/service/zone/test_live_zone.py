@@ -18,7 +18,6 @@ from service.zone.health import state_and_reason
 from service.zone.worker import Progress, WorkerSettings, ZoneWorker
 
 TITE = network("tite")
-HOUR = 3600.0
 
 
 def alignment(**settings):
@@ -29,10 +28,6 @@ def readings(time, value=20.0, channels=TITE.channels):
     return [Reading(channel, time, value) for channel in channels]
 
 
-def times(samples):
-    return [sample.time for sample in samples]
-
-
 def test_the_clock_closes_an_interval_that_a_silent_source_would_keep_open():
     align = alignment()
     assert align.add("bms", readings(10.0, channels=["T_i"]), 310.0) == [], "the weather has not said anything yet"
@@ -41,26 +36,6 @@ def test_the_clock_closes_an_interval_that_a_silent_source_would_keep_open():
     assert sample.time == 0
     assert sample.outputs[0] == 20.0
     assert all(isnan(value) for value in sample.inputs)
-
-
-def test_a_clock_set_forward_leaves_a_gap_and_goes_on():
-    align = alignment(idle_limit=2)
-    align.add("bms", readings(10.0), 10.0)
-    assert times(align.elapse(10.0 + HOUR)) == [0, 300, 600]
-    align.add("bms", readings(20.0 + HOUR), 20.0 + HOUR)
-    assert times(align.elapse(PERIOD + HOUR)) == [HOUR]
-
-
-def test_after_a_clock_set_back_readings_are_refused_until_it_has_caught_up():
-    align = alignment()
-    align.add("bms", readings(10 * PERIOD + 5.0), 10 * PERIOD + 5.0)
-    assert times(align.elapse(11 * PERIOD)) == [10 * PERIOD]
-    back = 9 * PERIOD
-    assert align.add("bms", readings(back), back) == []
-    assert align.elapse(back) == []
-    assert align.faults["out_of_order"] == len(TITE.channels)
-    align.add("bms", readings(11 * PERIOD + 1.0), 11 * PERIOD + 1.0)
-    assert times(align.elapse(12 * PERIOD)) == [11 * PERIOD], "no sample twice, none before another"
 
 
 def test_an_input_is_held_for_its_own_age():

@@ -29,50 +29,6 @@ def short_pauses(monkeypatch):
         monkeypatch.setattr(module, "LONGEST_PAUSE", 0.02)
 
 
-def test_samples_go_through_in_order_and_are_announced(tmp_path):
-    async def scenario():
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer) as shared:
-            zone = make(shared)
-            items = [sample(k) for k in range(40)]
-            await finished(zone, await fed(zone, items))
-            assert [comparable(update) for _, update in announcer.updates] == straight(items)
-            assert zone.status().state == "running"
-            assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
-            assert list((tmp_path / "checkpoints" / "z").glob("*.npz"))
-
-    asyncio.run(scenario())
-
-
-def test_a_new_zone_goes_on_where_the_old_one_stopped(tmp_path):
-    items = [sample(k) for k in range(60)]
-
-    async def first():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            await finished(zone, await fed(zone, items[:33]))
-
-    async def second(expected_last):
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer) as shared:
-            zone = make(shared)
-            assert await zone.prepare() == expected_last
-            assert zone.latest().time == expected_last
-            running = asyncio.create_task(zone.run())
-            await zone.intake.accept(items[33:])
-            await finished(zone, running)
-            # What was restored is announced first, for those who join now.
-            restored, *fresh = [comparable(update) for _, update in announcer.updates]
-            assert restored == straight(items[:33])[-1]
-            return fresh
-
-    asyncio.run(first())
-    # Without its checkpoints the whole journal is replayed; the result is the same.
-    for path in (tmp_path / "checkpoints").rglob("*.npz"):
-        path.unlink()
-    assert asyncio.run(second(items[32].time)) == straight(items)[33:]
-
-
 def test_a_step_that_fails_once_is_retried_and_nothing_is_lost(tmp_path):
     async def scenario():
         announcer = Announced()
@@ -244,34 +200,6 @@ def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path
 
     asyncio.run(scenario())
     assert caplog.text.count("disk full") == 3
-
-
-def test_checkpoints_are_written_while_running(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path, checkpoint_every=1e-6) as shared:
-            zone = make(shared)
-            running = await fed(zone, [sample(k) for k in range(10)])
-            async with asyncio.timeout(180):
-                while zone.status().samples < 10:
-                    await asyncio.sleep(0.01)
-            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) >= 3
-            await finished(zone, running)
-            assert len(list((tmp_path / "checkpoints" / "z").glob("*.npz"))) == 3
-
-    asyncio.run(scenario())
-
-
-def test_the_state_of_another_network_is_refused(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
-            with pytest.raises(StateMismatch, match="--reset z"):
-                await make(shared, mark="other").prepare()
-            await shared.store.forget("z")
-            assert await make(shared, mark="other").prepare() is None
-
-    asyncio.run(scenario())
 
 
 def test_a_zone_says_what_it_waits_for(tmp_path):
