@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal, NamedTuple, Self
 
+from adapters.fields.durations import format_duration
 from service.records.record import Number, Time, constant, record, shown
+
+ENOUGH = 24
+"""Verified forecasts before they are held to simpler ones."""
+
+ALIKE = 0.05
+"""K by which an RMSE is smaller than another one where that matters; above 1 K, the share of it."""
+
+
+class Better(NamedTuple):
+    """A simpler forecast that was better at a horizon."""
+
+    lead: int
+    name: str
+    error: float
+    """Its RMSE [K]."""
+    own: float
+    """RMSE [K] of the zone's forecasts."""
+
+    def __str__(self) -> str:
+        return (
+            f"{format_duration(self.lead)} ahead, {self.name} is the better forecast: off by {self.error:.2f} K, the "
+            f"model by {self.own:.2f} K"
+        )
 
 
 @record
@@ -19,6 +43,20 @@ class Verified:
     width: Number = shown("mean width of the interval, K")
     persistence_rmse: Number = shown("of the forecast that nothing changes, K")
 
+    @property
+    def simpler(self) -> tuple[tuple[str, float], ...]:
+        """Simpler forecasts by name, and the RMSE of each."""
+        return (("no change", self.persistence_rmse),)
+
+    @property
+    def better(self) -> Better | None:
+        """The best of the simpler forecasts, where that is better by more than ALIKE."""
+        known = [(error, name) for name, error in self.simpler if error > 0.0]
+        if self.forecasts < ENOUGH or not known:
+            return None
+        error, name = min(known)
+        return Better(self.lead, name, error, self.rmse) if self.rmse - error > ALIKE * max(1.0, error) else None
+
 
 @record
 class HorizonSkill(Verified):
@@ -27,6 +65,11 @@ class HorizonSkill(Verified):
     arx_rmse: Number = shown("of a linear regression on past outputs and inputs, learned online, K")
     skill_against_persistence: Number = shown("1 - rmse / persistence_rmse; above 0 is better than it")
     skill_against_arx: Number = shown("1 - rmse / arx_rmse")
+
+    @property
+    def simpler(self) -> tuple[tuple[str, float], ...]:
+        """The same with the regression."""
+        return (("no change", self.persistence_rmse), ("a regression on the last hours", self.arx_rmse))
 
     @classmethod
     def of(
@@ -52,6 +95,11 @@ class IssuedSkill(Verified):
     yesterday_rmse: Number = shown("of the measurement a day before, K; on the first day, of persistence")
     persistence_crps: Number = shown("mean absolute error of persistence, which is the CRPS of a number, K")
     yesterday_crps: Number = shown("the same of the measurement a day before, K")
+
+    @property
+    def simpler(self) -> tuple[tuple[str, float], ...]:
+        """The same with the day before."""
+        return (("no change", self.persistence_rmse), ("the same hour yesterday", self.yesterday_rmse))
 
 
 @record
@@ -92,6 +140,12 @@ class Skill:
     def issued_over(self, days: int) -> tuple[IssuedSkill, ...]:
         """The same of the forecasts as they were issued."""
         return next(window.as_issued for window in self.windows if window.days == days)
+
+    def better(self, days: int) -> dict[int, Better]:
+        """What was better than the zone's forecasts, as issued or in hindsight, by lead [s], from the shortest."""
+        found = filter(None, (one.better for one in (*self.issued_over(days), *self.over(days))))
+        # Of two at one lead the one that is better by more.
+        return {one.lead: one for one in sorted(found, key=lambda one: (one.lead, one.own - one.error))}
 
     @property
     def longest(self) -> tuple[HorizonSkill, ...]:

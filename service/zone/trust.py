@@ -6,18 +6,20 @@ the threshold by a margin, so that a controller does not switch to and fro.
 Two questions are judged. A controller that plans the heating asks what the model is worth once the heating is known:
 that is the hindsight of the skill. Whoever reads the published forecast, when nobody knows the heating to come, asks
 what it was worth as it was issued. Intervals that held too little then make it doubtful at most, whatever the model is
-worth, and not untrusted: that the heating was not foreseen is no fault that a plan does not mend.
+worth, and not untrusted: that the heating was not foreseen is no fault that a plan does not mend. The same holds where
+the temperature of the day before, no change, or a regression was the better forecast.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, Diagnosis
 from estimator.types import Outcome
-from service.records.skill import HorizonSkill, IssuedSkill, Skill
+from service.records.skill import Better, HorizonSkill, IssuedSkill, Skill
 from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
 from service.records.update import Update
 
@@ -73,19 +75,43 @@ class Verdict(NamedTuple):
 
 def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagnosis) -> Trust:
     """Trust after `update`; `skill` is given once an hour and for the first judgement."""
-    horizons = before.horizons
+    horizons, beaten, good_up_to, usual = before.horizons, before.beaten, before.good_up_to, before.usual
     if skill is not None:
         old = {one.lead: one for one in horizons}
-        both = zip(skill.issued_over(7), skill.issued_over(1), strict=True)
-        issued = {week.lead: (week, day) for week, day in both}
+        issued, of_day = ({one.lead: one for one in skill.issued_over(days)} for days in (7, 1))
+        better, latest = skill.better(7), skill.better(1)
         horizons = tuple(
-            _issued(_verified(old.get(week.lead), week, day, diagnosis, update.time), *issued.get(week.lead, ()))
+            _issued(
+                _verified(old.get(week.lead), week, day, diagnosis, update.time),
+                issued.get(week.lead),
+                of_day.get(week.lead),
+                better.get(week.lead) if day.forecasts < NEEDED or week.lead in latest else None,
+            )
             for week, day in zip(skill.over(7), skill.over(1), strict=True)
         )
-    usual = before.usual if skill is None else skill.over(7)[0].width
+        good = [one.lead for one in skill.over(7) if one.forecasts >= NEEDED and one.lead not in better]
+        beaten = _compared(better, good)
+        good_up_to = max((lead for lead in good if lead < min(better, default=lead + 1)), default=0)
+        usual = skill.over(7)[0].width
     disturbed = _disturbed(before.disturbed, update, usual)
     told = tuple(_told(one, update, disturbed) for one in horizons)
-    return Trust(update.time, told, disturbed=disturbed, usual=usual if usual > 0.0 else 0.0)
+    return Trust(
+        update.time,
+        told,
+        disturbed=disturbed,
+        beaten=beaten,
+        good_up_to=good_up_to,
+        usual=usual if usual > 0.0 else 0.0,
+    )
+
+
+def _compared(better: Mapping[int, Better], good: Sequence[int]) -> str:
+    """Where simpler forecasts are better, and at which horizons [s] the zone's are good."""
+    if not better:
+        return ""
+    reliable = ", ".join(format_duration(lead) for lead in good)
+    remedy = f"rely on the model {reliable} ahead" if good else "do not rely on the model yet"
+    return "; ".join([*map(str, better.values()), remedy])
 
 
 def _verified(
@@ -105,16 +131,18 @@ def _verified(
     return replace(old, why=why or strict.reason, rising=rising)
 
 
-def _issued(one: HorizonTrust, week: IssuedSkill | None = None, day: IssuedSkill | None = None) -> HorizonTrust:
-    """The horizon with what its forecasts were worth as they were issued; nothing of that is known one step ahead,
-    where no input has to be foreseen.
+def _issued(
+    one: HorizonTrust, week: IssuedSkill | None, day: IssuedSkill | None, better: Better | None
+) -> HorizonTrust:
+    """The horizon with what its forecasts were worth as they were issued, and what simpler one was `better`; nothing of
+    the first is known one step ahead, where no input has to be foreseen.
 
-    A good last day makes up for nothing here: how well the heating was foreseen depends on what day it was.
+    A good last day makes up for no interval here: how well the heating was foreseen depends on what day it was.
     """
-    if week is None or day is None:
-        return one
     if (reason := _held_too_little(week, day, BELOW[DOUBTFUL])) is not None:
         return replace(one, issued=DOUBTFUL, issued_why=reason, issued_rising=0)
+    if better is not None and better.own > NOTABLE:
+        return replace(one, issued=DOUBTFUL, issued_why=str(better), issued_rising=0)
     if one.issued == TRUSTED:
         return one
     rising = one.issued_rising + 1 if _held_too_little(week, day, BACK[DOUBTFUL]) is None else 0
@@ -123,8 +151,10 @@ def _issued(one: HorizonTrust, week: IssuedSkill | None = None, day: IssuedSkill
     return replace(one, issued_rising=rising)
 
 
-def _held_too_little(week: IssuedSkill, day: IssuedSkill, threshold: Threshold) -> str | None:
+def _held_too_little(week: IssuedSkill | None, day: IssuedSkill | None, threshold: Threshold) -> str | None:
     """Which part of `threshold` the coverage as issued fails, as a sentence."""
+    if week is None or day is None:
+        return None
     judged_by = (
         (day, NEEDED_OF_DAY, threshold.day_coverage, "the last day"),
         (week, NEEDED, threshold.coverage, "7 days"),

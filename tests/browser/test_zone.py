@@ -102,6 +102,14 @@ def test_trust_is_told_with_its_reason(visit: Any) -> None:
         page.locator('[data-zone="living"] a').click()
         page.wait_for_selector("text=6 h ahead, the forecast is doubtful:")
         assert page.locator(".doubt li [lang=en]").inner_text() == narrow
+        zone.trusted = Trust(
+            START, horizons[:1], beaten="6h ahead, a regression on the last hours is the better forecast"
+        )
+        page.goto(house.url)
+        page.wait_for_selector('[data-zone="living"]')
+        assert "regression" in page.locator('[data-zone="living"] .cell-finding').inner_text()
+        page.locator('[data-zone="living"] a').click()
+        page.wait_for_selector(".doubt.warned >> text=a regression on the last hours is the better forecast.")
         # What is still being loaded is given up before the daemon goes.
         page.goto("about:blank")
 

@@ -121,7 +121,7 @@ def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -
         expected=() if outlook is None else outlook.expected,
         expected_from=None if outlook is None else outlook.valid_time,
         trust=None if trust is None else trust.level,
-        trust_reason="" if trust is None else trust.reason,
+        trust_reason="" if trust is None else trust.reason or zone.trust().beaten,
         findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
         spark=None if spark is None else spark.line,
     )

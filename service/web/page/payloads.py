@@ -55,7 +55,7 @@ class OverviewRow:
         "how far the forecasts 6 h ahead can be relied on: learning, trusted, doubtful or untrusted; null "
         "before the first sample"
     )
-    trust_reason: str = shown("one sentence; empty while trusted")
+    trust_reason: str = shown("one sentence, also where simpler forecasts are better; empty while nothing is wrong")
     findings: tuple[FindingName, ...]
     spark: SparkPayload | None = shown("null until it has been read, and in events that bring nothing new of it")
 

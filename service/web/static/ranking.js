@@ -9,14 +9,14 @@ const PROPOSALS = new Set(["narrower-bounds"]);
 // The larger, the more a zone needs somebody.
 export function severity(row) {
   const findings = row.findings.reduce((sum, { finding }) => sum + (SERIOUS.has(finding) ? 20 : PROPOSALS.has(finding) ? 0 : 5), 0);
-  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0);
+  return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + (row.trust_reason && row.trust === "trusted" ? 15 : 0);
 }
 
-// Whether somebody should look: everything but a room that runs, is trusted and of which nothing worse is found than that
+// Whether somebody should look: everything but a room that runs, is trusted, is not outdone by a simpler forecast and of which nothing worse is found than that
 // its bounds could be narrower, or that somebody is in it.
 export function needsAttention(row) {
   const known = row.findings.some(({ finding }) => !PROPOSALS.has(finding));
-  return row.state !== "running" || Boolean(row.reason) || known || row.trust === "doubtful" || row.trust === "untrusted";
+  return row.state !== "running" || Boolean(row.reason) || known || (row.trust_reason && row.trust === "trusted") || row.trust === "doubtful" || row.trust === "untrusted";
 }
 
 const collator = new Intl.Collator(undefined, { numeric: true });

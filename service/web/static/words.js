@@ -43,7 +43,7 @@ export function rowTold(row) {
   if (row.state !== "running" || row.reason) return row.reason ? said(row.reason) : { text: stateText(row.state), lang: "" };
   const [first, ...others] = row.findings;
   if (first) return { text: others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first), lang: "" };
-  if (row.trust_reason && (row.trust === "untrusted" || row.trust === "doubtful")) return said(row.trust_reason);
+  if (row.trust_reason && row.trust !== "learning") return said(row.trust_reason);
   return { text: row.disturbed ? t("finding.disturbed") : t("finding.none"), lang: "" };
 }
 
@@ -52,28 +52,23 @@ export function rowText(row) {
 }
 
 // Why the model is doubted now: sentences, the gravest first; `own` is what follows in the daemon's words.
-export function doubts({ status, forecast, skill, trust }) {
+export function doubts({ status, forecast, trust }) {
   const found = [];
   if (status.state === "failed" || status.state === "stalled" || status.state === "waiting") {
     found.push({ text: t(`doubt.${status.state}`), own: status.reason });
     return found;
   }
   if (status.reason) found.push({ text: "", own: status.reason });
-  const distrusted = trust?.horizons.filter(({ trust: level }) => level === "doubtful" || level === "untrusted") ?? [];
+  const horizons = trust?.horizons ?? [];
+  const distrusted = horizons.filter(({ trust: level, reason }) => (level === "doubtful" || level === "untrusted") && !trust.beaten.includes(reason));
   for (const reason of new Set(distrusted.map(({ reason: why }) => why))) {
     const one = distrusted.find(({ reason: why }) => why === reason);
     found.push({ text: t("doubt.trust", { lead: duration(one.lead_s), trust: trustText(one.trust) }), own: reason });
   }
   for (const finding of status.findings) if (finding.finding !== "narrower-bounds") found.push({ text: findingSentence(finding) });
   if (forecast?.regime === "high") found.push({ text: t("doubt.disturbed", { gate: share(forecast.gate) }) });
-  // What was verified is behind the trust; without a judgement it speaks for itself.
-  if (trust?.horizons.length) return found;
-  const week = skill?.windows.find(({ days }) => days === 7)?.horizons.filter(({ forecasts }) => forecasts >= 24) ?? [];
-  const narrow = week.find(({ coverage }) => coverage !== null && coverage < 0.85);
-  if (narrow) found.push({ text: t("doubt.narrow", { lead: duration(narrow.lead_s), share: share(narrow.coverage) }) });
-  const worse = week.find(({ lead_s, skill_against_persistence: gain }) => lead_s >= 3600 && gain !== null && gain < 0);
-  if (worse) found.push({ text: t("doubt.worse", { lead: duration(worse.lead_s) }) });
-  if (!week.length && status.samples < 300) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
+  if (trust?.beaten) found.push({ text: "", own: `${trust.beaten}.` });
+  if (horizons.every(({ trust: level }) => level === "learning")) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
   return found;
 }
 

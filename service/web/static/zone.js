@@ -143,16 +143,15 @@ export function showZone(place, frame, id) {
       skill.replaceChildren(title, element("p", { className: "muted", textContent: t("skill.none") }));
       return;
     }
-    const against = (one, reference) => better(one[reference] > 0 ? 1 - one.rmse / one[reference] : null);
-    const parts = skillTable("known", ["persistence", "arx"], horizons, (one) => [better(one.skill_against_persistence), better(one.skill_against_arx)]);
-    if (issued.length) parts.push(...skillTable("issued", ["persistence", "yesterday"], issued, (one) => [against(one, "persistence_rmse"), against(one, "yesterday_rmse")]));
+    const parts = skillTable("known", ["persistence", "arx"], horizons);
+    if (issued.length) parts.push(...skillTable("issued", ["persistence", "yesterday"], issued));
     skill.replaceChildren(title, ...parts, element("p", { className: "muted", textContent: t("skill.note") }));
   }
 
   // The scores that answer one question: the question as a sentence, and a row for each horizon.
-  function skillTable(question, references, horizons, compared) {
+  function skillTable(question, references, horizons) {
     const heads = ["ahead", "error", "coverage", ...references].map((name) => t(`skill.${name}`));
-    const rows = horizons.map((one) => tableRow("td", [duration(one.lead_s), one.rmse === null ? "–" : `${number(one.rmse, 2)} K`, share(one.coverage), ...compared(one)]));
+    const rows = horizons.map((one) => tableRow("td", [duration(one.lead_s), one.rmse === null ? "–" : `${number(one.rmse, 2)} K`, share(one.coverage), ...references.map((name) => better(one.rmse, one[`${name}_rmse`]))]));
     const table = element("table", {}, element("thead", {}, tableRow("th", heads)), element("tbody", {}, ...rows));
     return [element("p", { textContent: t(`skill.${question}`) }), element("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": t(`skill.${question}`) }, table)];
   }
@@ -214,9 +213,11 @@ export function showZone(place, frame, id) {
   };
 }
 
-function better(value) {
-  if (value === null) return "–";
-  return value >= 0 ? t("skill.better", { share: share(value) }) : t("skill.worse", { share: share(-value) });
+// How the zone's error compares with that of a simpler forecast; up to 0.05 K, or 5 %, they are alike.
+function better(own, other) {
+  if (own === null || !(other > 0)) return "–";
+  if (Math.abs(own - other) <= 0.05 * Math.max(1, Math.min(own, other))) return t("skill.alike");
+  return own < other ? t("skill.better", { share: share(1 - own / other) }) : t("skill.worse", { share: share(own / other - 1) });
 }
 
 function fill(list, entries) {

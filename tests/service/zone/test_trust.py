@@ -96,7 +96,7 @@ def test_a_good_last_day_makes_up_for_the_days_before(bad):
     good = {"coverage": 0.95, "rmse": 0.4}
     fallen = after(after(Trust(), skill()), skill(**bad))
     assert level(fallen) != "trusted"
-    assert level(after(fallen, skill(good, **bad), hours=RISES - 1)) == level(fallen)
+    assert level(after(fallen, skill(good, **bad), hours=RISES - 1)) != "trusted"
     assert level(after(fallen, skill(good, **bad), hours=RISES)) == "trusted"
     for not_enough in ({"forecasts": 11}, {"coverage": 0.86}, {"rmse": 0.79}):
         assert level(after(fallen, skill(good | not_enough, **bad), hours=2 * RISES)) != "trusted"
@@ -132,6 +132,38 @@ def test_a_fan_that_held_too_little_as_it_was_issued_is_never_trusted(found, exp
     # What is verified in hindsight goes before, and a plan does not mend it.
     worse = after(trust, as_issued(0.34, coverage=0.5)).horizons[1]
     assert (worse.level, worse.planned) == ("untrusted", "untrusted")
+
+
+def outdone(arx=0.5, yesterday=0.5, rmse=0.4, day=None):
+    """Six hours ahead as `rmse` [K] says, in hindsight and as issued, against the RMSE of simpler forecasts."""
+    weeks = (horizon(300), HorizonSkill.of(21600, 100, 0.95, 0.2, rmse, 0.2, 0.8, arx))
+    days = (horizon(300), HorizonSkill.of(21600, 24, 0.95, 0.2, rmse if day is None else day, 0.2, 0.8, arx))
+    issued = (IssuedSkill(21600, 100, 0.95, 0.2, rmse, 0.2, 0.8, yesterday, 0.2, 0.2),)
+    return skill_over(0, {1: days, 7: weeks, 30: weeks}, dict.fromkeys((1, 7, 30), issued))
+
+
+@pytest.mark.parametrize(
+    ("found", "expected", "told", "up_to"),
+    [
+        (outdone(), "trusted", "", 21600),
+        (outdone(arx=0.36), "trusted", "", 21600),
+        (outdone(arx=0.3), "doubtful", "a regression on the last hours is the better forecast: off by 0.30 K", 300),
+        (outdone(yesterday=0.3), "doubtful", "the same hour yesterday is the better forecast: off by 0.30 K", 300),
+        (outdone(rmse=0.2, arx=0.1), "trusted", "a regression on the last hours is the better", 300),
+        (outdone(arx=0.3, day=0.2), "trusted", "a regression on the last hours is the better", 300),
+    ],
+)
+def test_a_model_that_a_simpler_forecast_outdoes_says_so(found, expected, told, up_to):
+    trust = after(Trust(), found)
+    assert (trust.horizons[1].level, trust.horizons[1].planned) == (expected, "trusted")
+    assert trust.good_up_to == up_to
+    assert told in trust.beaten
+    assert not told or trust.beaten.endswith("; rely on the model 5min ahead")
+    assert bool(trust.beaten) == bool(told)
+    # It is won back as any trust is, and kept between two judgements.
+    assert after(trust, None).beaten == trust.beaten
+    assert level(after(trust, outdone(), hours=RISES - 1)) == expected
+    assert level(after(trust, outdone(), hours=RISES)) == "trusted"
 
 
 def test_a_good_day_does_not_show_that_the_heating_is_foreseen():
