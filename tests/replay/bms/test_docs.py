@@ -7,7 +7,6 @@ import re
 import shlex
 from pathlib import Path
 
-import pytest
 from support.bms_plant import Clock, ask, simulation
 
 from replay.bms import register_map
@@ -15,7 +14,6 @@ from replay.bms.control import create_control
 from replay.bms.faults import MENU, parse_spec
 from replay.bms.living.building import design
 from replay.bms.plant import devices
-from service.cli.main import main
 
 TEXT = (Path(__file__).parents[3] / "docs" / "simulate-bms.md").read_text(encoding="utf-8")
 BASE = "http://127.0.0.1:5021"
@@ -44,17 +42,6 @@ def test_the_menu_is_the_one_in_force() -> None:
 
 def test_the_register_map_is_the_one_printed() -> None:
     assert "\n".join(register_map.as_text(devices(design(3, 1), pace=60.0))) in TEXT
-
-
-def test_the_options_and_their_defaults_are_those_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate-bms", "--help"]) == 0
-    helped = " ".join(capsys.readouterr().out.split())
-    for option, default, _ in table("Options"):
-        name = option.strip("`")
-        assert f"{name} " in helped
-        if default != "none":
-            own = helped[helped.rindex(f"{name} ") :]
-            assert f"(default {default.strip('`')})" in own[: own.find(" --", 3)], name
 
 
 def test_fault_examples_are_faults_that_the_plant_can_have() -> None:
