@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -14,8 +15,11 @@ from service.errors import JournalError
 from service.store.durable_files import SPACE, make_folder
 
 SCHEMA_VERSION = 3
+_LOG_MAGIC = bytes.fromhex("377f06")
 LOG_LIMIT = 4 * 2**20
 """Bytes that the write-ahead log keeps when it begins anew."""
+
+_log = logging.getLogger(__name__)
 
 _SCHEMA = """
 CREATE TABLE samples (
@@ -124,8 +128,36 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")
     connection.execute(f"PRAGMA journal_size_limit = {LOG_LIMIT}")
+    if not empty and _has_lost_commits(connection, path):
+        _log.warning(
+            "the write-ahead log %s-wal is damaged, and what was accepted last is lost behind that place; look in the "
+            "kernel's log whether its disk has failed: sources that keep what they measured are read again from there, "
+            "what clients had posted has to be posted again",
+            path,
+        )
     if empty:
         connection.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+
+
+def _has_lost_commits(connection: sqlite3.Connection, path: Path) -> bool:
+    """Whether a commit lies in the log behind the place where SQLite takes it to end, as after a crash it does not."""
+    try:
+        _, valid, _ = connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
+    except sqlite3.OperationalError:
+        # A disk without space is told with the first sample.
+        return False
+    (page,) = connection.execute("PRAGMA page_size").fetchone()
+    with suppress(FileNotFoundError), open(f"{path}-wal", "rb") as log:
+        header = log.read(32)
+        if header and header[:3] != _LOG_MAGIC:
+            return True
+        log.seek(32 + valid * (24 + page))
+        while len(frame := log.read(24)) == 24:
+            # What an earlier round has left there has two other salts; the last frame of a commit has a size.
+            if (frame[8:12] == header[16:20] or frame[12:16] == header[20:24]) and frame[4:8] != bytes(4):
+                return True
+            log.seek(page, os.SEEK_CUR)
+    return False
 
 
 def _check_schema(connection: sqlite3.Connection, path: Path) -> None:

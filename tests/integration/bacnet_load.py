@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import multiprocessing
 import sys
-import time
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -21,18 +19,14 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from integration.modbus_load import MOST_GROWTH, Load, resident_memory
+from integration.load import PATIENCE, SETTLING, Meter, beside, received
+from integration.modbus_load import Load
 from support.bacnet_plant import Peer, free_udp_port
 
 from adapters.bacnet.network import Network
 from adapters.bacnet.objects import parse_object
 from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
 from adapters.edge import Edge
-
-_SETTLING = 3.0
-"""Seconds beside a whole poll before the measurement begins, in which every device is found and subscribed to."""
-_PATIENCE = 120.0
-"""How much longer than asked for is measured, where no poll has come to its end, s."""
 
 
 def _serve(devices: int, objects: int, port: int, pipe: Connection) -> None:
@@ -74,56 +68,45 @@ async def _measure(devices: int, objects: int, port: int, seconds: float, pollin
     arrivals: dict[str, list[float]] = {}
     counts: list[int] = []
     task = asyncio.create_task(_follow(source, arrivals, counts))
-    await asyncio.sleep(2 * polling.poll + _SETTLING)
+    await asyncio.sleep(2 * polling.poll + SETTLING)
     arrivals.clear()
     counts.clear()
     late = source.late
-    memory, cpu, began = resident_memory(), time.process_time(), time.monotonic()
+    meter = Meter()
     await asyncio.sleep(seconds)
     # Of a few seconds on a busy machine, too, there is something to tell.
-    while len(arrivals) < devices and time.monotonic() - began < seconds + _PATIENCE:
+    while len(arrivals) < devices and meter.seconds < seconds + PATIENCE:
         await asyncio.sleep(polling.poll)
-    cpu, took, after = time.process_time() - cpu, time.monotonic() - began, resident_memory()
+    cost = meter.read()
     late = source.late - late
     task.cancel()
     (outcome,) = await asyncio.gather(task, return_exceptions=True)
     if not isinstance(outcome, asyncio.CancelledError):
         raise RuntimeError(f"the source failed: {outcome!r}")
-    expected = int(took / polling.poll)
+    expected = int(cost.seconds / polling.poll)
     gaps = [later - earlier for arrived in arrivals.values() for earlier, later in pairwise(arrived)]
     made = sum(map(len, arrivals.values()))
     return Load(
         devices=devices,
         channels=objects,
-        seconds=took,
         polls=made,
         missed=sum(max(0, expected - len(arrivals.get(f"d{device}", ()))) for device in range(devices)) + late,
         readings=sum(counts),
         worst_gap=max(gaps, default=0.0) / polling.poll,
-        cpu=cpu / took,
-        memory_before=memory,
-        memory_after=after,
+        cost=cost,
     )
 
 
 def measure(devices: int, objects: int, seconds: float, polling: Polling) -> Load:
     """Read `devices` devices with `objects` objects each for `seconds`."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
     port = free_udp_port()
-    process = context.Process(target=_serve, args=(devices, objects, port, there), daemon=True)
-    process.start()
-    try:
-        if not here.poll(60):
-            raise RuntimeError("the simulated devices did not start within 60 s")
+    with beside(_serve, devices, objects, port) as pipe:
+        received(pipe)
         return asyncio.run(_measure(devices, objects, port, seconds, polling))
-    finally:
-        process.terminate()
-        process.join()
 
 
 def main() -> int:
-    """Measure as the arguments say; 1 if a reading was missed or memory has grown by more than MOST_GROWTH."""
+    """Measure as the arguments say; 1 if a reading was missed or memory has grown."""
     parser = argparse.ArgumentParser(description="load of the BACnet source")
     parser.add_argument("--devices", type=int, default=20)
     parser.add_argument("--objects", type=int, default=50)
@@ -135,7 +118,7 @@ def main() -> int:
     load = measure(arguments.devices, arguments.objects, arguments.seconds, polling)
     print("\n".join(load.lines()))
     lost = load.missed or load.readings != load.polls * load.channels
-    return 1 if lost or load.memory_after > load.memory_before + MOST_GROWTH else 0
+    return 1 if lost or load.cost.grew else 0
 
 
 if __name__ == "__main__":

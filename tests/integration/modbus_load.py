@@ -10,10 +10,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import multiprocessing
-import resource
 import sys
-import time
 from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -22,6 +19,7 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from integration.load import PATIENCE, SETTLING, Cost, Meter, beside, received
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
@@ -31,40 +29,26 @@ from adapters.modbus.codec import Format
 from adapters.modbus.plan import Limits
 from adapters.modbus.source import ModbusChannel, ModbusSource
 
-MOST_GROWTH = 5.0
-"""MB that memory may grow by; the arrival times that are kept for the report are part of it."""
-
-_SETTLING = 3.0
-"""Seconds before the measurement begins, in which every device is connected to and every buffer filled once."""
-_PATIENCE = 120.0
-"""How much longer than asked for is measured, where no poll has come to its end, s."""
-
 
 class Load(NamedTuple):
     """What was measured."""
 
     devices: int
     channels: int
-    seconds: float
     polls: int
     missed: int
     """Polls that should have been made and were not."""
     readings: int
     worst_gap: float
     """Longest time between two answers of a device, in polls."""
-    cpu: float
-    """Share of one processor."""
-    memory_before: float
-    memory_after: float
-    """Resident memory in MB."""
+    cost: Cost
 
     def lines(self) -> list[str]:
         """For a person."""
         return [
-            f"{self.devices} devices x {self.channels} points for {self.seconds:.0f} s",
+            f"{self.devices} devices x {self.channels} points for {self.cost.seconds:.0f} s",
             f"polls {self.polls}, missed {self.missed}, readings {self.readings}, worst gap {self.worst_gap:.2f} polls",
-            f"processor {100 * self.cpu:.1f} % of one core",
-            f"memory {self.memory_before:.1f} MB before, {self.memory_after:.1f} MB after",
+            *self.cost.lines(),
         ]
 
 
@@ -83,12 +67,6 @@ def _serve(devices: int, registers: int, pipe: Connection) -> None:
         await asyncio.Event().wait()
 
     asyncio.run(serve())
-
-
-def resident_memory() -> float:
-    """Resident memory of this process in MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 async def _poll(source: ModbusSource, arrivals: list[float], counts: list[int]) -> None:
@@ -117,54 +95,44 @@ async def _measure(ports: list[int], registers: int, seconds: float, poll: float
         asyncio.create_task(_poll(source, arrived, counted))
         for source, arrived, counted in zip(sources, arrivals, counts, strict=True)
     ]
-    await asyncio.sleep(_SETTLING)
+    await asyncio.sleep(SETTLING)
     for kept in (*arrivals, *counts):
         kept.clear()
-    memory, cpu, began = resident_memory(), time.process_time(), time.monotonic()
+    meter = Meter()
     await asyncio.sleep(seconds)
     # Of a few seconds on a busy machine, too, there is something to tell.
-    while not all(arrivals) and time.monotonic() - began < seconds + _PATIENCE:
+    while not all(arrivals) and meter.seconds < seconds + PATIENCE:
         await asyncio.sleep(poll)
-    cpu, took, after = time.process_time() - cpu, time.monotonic() - began, resident_memory()
+    cost = meter.read()
     for task in tasks:
         task.cancel()
     outcomes = await asyncio.gather(*tasks, return_exceptions=True)
     failures = [outcome for outcome in outcomes if not isinstance(outcome, asyncio.CancelledError)]
     if failures:
         raise RuntimeError(f"{len(failures)} of {len(tasks)} sources failed: {failures[0]!r}")
-    expected = int(took / poll)
+    expected = int(cost.seconds / poll)
     gaps = [later - earlier for arrived in arrivals for earlier, later in pairwise(arrived)]
     return Load(
         devices=len(ports),
         channels=registers,
-        seconds=took,
         polls=sum(map(len, arrivals)),
         missed=sum(max(0, expected - len(arrived)) for arrived in arrivals) + sum(source.late for source in sources),
         readings=sum(map(sum, counts)),
         worst_gap=max(gaps, default=0.0) / poll,
-        cpu=cpu / took,
-        memory_before=memory,
-        memory_after=after,
+        cost=cost,
     )
 
 
 def measure(devices: int, registers: int, seconds: float, poll: float = 1.0) -> Load:
     """Poll `devices` devices with `registers` registers each every `poll` s for `seconds`."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(devices, registers, there), daemon=True)
-    process.start()
-    try:
-        if not here.poll(60):
-            raise RuntimeError("the simulated devices did not start within 60 s")
-        return asyncio.run(_measure(here.recv(), registers, seconds, poll))
-    finally:
-        process.terminate()
-        process.join()
+    with beside(_serve, devices, registers) as pipe:
+        ports = received(pipe)
+        assert isinstance(ports, list)
+        return asyncio.run(_measure(ports, registers, seconds, poll))
 
 
 def main() -> int:
-    """Measure as the arguments say; 1 if a poll was missed or memory has grown by more than MOST_GROWTH."""
+    """Measure as the arguments say; 1 if a poll was missed or memory has grown."""
     parser = argparse.ArgumentParser(description="load of the Modbus source")
     parser.add_argument("--devices", type=int, default=50)
     parser.add_argument("--registers", type=int, default=100)
@@ -173,7 +141,7 @@ def main() -> int:
     arguments = parser.parse_args()
     load = measure(arguments.devices, arguments.registers, arguments.seconds, arguments.poll)
     print("\n".join(load.lines()))
-    return 1 if load.missed or load.memory_after > load.memory_before + MOST_GROWTH else 0
+    return 1 if load.missed or load.cost.grew else 0
 
 
 if __name__ == "__main__":

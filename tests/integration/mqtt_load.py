@@ -12,8 +12,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import multiprocessing
-import resource
 import sys
 import time
 from datetime import UTC, datetime
@@ -26,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import paho.mqtt.client as paho
+from integration.load import SETTLING, Cost, Meter, beside
 from support.broker import broker
 
 from adapters.messages.points import MessageChannel
@@ -33,13 +32,7 @@ from adapters.mqtt.broker import Broker
 from adapters.mqtt.source import Intake, MqttSource
 from adapters.payload.payload import PayloadFormat
 
-MOST_GROWTH = 5.0
-"""MB that memory may grow by."""
-
 FORMAT = PayloadFormat("json", ("value",), ("time",))
-
-_SETTLING = 3.0
-"""Seconds before memory is looked at, in which every buffer is filled once."""
 
 _LATEST = 60.0
 """Seconds that are waited for the last messages."""
@@ -51,25 +44,19 @@ class Load(NamedTuple):
     topics: int
     rate: float
     """Messages a second on each topic."""
-    seconds: float
     sent: int
     missed: int
     doubled: int
     worst_delay: float
     """Longest time from a message's own time to its reading's delivery, in s."""
-    cpu: float
-    """Share of one processor."""
-    memory_before: float
-    memory_after: float
-    """Resident memory in MB."""
+    cost: Cost
 
     def lines(self) -> list[str]:
         """For a person."""
         return [
-            f"{self.topics} topics at {self.rate:g} Hz for {self.seconds:.0f} s",
+            f"{self.topics} topics at {self.rate:g} Hz for {self.cost.seconds:.0f} s",
             f"messages {self.sent}, missed {self.missed}, doubled {self.doubled}, worst delay {self.worst_delay:.2f} s",
-            f"processor {100 * self.cpu:.1f} % of one core",
-            f"memory {self.memory_before:.1f} MB before, {self.memory_after:.1f} MB after",
+            *self.cost.lines(),
         ]
 
 
@@ -93,12 +80,6 @@ def _publish(port: int, topics: int, rate: float, rounds: int, pipe: Connection)
     pipe.send(time.monotonic() - began)
     client.disconnect()
     client.loop_stop()
-
-
-def _memory() -> float:
-    """Resident memory of this process in MB."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 class _Ledger:
@@ -131,14 +112,13 @@ async def _measure(port: int, topics: int, rate: float, rounds: int, pipe: Conne
     taking = asyncio.create_task(ledger.take(source, ready))
     async with asyncio.timeout(_LATEST):
         await ready.wait()
-    cpu, began = time.process_time(), time.monotonic()
+    meter = Meter()
     pipe.send(None)
-    await asyncio.sleep(min(_SETTLING, rounds / rate / 2))
-    memory = _memory()
+    await asyncio.sleep(min(SETTLING, rounds / rate / 2))
+    meter.settle()
     while not pipe.poll() and not taking.done():
         await asyncio.sleep(0.2)
-    took = time.monotonic() - began
-    cpu, after = time.process_time() - cpu, _memory()
+    cost = meter.read()
     deadline = time.monotonic() + _LATEST
     while ledger.came < topics * rounds and not taking.done() and time.monotonic() < deadline:
         await asyncio.sleep(0.1)
@@ -148,30 +128,24 @@ async def _measure(port: int, topics: int, rate: float, rounds: int, pipe: Conne
     if not isinstance(outcome, asyncio.CancelledError):
         raise RuntimeError(f"the source failed: {outcome!r}")
     missed = ledger.missed + sum(rounds - following for following in ledger.next.values())
-    return Load(
-        topics, rate, took, topics * rounds, missed, ledger.doubled, ledger.worst_delay, cpu / took, memory, after
-    )
+    return Load(topics, rate, topics * rounds, missed, ledger.doubled, ledger.worst_delay, cost)
 
 
 def measure(topics: int, rate: float, seconds: float) -> Load:
     """Publish on `topics` topics at `rate` Hz for `seconds`, and take everything in."""
     rounds = max(1, int(seconds * rate))
-    context = multiprocessing.get_context("spawn")
     # By itself mosquitto lets 1,000 messages wait for a client, which is half a second of them here.
     settings = ("allow_anonymous true", "max_queued_messages 100000")
-    with TemporaryDirectory() as folder, broker(Path(folder), *settings) as site:
-        here, there = context.Pipe()
-        process = context.Process(target=_publish, args=(site.port, topics, rate, rounds, there), daemon=True)
-        process.start()
-        try:
-            return asyncio.run(_measure(site.port, topics, rate, rounds, here))
-        finally:
-            process.terminate()
-            process.join()
+    with (
+        TemporaryDirectory() as folder,
+        broker(Path(folder), *settings) as site,
+        beside(_publish, site.port, topics, rate, rounds) as pipe,
+    ):
+        return asyncio.run(_measure(site.port, topics, rate, rounds, pipe))
 
 
 def main() -> int:
-    """Measure as the arguments say; 1 if a message was missed or memory has grown by more than MOST_GROWTH."""
+    """Measure as the arguments say; 1 if a message was missed or memory has grown."""
     parser = argparse.ArgumentParser(description="load of the MQTT source")
     parser.add_argument("--topics", type=int, default=200)
     parser.add_argument("--rate", type=float, default=10.0)
@@ -179,7 +153,7 @@ def main() -> int:
     arguments = parser.parse_args()
     load = measure(arguments.topics, arguments.rate, arguments.seconds)
     print("\n".join(load.lines()))
-    return 1 if load.missed or load.memory_after > load.memory_before + MOST_GROWTH else 0
+    return 1 if load.missed or load.cost.grew else 0
 
 
 if __name__ == "__main__":

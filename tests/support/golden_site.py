@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections.abc import AsyncIterator, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from support.running_zone import plumbing
 
 from service.config.fitting import fingerprint, make_alignment, make_worker, measured_outputs, surroundings
 from service.config.load import load
 from service.config.recording import recorded
 from service.config.site import Config
 from service.publish.metrics import Metrics
-from service.store.store import Store
-from service.zone.plumbing import Plumbing
-from service.zone.questions import Questions
 from service.zone.zone import Zone
 
 SITE = "golden"
@@ -183,13 +180,13 @@ def written(folder: Path) -> Path:
 
 
 @asynccontextmanager
-async def learned(folder: Path, *sinks: Any) -> AsyncIterator[GoldenSite]:
+async def learned(folder: Path) -> AsyncIterator[GoldenSite]:
     """The site after its recording, as a daemon has it: journal, checkpoints and threads in `folder`."""
     config = load(written(folder))
     zones: dict[str, Zone] = {}
-    metrics, store, stopping = Metrics(zones, "1.2.3"), Store(folder / "state"), threading.Event()
-    with ThreadPoolExecutor(2) as pool, ThreadPoolExecutor(1) as asking:
-        shared = Plumbing(SITE, store, pool, Questions(asking, stopping), stopping, metrics, [metrics, *sinks], 1e9)
+    metrics = Metrics(zones, "1.2.3")
+    async with plumbing(folder / "state") as given:
+        shared = given._replace(site=SITE, metrics=metrics, sinks=[metrics])
         outputs = measured_outputs(config)
         for table in config.zones:
             around = surroundings(config, table, outputs)
@@ -212,7 +209,6 @@ async def learned(folder: Path, *sinks: Any) -> AsyncIterator[GoldenSite]:
         for zone in zones.values():
             await zone.intake.close()
         await asyncio.gather(*running)
-    store.close()
 
 
 async def _recorded(zone: Zone) -> None:

@@ -161,9 +161,25 @@ def test_check_applies_overrides(config: Path, capsys: Capture) -> None:
     assert "zone living: network tite, estimator bank, a sample every 15min" in shown
 
 
-def test_one_mistake_is_one_line(config: Path, capsys: Capture) -> None:
-    assert main(["check", str(config), "--set", "zones.living.period=7min"]) == 2
-    assert complaint(capsys).startswith("zones[0] ('living').period: \"7min\" does not divide a day")
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("zones.living.period=7min", "zones[0] ('living').period: \"7min\" does not divide a day"),
+        ("zones.attic.period=5min", '--set zones.attic.period=5min: zones has no item "attic"'),
+        ("http.host=0.0.0.0", 'http: listening on "0.0.0.0" lets other machines in'),
+    ],
+)
+def test_a_wrong_configuration_is_one_sentence_and_starts_nothing(
+    override: str, said: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    calls = daemon(monkeypatch)
+
+    for command in ("check", "run"):
+        assert main([command, str(config), "--set", override]) == 2
+        assert complaint(capsys).startswith(said)
+    assert main(["check", str(config.with_name("gone.toml"))]) == 2
+    assert "gone.toml: cannot be read (no such file or directory)" in complaint(capsys)
+    assert calls == []
 
 
 def test_several_mistakes_are_a_line_each_and_a_count(config: Path, capsys: Capture) -> None:
@@ -172,16 +188,6 @@ def test_several_mistakes_are_a_line_each_and_a_count(config: Path, capsys: Capt
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(": ")[1] for line in lines[:-1]] == ["colour", "http.port"]
     assert lines[-1] == "thermogate: 2 mistakes in the configuration; nothing was started"
-
-
-def test_missing_configuration(tmp_path: Path, capsys: Capture) -> None:
-    assert main(["check", str(tmp_path / "gone.toml")]) == 2
-    assert "gone.toml: cannot be read (no such file or directory)" in complaint(capsys)
-
-
-def test_wrong_override(config: Path, capsys: Capture) -> None:
-    assert main(["check", str(config), "--set", "zones.attic.period=5min"]) == 2
-    assert complaint(capsys).startswith('--set zones.attic.period=5min: zones has no item "attic"')
 
 
 def test_run_starts_the_daemon(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,51 +219,27 @@ def test_run_refuses_to_reset_an_unknown_zone(config: Path, monkeypatch: pytest.
     assert calls == []
 
 
-def test_run_does_not_start_on_a_wrong_configuration(
-    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    calls = daemon(monkeypatch)
-
-    assert main(["run", str(config), "--set", "http.host=0.0.0.0"]) == 2
-
-    assert "lets other machines in" in complaint(capsys)
-    assert calls == []
-
-
 @pytest.mark.parametrize(
-    "error",
+    ("error", "code", "said"),
     [
-        JournalError("site.state_dir: cannot be written; choose another folder"),
-        SourceUnavailable("sources.log: gone; bring it back"),
-        ReplayError("--out: not a folder; name another"),
+        (JournalError("site.state_dir: cannot be written; choose another folder"), 1, "site.state_dir: cannot be"),
+        (SourceUnavailable("sources.log: gone; bring it back"), 1, "sources.log: gone; bring it back"),
+        (ReplayError("--out: not a folder; name another"), 1, "--out: not a folder; name another"),
+        (PermissionError(13, "Permission denied", "/srv/state"), 1, "/srv/state: Permission denied; check the path"),
+        (RuntimeError("two\nlines"), 1, "unexpected RuntimeError: two lines; "),
+        (KeyboardInterrupt(), 130, "interrupted"),
     ],
+    ids=repr,
 )
-def test_failures_said_on_purpose_are_shown_as_they_are(
-    error: Exception, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+def test_a_failure_is_one_sentence(
+    error: BaseException, code: int, said: str, config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     daemon(monkeypatch, raising(error))
 
-    assert main(["run", str(config)]) == 1
-    assert complaint(capsys) == str(error)
-
-
-def test_operating_system_errors_name_the_file(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    daemon(monkeypatch, raising(PermissionError(13, "Permission denied", "/srv/state")))
-
-    assert main(["run", str(config)]) == 1
-    assert complaint(capsys).startswith("/srv/state: Permission denied; check the path")
-
-
-def test_unexpected_failure_is_one_sentence_with_a_hint(
-    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
-) -> None:
-    daemon(monkeypatch, raising(RuntimeError("two\nlines")))
-
-    assert main(["run", str(config)]) == 1
-
-    said = complaint(capsys)
-    assert said.startswith("unexpected RuntimeError: two lines; ")
-    assert "--debug" in said
+    assert main(["run", str(config)]) == code
+    found = complaint(capsys)
+    assert found.startswith(said)
+    assert ("--debug" in found) is isinstance(error, RuntimeError)
 
 
 def test_debug_shows_the_traceback(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
@@ -265,13 +247,6 @@ def test_debug_shows_the_traceback(config: Path, monkeypatch: pytest.MonkeyPatch
 
     assert main(["run", "--debug", str(config)]) == 1
     assert "Traceback (most recent call last)" in capsys.readouterr().err
-
-
-def test_interrupt_is_clean(config: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    daemon(monkeypatch, raising(KeyboardInterrupt()))
-
-    assert main(["run", str(config)]) == 130
-    assert complaint(capsys) == "interrupted"
 
 
 def test_replay_passes_everything_on(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,14 +45,18 @@ def test_a_whole_log_is_no_word_worth(path: Path, tmp_path: Path, caplog: pytest
     assert not caplog.records
 
 
-def test_behind_a_damaged_place_in_its_log_nothing_is_made_up(path: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("place", "left"), [(-2 * 4120 + 100, 12), (-4120 + 100, 13), (-1, 13), (0, 10), (8, 10)])
+def test_behind_a_damaged_place_in_its_log_nothing_is_made_up_and_that_is_told(
+    place: int, left: int, path: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     copy = killed_log(path, tmp_path / "copy")
     log = copy.with_name(f"{JOURNAL}-wal")
     content = bytearray(log.read_bytes())
-    content[-2 * 4120 + 100] ^= 1
+    content[place] ^= 1
     log.write_bytes(content)
     with closing(Journal.open(copy)) as journal:
-        assert len(list(journal.samples_after("living", None))) == 12, "as after an earlier crash"
+        assert len(list(journal.samples_after("living", None))) == left, "as after an earlier crash"
+    assert f"{log} is damaged, and what was accepted last is lost behind that place" in caplog.text
 
 
 def make(shared) -> Zone:  # type: ignore[no-untyped-def]

@@ -3,19 +3,15 @@
 import asyncio
 import csv
 from datetime import UTC, datetime
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from adapters.csv.source import CsvChannel, CsvSource
 from adapters.edge import Edge
 from adapters.routing import Router
-from adapters.units import conversion, default_valid_range
-from estimator.network.presets import SOLAR_APERTURE, network
+from adapters.units import conversion
+from estimator.network.presets import network
 from service.zone.alignment import Alignment, Rules
-
-FLEXHOUSE = Path(__file__).parents[4] / "shared" / "data" / "flexhouse_prbs1" / "inputPRBS1.csv"
 
 
 def samples(recording, channels, alignment, start=None):
@@ -28,36 +24,6 @@ def samples(recording, channels, alignment, start=None):
         return closed + alignment.end(recording.name)
 
     return asyncio.run(run())
-
-
-@pytest.mark.skipif(not FLEXHOUSE.exists(), reason="the FlexHouse recording is not at hand")
-def test_flexhouse_gives_one_sample_per_row():
-    zone = network("titethria").with_solar("T_i", SOLAR_APERTURE)
-    bindings = {"T_i": ("yTi", "degC"), "T_out": ("Ta", "degC"), "u_heat": ("Ph", "kW"), "I_sol": ("Ps", "kW/m2")}
-    channels = [
-        CsvChannel(
-            f"flexhouse/{channel}",
-            (column,),
-            Edge(
-                conversion=conversion(unit, zone.channel_unit(channel)),
-                valid=default_valid_range(zone.channel_unit(channel)),
-            ),
-        )
-        for channel, (column, unit) in bindings.items()
-    ]
-    recording = CsvSource("recording", [FLEXHOUSE], channels, timestamp_column="TimeDate", zone="UTC")
-    assert recording.check() == []
-    alignment = Alignment(zone, 300, ["recording"], Rules(zone="flexhouse"))
-    got = samples(recording, channels, alignment)
-    with FLEXHOUSE.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(got) == len(rows) == 1691
-    assert not alignment.faults
-    assert got[0].time == datetime(2009, 2, 5, 14, 25, tzinfo=UTC).timestamp()
-    assert set(np.diff([sample.time for sample in got])) == {300}
-    assert [sample.outputs[0] for sample in got] == [float(row["yTi"]) for row in rows]
-    expected = [[float(row["Ta"]), 1000 * float(row["Ph"]), 1000 * float(row["Ps"])] for row in rows]
-    assert np.array_equal([sample.inputs for sample in got], expected)
 
 
 ECOLAR_COLUMNS = {

@@ -1,16 +1,13 @@
 """What a zone's model does not know: found while it runs, kept in its checkpoint, missing in an old one."""
 
-import numpy as np
 import pytest
-from support.zone_samples import NAN, PERIOD, comparable, sample
+from support.zone_samples import NAN, PERIOD, sample
 
 from estimator import loop as loop_module
 from estimator.diagnosis.diagnose import EVERY
 from estimator.diagnosis.finding import Diagnosis, Finding
 from estimator.network.presets import network
 from estimator.registry import build
-from service.store.checkpoint import CheckpointStore
-from service.zone import snapshot
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 STEPS = EVERY // PERIOD
@@ -55,44 +52,3 @@ def test_a_sample_without_a_temperature_leaves_no_sum_and_a_stall_nothing(counte
         zone.step(sample(k, y=NAN, inputs=[5.0, 0.0]))
     assert zone.progress.stalled
     assert (zone.carried.record.seconds == before.seconds).all()
-
-
-def through_disk(zone, folder, spoil=lambda checkpoint: checkpoint):
-    store = CheckpointStore(folder)
-    store.save("z", spoil(snapshot.take(zone, "mark", "ekf")))
-    back = worker()
-    snapshot.restore(back, store.load("z", "mark"))
-    return back
-
-
-def test_the_record_and_the_findings_survive_a_restart(tmp_path):
-    zone = fed(worker(), 2 * STEPS)
-    zone.carried = zone.carried._replace(
-        diagnosis=Diagnosis((Finding("parameter-at-bound", "C_i", "too low; move it"),))
-    )
-    back = through_disk(zone, tmp_path)
-    assert back.carried.diagnosis == zone.carried.diagnosis
-    for kept, value in zip(back.carried.record, zone.carried.record, strict=True):
-        assert np.array_equal(kept, value)
-    fed(zone, STEPS, 2 * STEPS)
-    fed(back, STEPS, 2 * STEPS)
-    assert back.carried.diagnosis == zone.carried.diagnosis
-    assert comparable(back.latest) == comparable(zone.latest)
-
-
-def without_record(checkpoint):
-    """The checkpoint as an older Thermogate wrote it."""
-    arrays = {name: value for name, value in checkpoint.arrays.items() if not name.startswith("record.")}
-    meta = {name: value for name, value in checkpoint.meta.items() if name != "diagnosis"}
-    return checkpoint._replace(arrays=arrays, meta=meta)
-
-
-def with_another_record(checkpoint):
-    """The checkpoint as a Thermogate wrote it that kept fewer days."""
-    return checkpoint._replace(arrays=dict(checkpoint.arrays) | {"record.days": np.zeros(3)})
-
-
-def test_a_fresh_worker_knows_of_nothing():
-    zone = worker()
-    assert zone.diagnosis() == Diagnosis()
-    assert zone.anew().carried.diagnosis == Diagnosis()

@@ -13,8 +13,6 @@ from estimator.network.presets import network
 from estimator.registry import build
 from service.records.outlook import InputOrigin, Weather, WeatherBook, WeatherLink
 from service.records.sample import Sample
-from service.store.checkpoint import CheckpointStore
-from service.zone import snapshot
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 PERIOD = 900
@@ -98,18 +96,6 @@ def test_what_is_published_one_step_ahead_and_verified_does_not_depend_on_it(mon
     fed(blind, DAY // PERIOD + 60)
     assert comparable(blind.latest) == comparable(zone.latest)
     assert repr(blind.skill()) == repr(zone.skill())
-
-
-def test_the_day_survives_a_restart(tmp_path):
-    zone = fed(worker(), DAY // PERIOD + 30)
-    store = CheckpointStore(tmp_path)
-    store.save("z", snapshot.take(zone, "mark", "ekf"))
-    checkpoint = store.load("z", "mark")
-    back = worker()
-    snapshot.restore(back, checkpoint)
-    for left, right in zip(seen(zone, 40)[1].values(), seen(back, 40)[1].values(), strict=True):
-        assert left.tobytes() == right.tobytes()
-    assert back.trust == zone.trust
 
 
 def test_a_gap_of_days_forgets_the_shape():

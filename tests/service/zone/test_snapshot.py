@@ -4,18 +4,21 @@ import json
 from dataclasses import replace
 
 import pytest
+from support.thermostat_house import recorded
 from support.zone_samples import NAN, comparable, sample, worker
 
 from estimator.network.presets import network
-from estimator.registry import resolve, structure
+from estimator.registry import build, resolve, structure
+from service.records.sample import Sample
 from service.store.checkpoint import CheckpointStore
 from service.zone import snapshot
+from service.zone.worker import WorkerSettings, ZoneWorker
 
 
-def through_disk(zone, folder):
+def through_disk(zone, back, folder):
+    """What `zone` knows in a worker as `back`, by way of a checkpoint's file."""
     store = CheckpointStore(folder)
     store.save("z", snapshot.take(zone, "mark", "rbpf"))
-    back = worker()
     snapshot.restore(back, store.load("z", "mark"))
     return back
 
@@ -30,11 +33,43 @@ def test_what_comes_back_continues_with_the_same_bits(stop, tmp_path):
     zone = worker()
     for item in samples[:stop]:
         zone.step(item)
-    back = through_disk(zone, tmp_path)
+    back = through_disk(zone, worker(), tmp_path)
     assert comparable(back.latest) == comparable(zone.latest)
     assert back.progress == zone.progress
     for item in samples[stop:]:
         assert comparable(back.step(item)) == comparable(zone.step(item))
+
+
+KINDS = {
+    "rbpf": {"particles": 50},
+    "ekf": {},
+    "bank": {"members": {"steady": {"estimator": "ekf"}, "arx": {"estimator": "arx"}}},
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_all_that_a_zone_has_learned_in_days_goes_on_with_the_same_bits(name, tmp_path):
+    """Its thermostat, the day before, what was verified, the balance and findings of its diagnosis, its trust."""
+    period, stop = 1800, 3 * 48
+
+    def fresh():
+        return ZoneWorker(build(name, network("tite"), period, KINDS[name]), WorkerSettings(5, (0.95,), 3, 900.0))
+
+    samples = [
+        Sample.measured(k * period, outputs, inputs)._replace(setpoint=setpoint)
+        for k, (outputs, inputs, setpoint) in enumerate(zip(*recorded(4, period), strict=True))
+    ]
+    zone = fresh()
+    for item in samples[:stop]:
+        zone.step(item)
+    back = through_disk(zone, fresh(), tmp_path)
+    assert repr((back.skill(), back.trust, back.diagnosis())) == repr((zone.skill(), zone.trust, zone.diagnosis()))
+    for item in samples[stop:]:
+        assert comparable(back.step(item)) == comparable(zone.step(item))
+    kept, whole = snapshot.take(back, "mark", name), snapshot.take(zone, "mark", name)
+    assert {part: array.tobytes() for part, array in kept.arrays.items()} == {
+        part: array.tobytes() for part, array in whole.arrays.items()
+    }
 
 
 def test_the_meta_data_are_what_json_gives_back():
@@ -71,3 +106,14 @@ def test_the_fingerprint_tells_what_a_state_belongs_to():
         mark(volatility_blocks={"a": ["T_air"], "b": ["T_wo", "T_wi", "T_h"]}),
     ]
     assert len({mark(), *others}) == len(others) + 1
+
+
+def test_tuning_may_change_between_two_starts_but_not_the_estimator():
+    net = network("ecolar-6r4c")
+    marks = {
+        (name, sd): snapshot.fingerprint(net, 300, name, structure(name, resolve(name, net, 300, {"parameter_sd": sd})))
+        for name in ("ekf", "ukf")
+        for sd in (0.001, 0.1)
+    }
+    assert marks["ekf", 0.001] == marks["ekf", 0.1]
+    assert marks["ekf", 0.1] != marks["ukf", 0.1]

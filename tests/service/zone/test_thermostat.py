@@ -1,4 +1,4 @@
-"""What a zone learns of its thermostat: from its samples, across a restart, and from state that knows of none."""
+"""What a zone learns of its thermostat from its samples."""
 
 import numpy as np
 from support.thermostat_house import recorded
@@ -6,7 +6,6 @@ from support.thermostat_house import recorded
 from estimator.network.presets import network
 from estimator.registry import build
 from service.records.sample import Sample
-from service.store.checkpoint import CheckpointStore
 from service.zone import snapshot
 from service.zone.worker import WorkerSettings, ZoneWorker
 
@@ -30,34 +29,18 @@ def fed(zone, some):
     return zone
 
 
-def again(zone, tmp_path, spoil=lambda checkpoint: checkpoint):
-    store = CheckpointStore(tmp_path)
-    store.save("z", spoil(snapshot.take(zone, "mark", "ekf")))
-    back = worker()
-    snapshot.restore(back, store.load("z", "mark"))
-    return back
-
-
-def arrays(zone):
-    return {name: value.tobytes() for name, value in snapshot.take(zone, "mark", "ekf").arrays.items()}
-
-
-def test_a_zone_learns_the_law_of_its_thermostat_and_goes_on_from_a_checkpoint_with_the_same_bits(tmp_path):
-    data = list(samples(4))
-    zone = fed(worker(), data[: 3 * DAILY])
+def test_a_zone_learns_the_law_of_its_thermostat():
+    zone = fed(worker(), samples(4))
     law = zone.carried.thermostat.laws
     assert abs(law.numbers[0, 0] - 6000.0) < 300.0
-    back = again(zone, tmp_path)
-    for each in (zone, back):
-        fed(each, data[3 * DAILY :])
-    assert arrays(zone) == arrays(back)
     assert zone.carried.live.members.hours.max() > 0.0
 
 
 def test_a_zone_without_a_set_point_carries_nothing_of_a_thermostat():
     zone = fed(worker(), samples(1, told=False))
     assert zone.carried.thermostat is None
-    assert not any(name.startswith(("thermostat.", "live.")) for name in arrays(zone))
+    stored = snapshot.take(zone, "mark", "ekf").arrays
+    assert not any(name.startswith(("thermostat.", "live.")) for name in stored)
 
 
 def test_a_gap_drops_what_was_pending_and_keeps_what_was_proved():

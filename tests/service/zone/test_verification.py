@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from support.zone_samples import PERIOD, comparable, sample, worker
+from support.zone_samples import PERIOD, sample, worker
 
 from estimator.network.presets import network
 from estimator.registry import build
 from service.records.sample import Sample
-from service.zone import snapshot
 from service.zone.worker import WorkerSettings, ZoneWorker
 
 DAY = 86400 // PERIOD
@@ -57,19 +56,6 @@ def test_every_horizon_is_verified_once_an_hour(day_and_a_half):
     for one in found.values():
         assert 0.0 <= one.coverage <= 1.0
         assert one.crps < one.persistence_rmse + one.rmse
-
-
-def test_what_is_known_survives_a_restart_with_the_same_bits(day_and_a_half):
-    zone, _ = day_and_a_half
-    again = zone.anew()
-    snapshot.restore(again, snapshot.take(zone, "mark", "rbpf"))
-    assert again.skill() == zone.skill()
-    more = range(3 * DAY // 2, 3 * DAY // 2 + 24)
-    other = worker(particles=50)
-    snapshot.restore(other, snapshot.take(zone, "mark", "rbpf"))
-    left, right = ([comparable(one.step(sample(k))) for k in more] for one in (again, other))
-    assert left == right
-    assert again.skill() == other.skill()
 
 
 def test_a_gap_ends_what_was_pending_and_keeps_what_was_verified():

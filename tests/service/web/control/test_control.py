@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,7 +10,6 @@ import pytest
 from fastapi import FastAPI
 from support import schemas
 from support.http_client import get, post, problem
-from support.schemas import objects
 from support.site_of_rooms import PERIOD, Room, site_of
 
 from adapters.reading import Quality
@@ -96,28 +93,6 @@ def test_simulating_the_given_matrices_gives_the_mean_of_the_published_fan(
     # All particles of the one, and the mean of the other, are the fan itself; draws have a sampling error.
     allowed = 1e-6 if zone in ("rbpf", "ekf") else 5.0 * sds / np.sqrt(draws)
     assert (np.abs(simulated(model, coarse) - means) <= allowed).all()
-
-
-@pytest.mark.parametrize("zone", ["rbpf", "mkf"])
-def test_a_model_names_everything_and_comes_as_npz_too(app: FastAPI, zone: str) -> None:
-    answer = get(app, f"/zones/{zone}/model?step=15min&draws=20")
-    document = objects(answer.text)
-    gains = 1 if zone == "mkf" else 0
-    assert [one.name for one in document.states] == ["T_i", "T_e", "T_h"] + ["gain"] * gains
-    assert [(one.name, one.unit) for one in document.inputs] == [("T_out", "degC"), ("u_heat", "W")]
-    assert [(one.name, one.unit) for one in document.outputs] == [("T_i", "degC")]
-    assert (document.gain is not None) == (gains == 1)
-    if document.gain is not None:
-        assert len(document.gain.mean) == len(document.gain.sd) == 96
-    packed = get(app, f"/zones/{zone}/model?step=15min&draws=20", headers={"Accept": "application/x-npz"})
-    assert packed.headers["content-type"] == "application/x-npz"
-    with np.load(io.BytesIO(packed.content), allow_pickle=False) as arrays:
-        assert arrays["A"].tolist() == document.mean.A
-        assert arrays["draws_B"].tolist() == document.draws.B
-        assert arrays["covariance"].tolist() == document.covariance
-        about = json.loads(str(arrays["about"]))
-    assert about["valid_time"] == answer.json()["valid_time"]
-    assert about["states"] == answer.json()["states"]
 
 
 def test_a_model_that_is_not_there_is_refused_in_one_sentence(app: FastAPI) -> None:
@@ -213,12 +188,6 @@ def test_a_plan_that_cannot_be_is_refused_in_one_sentence(app: FastAPI, inputs: 
     document = problem(post(app, "/forecasts", {"horizon": "6h", "plans": [{"inputs": inputs}]}), 422)
     assert any(sentence in error for error in document["errors"]), document["errors"]
     assert len(document["errors"]) == 1
-
-
-def test_one_zone_refuses_the_same_plans(app: FastAPI) -> None:
-    document = problem(post(app, "/zones/rbpf/forecast", {"horizon": "1h", "inputs": {"u_heat": 1e9}}), 422)
-    sentence = "plans 1e+09 W; 0 to 2000 W can be planned, by valid, installed and nominal of the channel"
-    assert document["detail"] == f"field 'inputs.u_heat' {sentence}"
 
 
 def test_a_large_answer_is_made_in_turn_and_is_the_same(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -319,16 +288,6 @@ def test_a_room_that_cannot_be_reached_does_not_take_the_others_forecasts(
     # A neighbour that nobody asked for is not worth a word.
     (alone,) = asked(coupled, horizon="6h", zones=["east"])
     assert alone["east"]["problem"] is None
-
-
-def test_trust_is_told_for_every_horizon(app: FastAPI) -> None:
-    document = get(app, "/zones/rbpf/trust").json()
-    assert [one["lead_s"] for one in document["horizons"]] == [300, 3600, 21600, 86400]
-    assert [one["trust"] for one in document["horizons"]] == ["trusted", "learning", "learning", "learning"]
-    assert "it takes 24" in document["horizons"][1]["reason"]
-    assert problem(get(app, "/zones/new/trust"), 503)
-    (fans,) = asked(app, zones=["rbpf"])
-    assert fans["rbpf"]["trust"]["lead_s"] == 86400, "the horizon of 6 h ends a period later"
 
 
 def test_a_forecast_that_no_measurement_would_be_believed_at_is_bad(app: FastAPI) -> None:
