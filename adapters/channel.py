@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import inf
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 from pydantic import BaseModel, Field
 
-from adapters.edge import Edge
+from adapters.edge import Edge, LiveConverter
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Text
 from adapters.reading import Source
@@ -105,6 +105,38 @@ class Binding(NamedTuple):
         """How raw values become values of the channel."""
         return edge_of(self.channel, self.unit, rollover, self.usual)
 
+    def reads_like(self, other: Binding) -> bool:
+        """Whether a source delivers the same readings to both; the rest of their tables is of no concern to it."""
+        mine, theirs = ({key: value for key, value in one.channel if key not in _OF_THE_ZONE} for one in (self, other))
+        return self.id == other.id and mine == theirs and self.edge() == other.edge()
+
+
+_OF_THE_ZONE = {"aggregate", "max_age", "installed", "forecast"}
+
+
+class Watched:
+    """A channel of a live source at work, with what has to be remembered of its last values."""
+
+    def __init__(self, binding: Binding, longest_stretch: float, rollover: float | None = None) -> None:
+        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
+        self.binding, self.id = binding, binding.id
+        self.edge = binding.edge(rollover)
+        self.converter = LiveConverter(binding.id, self.edge, longest_stretch, binding.channel.stuck_after)
+
+
+AtWork = TypeVar("AtWork", bound=Watched)
+
+
+def put_to_work(
+    bindings: Iterable[Binding], before: Iterable[AtWork], begin: Callable[[Binding], AtWork]
+) -> list[AtWork]:
+    """`bindings` at work: those that were so `before` go on with what they remember, the others `begin`."""
+    known = {one.id: one for one in before}
+    return [
+        one if (one := known.get(binding.id)) is not None and one.binding.reads_like(binding) else begin(binding)
+        for binding in bindings
+    ]
+
 
 class SourceConfig(BaseModel):
     """[sources.<name>]: the table of a source. A kind of source is a subclass of it, listed in `adapters.kinds`.
@@ -124,10 +156,6 @@ class SourceConfig(BaseModel):
     @property
     def described(self) -> str:
         """What it reads, for the summary of a check."""
-        raise NotImplementedError
-
-    def channels(self, bindings: Sequence[Binding]) -> list[Any]:
-        """The channels as the source takes them, also those that one at work is to deliver from now on."""
         raise NotImplementedError
 
     def build(self, name: str, bindings: Sequence[Binding]) -> Source:

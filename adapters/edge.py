@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import inf, isfinite, nan
 from time import monotonic
 
-from adapters.reading import Fault, Quality, Reading
+from adapters.reading import Fault, Probe, Quality, Reading
 from adapters.units import IDENTITY, Affine
 
 
@@ -61,6 +61,15 @@ class Edge:
 PLAIN = Edge()
 
 
+def newest(channel: str, place: str, edge: Edge, raw: float, when: float) -> Probe:
+    """What a person should know of the newest value of a recording, which it has at `when` (UTC s)."""
+    known = isfinite(raw)
+    value = edge.value(raw) if known and not edge.counter else None
+    doubt = None if value is None else edge.doubt(value)
+    hints = ("a counter: its differences become power",) if edge.counter else ()
+    return Probe(channel, place, f"{raw:g}", value, when, doubt or ("good" if known else "not a number"), hints)
+
+
 class Converter:
     """Makes readings of `channel` out of raw values that come in the order of time; remembers a counter's last one."""
 
@@ -68,19 +77,19 @@ class Converter:
         """`dated_at_start`: a counter's power is dated when the stretch began that it is the mean of, as in a
         recording, whose time stamps say when a value begins to hold; or when that ended, as in live telemetry, where
         intervals close meanwhile. `longest_stretch`: no power is made of a longer one, in s."""
-        self._channel, self._edge = channel, edge
+        self.channel, self.edge = channel, edge
         self._dated_at_start, self._longest = dated_at_start, longest_stretch
         self._last: tuple[float, float, Quality] | None = None
 
     def reading(self, time: float, raw: float, quality: Quality = Quality.GOOD) -> Reading | None:
         """The reading that `raw` brings; None for the first reading of a counter, which is no power yet."""
-        if self._edge.counter:
+        if self.edge.counter:
             return self._power(time, raw, quality)
-        return self._believed(time, self._edge.value(raw), quality)
+        return self._believed(time, self.edge.value(raw), quality)
 
     def bad(self, time: float, fault: Fault) -> Reading:
         """A reading that could not be had or is not to be used."""
-        return Reading(self._channel, time, nan, Quality.BAD, fault)
+        return Reading(self.channel, time, nan, Quality.BAD, fault)
 
     def _power(self, time: float, raw: float, quality: Quality) -> Reading | None:
         if not isfinite(raw):
@@ -91,21 +100,21 @@ class Converter:
         stretch = time - last[0]
         when = last[0] if self._dated_at_start else time
         counted = self._counted(raw - last[1])
-        value = counted * self._edge.scale * self._edge.conversion.scale / stretch
-        if counted < 0 or (raw < last[1] and self._edge.fault(value)):
+        value = counted * self.edge.scale * self.edge.conversion.scale / stretch
+        if counted < 0 or (raw < last[1] and self.edge.fault(value)):
             return self.bad(when, Fault.COUNTER_RESET)
         return self._believed(when, value, Quality.UNCERTAIN if Quality.UNCERTAIN in (quality, last[2]) else quality)
 
     def _counted(self, difference: float) -> float:
         """What was counted between two raw values; less than 0 if the counter was set back."""
-        rollover = self._edge.rollover
+        rollover = self.edge.rollover
         # A counter read every few seconds never goes half way round meanwhile: that is a new meter, or one set to 0.
         rolled = difference < 0 and rollover is not None and difference + rollover <= rollover / 2
         return difference + rollover if rolled and rollover is not None else difference
 
     def _believed(self, time: float, value: float, quality: Quality) -> Reading:
-        fault = self._edge.fault(value)
-        return Reading(self._channel, time, value, quality) if fault is None else self.bad(time, fault)
+        fault = self.edge.fault(value)
+        return Reading(self.channel, time, value, quality) if fault is None else self.bad(time, fault)
 
 
 class StuckWatch:

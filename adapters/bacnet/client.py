@@ -23,7 +23,7 @@ from bacpypes3.constructeddata import SequenceOf
 from bacpypes3.pdu import Address, IPv4Address
 from bacpypes3.primitivedata import ObjectIdentifier
 
-from adapters.bacnet.network import Network
+from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import DEVICE, MAX_APDU, SERVICES_SUPPORTED, ObjectId, Property
 from adapters.bacnet.stack import Stack
 from adapters.bacnet.values import Tagged, Unreadable, bits, whole
@@ -92,7 +92,7 @@ class Answer(NamedTuple):
 class BacnetLink:
     """One port on a BACnet network. Made inside the event loop that uses it."""
 
-    def __init__(self, network: Network, note: Callable[[str], None], *, beside: bool = False) -> None:
+    def __init__(self, network: BacnetConfig, note: Callable[[str], None], *, beside: bool = False) -> None:
         """`note` takes the kind of whatever comes and cannot be used. `beside`: work from another port where a program
         of this machine, such as the daemon, has the one of `network`."""
         self._beside = beside

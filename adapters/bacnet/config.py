@@ -5,17 +5,20 @@ from __future__ import annotations
 import ipaddress
 import re
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from adapters.bacnet.network import PORT, Network
 from adapters.bacnet.objects import LARGEST_INSTANCE, parse_object
-from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
 from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
 from adapters.fields.values import Flag, Port, PositiveDuration, Retries, Timeout, whole
 from adapters.fields.words import shown
+
+if TYPE_CHECKING:
+    from adapters.bacnet.source import BacnetSource
+
+PORT = 47808
 
 _ROUTED = re.compile(r"(?P<net>[0-9]{1,5}):(?:0x[0-9a-fA-F]{2,14}|[0-9]{1,3})")
 _LARGEST_NETWORK = 65534
@@ -142,25 +145,13 @@ class BacnetConfig(LiveConfig):
         through = f" through the BBMD {self.bbmd}" if self.bbmd else ""
         return f"BACnet/IP from {self.interface} port {self.port}{through}, polled every {format_duration(self.poll)}"
 
-    def channels(self, bindings: Sequence[Binding]) -> list[BacnetChannel]:
-        """The channels as the source takes them."""
-        return [_channel(binding.channel, binding) for binding in bindings]
+    @property
+    def broadcasts(self) -> bool:
+        """Whether devices can be asked for by their numbers alone."""
+        return self.bbmd is not None or ("/" in self.interface and not self.interface.endswith("/32"))
 
     def build(self, name: str, bindings: Sequence[Binding]) -> BacnetSource:
         """The source called `name`."""
-        network = Network(self.interface, self.port, self.bbmd, self.ttl, self.timeout, self.retries)
-        return BacnetSource(name, network, self.channels(bindings), Polling(self.poll, self.lifetime))
+        from adapters.bacnet.source import BacnetSource
 
-
-def _channel(channel: BacnetChannelConfig, binding: Binding) -> BacnetChannel:
-    assert channel.device is not None
-    return BacnetChannel(
-        binding.id,
-        channel.device,
-        parse_object(channel.object),
-        address=channel.at,
-        unit=channel.stated_unit if channel.compare_units else None,
-        cov=bool(channel.cov),
-        edge=binding.edge(),
-        stuck_after=channel.stuck_after,
-    )
+        return BacnetSource(name, self, bindings)

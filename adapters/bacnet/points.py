@@ -4,33 +4,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from adapters.bacnet.objects import ObjectId
+from adapters.bacnet.objects import ObjectId, parse_object
 from adapters.bacnet.units import NO_UNITS, differs, unit_of
 from adapters.bacnet.values import Flags, Tagged, Unreadable, flags, number
-from adapters.edge import PLAIN, Edge, LiveConverter
+from adapters.channel import Binding, Watched, put_to_work
 from adapters.reading import Fault, Probe, Quality, Reading
 
+# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
+_POLLS_IN_A_STRETCH = 10
 
-@dataclass(frozen=True)
-class BacnetChannel:
-    """Which object's present value is the raw value of channel `id` ("zone/channel"), and what becomes of it.
 
-    `device` is the device's instance, `address` where it is if it is not to be searched for. A value is refused where
-    the device states another unit than `unit`, None for any. `cov` allows a subscription. A raw value that has not
-    changed for `stuck_after` s is uncertain, for twice as long bad.
-    """
+class BacnetChannel(Watched):
+    """A channel at work: the object whose present value it is. A value is refused where the device states another unit
+    than `unit`, None for any."""
 
-    id: str
-    device: int
-    object: ObjectId
-    address: str | None = None
-    unit: str | None = None
-    cov: bool = True
-    edge: Edge = PLAIN
-    stuck_after: float | None = None
+    def __init__(self, binding: Binding, poll: float) -> None:
+        super().__init__(binding, _POLLS_IN_A_STRETCH * poll)
+        channel = binding.channel
+        self.device: int = channel.device
+        self.object = parse_object(channel.object)
+        self.unit: str | None = channel.stated_unit if channel.compare_units else None
+        self.address: str | None = channel.at
+        self.cov = bool(channel.cov)
 
     @property
     def is_temperature(self) -> bool:
@@ -81,37 +78,27 @@ def judged(channel: BacnetChannel, seen: Seen) -> Verdict:
     return Verdict(raw, stated.quality, None, sentence)
 
 
-class _Watched:
-    """A channel, and what has to be remembered of its last values."""
-
-    def __init__(self, channel: BacnetChannel, longest_stretch: float) -> None:
-        self.channel = channel
-        self.converter = LiveConverter(channel.id, channel.edge, longest_stretch, channel.stuck_after)
-
-
 class Channels:
     """The channels of a source by device and object."""
 
-    def __init__(self, channels: Sequence[BacnetChannel], longest_stretch: float) -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
-        self._longest_stretch = longest_stretch
-        self._at: dict[tuple[int, ObjectId], list[_Watched]] = {}
-        self.replace(channels)
+    def __init__(self, bindings: Sequence[Binding], poll: float) -> None:
+        self._poll = poll
+        self._at: dict[tuple[int, ObjectId], list[BacnetChannel]] = {}
+        self.replace(bindings)
 
-    def replace(self, channels: Sequence[BacnetChannel]) -> None:
+    def replace(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on; what is remembered of those that stay is kept."""
-        known = {watched.channel: watched for at_object in self._at.values() for watched in at_object}
+        before = [channel for at_object in self._at.values() for channel in at_object]
         self._at = {}
-        for channel in channels:
-            watched = known.get(channel) or _Watched(channel, self._longest_stretch)
-            self._at.setdefault((channel.device, channel.object), []).append(watched)
+        for channel in put_to_work(bindings, before, lambda one: BacnetChannel(one, self._poll)):
+            self._at.setdefault((channel.device, channel.object), []).append(channel)
 
     @property
     def devices(self) -> dict[int, str | None]:
         """Every device, with its address where one is given."""
         found: dict[int, str | None] = {}
         for (device, _), at_object in self._at.items():
-            addresses = [watched.channel.address for watched in at_object if watched.channel.address]
+            addresses = [channel.address for channel in at_object if channel.address]
             found[device] = found.get(device) or next(iter(addresses), None)
         return found
 
@@ -121,31 +108,31 @@ class Channels:
 
     def may_subscribe(self, device: int, object: ObjectId) -> bool:
         """Whether every channel of the object allows a subscription."""
-        return all(watched.channel.cov for watched in self._at[device, object])
+        return all(channel.cov for channel in self._at[device, object])
 
     def names(self, device: int, object: ObjectId) -> str:
         """The channels of an object and where that is, for the log."""
         at_object = self._at[device, object]
-        return f"{', '.join(watched.channel.id for watched in at_object)} ({at_object[0].channel.place})"
+        return f"{', '.join(channel.id for channel in at_object)} ({at_object[0].place})"
 
     def readings(self, device: int, object: ObjectId, seen: Seen, when: float) -> Iterator[Reading]:
         """The readings that `seen` brings at `when` (UTC s)."""
-        for watched in self._at.get((device, object), ()):
-            reading = _reading(watched, seen, when)
+        for channel in self._at.get((device, object), ()):
+            reading = _reading(channel, seen, when)
             if reading is not None:
                 yield reading
 
     def refused(self, device: int, object: ObjectId) -> Iterator[Reading]:
         """Bad readings of the channels of an object that the device does not give away."""
         at_object = self._at.get((device, object), ())
-        return (watched.converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for watched in at_object)
+        return (channel.converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for channel in at_object)
 
 
-def _reading(watched: _Watched, seen: Seen, when: float) -> Reading | None:
-    verdict = judged(watched.channel, seen)
+def _reading(channel: BacnetChannel, seen: Seen, when: float) -> Reading | None:
+    verdict = judged(channel, seen)
     if verdict.fault is not None or verdict.raw is None:
-        return watched.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
-    return watched.converter.reading(when, verdict.raw, verdict.quality, seen.value)
+        return channel.converter.bad(when, verdict.fault or Fault.NOT_AVAILABLE)
+    return channel.converter.reading(when, verdict.raw, verdict.quality, seen.value)
 
 
 def probed(channel: BacnetChannel, seen: Seen, when: float, hints: Sequence[str] = ()) -> Probe:

@@ -38,11 +38,11 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Manner:
-    """How a device is asked: every `poll` s, with subscriptions of `lifetime` s (None: without) under the number
-    `process`; `phase` s after the first time for the second, so that not all devices answer at once."""
+    """How a device is asked: every `poll` s, with subscriptions of `lifetime` s under the number `process`; `phase` s
+    after the first time for the second, so that not all devices answer at once."""
 
     poll: float
-    lifetime: float | None
+    lifetime: float
     process: int
     phase: float = 0.0
 
@@ -182,7 +182,7 @@ class Session:
     async def _subscribe(self, device: Device) -> None:
         """Subscribe to what can be subscribed to, and renew what is due; a part of it, so that readings do not wait."""
         lifetime, poll = self._manner.lifetime, self._manner.poll
-        if lifetime is None or not device.subscriptions or poll >= CONFIRM:
+        if not device.subscriptions or poll >= CONFIRM:
             return
         objects = self._channels.objects(self._instance)
         left = max(_SUBSCRIBED_AT_ONCE, math.ceil(len(objects) * poll / (lifetime / 4)))

@@ -8,14 +8,14 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, TypeVar
 
-from adapters.bacnet.network import Network
+from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
 from adapters.bacnet.points import BacnetChannel, Channels, Seen, probed
 from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
+from adapters.channel import Binding
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.reading import Batch, Probe
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from adapters.bacnet.client import BacnetLink, Device, Notification
     from adapters.bacnet.session import Session
     from adapters.scanning import Scan, Scanned
-
-__all__ = ["BacnetChannel", "BacnetSource", "Polling"]
 
 REPEAT = 600.0
 """That something malformed comes is said again after this time at the earliest, in s."""
@@ -37,20 +35,7 @@ _DEVICES_SHOWN = 8
 _COARSE = 0.2
 """A subscription that shows no smaller change than this, in K, hides what a model of a room lives on."""
 
-
-# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
-_POLLS_IN_A_STRETCH = 10
-
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Polling:
-    """Every channel has a reading each `poll` s; where a device offers subscriptions of `lifetime` s (None: not wanted)
-    it is told of changes, and read seldom."""
-
-    poll: float = 10.0
-    lifetime: float | None = 300.0
 
 
 class BacnetSource:
@@ -61,13 +46,13 @@ class BacnetSource:
     to be called again.
     """
 
-    def __init__(self, name: str, network: Network, channels: Sequence[BacnetChannel], polling: Polling) -> None:
+    def __init__(self, name: str, table: BacnetConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
         self.malformed: Counter[str] = Counter()
         """What came and could not be used, by kind: no BACnet/IP at all, a frame or an APDU that cannot be decoded, a
         notification without values, and what found no room (overrun)."""
-        self._network, self._listed, self._polling = network, tuple(channels), polling
-        self._channels = Channels(channels, _POLLS_IN_A_STRETCH * polling.poll)
+        self._table, self._listed = table, tuple(bindings)
+        self._channels = Channels(bindings, table.poll)
         self._rebound = False
         self._link: BacnetLink | None = None
         self._late = 0
@@ -87,17 +72,17 @@ class BacnetSource:
                 f"sources.{self.name}: BACnet needs bacpypes3; install it with: pip install 'thermogate[bacnet]'"
             )
         lost = [str(device) for device, address in self._channels.devices.items() if address is None]
-        if lost and not self._network.broadcasts:
+        if lost and not self._table.broadcasts:
             problems.append(
                 f"sources.{self.name}: nobody can be asked where device {lost[0]} is: give interface its prefix, such "
-                f'as interface = "{self._network.interface.split("/")[0]}/24", or give bbmd, or say at '
+                f'as interface = "{self._table.interface.split("/")[0]}/24", or give bbmd, or say at '
                 "which address each device is"
             )
         return problems
 
-    def rebind(self, channels: Sequence[BacnetChannel]) -> None:
-        """Read `channels` from the next poll on, over the same port."""
-        self._listed, self._rebound = tuple(channels), True
+    def rebind(self, bindings: Sequence[Binding]) -> None:
+        """Read `bindings` from the next poll on, over the same port."""
+        self._listed, self._rebound = tuple(bindings), True
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
@@ -140,12 +125,12 @@ class BacnetSource:
                     devices[instance] = await link.find(instance, address)
                 except (NoAnswer, Refused) as error:
                     devices[instance] = f"{error}; check device, address and the network"
-            if self._network.broadcasts and any(isinstance(device, str) for device in devices.values()):
+            if self._table.broadcasts and any(isinstance(device, str) for device in devices.values()):
                 found = await link.who_is(seconds)
                 listed = ", ".join(f"{one.instance} ({one.address})" for one in found[:_DEVICES_SHOWN])
                 others = (f"devices that answer: {listed or 'none'}",)
             probes = []
-            for channel in self._listed:
+            for channel in (BacnetChannel(binding, self._table.poll) for binding in self._listed):
                 device = devices[channel.device]
                 if isinstance(device, str):
                     probes.append(Probe(channel.id, channel.place, "-", None, None, device, others))
@@ -167,7 +152,7 @@ class BacnetSource:
 
         link = await self._open(beside=True)
         try:
-            return await scan(link, wanted, broadcasts=self._network.broadcasts)
+            return await scan(link, wanted, broadcasts=self._table.broadcasts)
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error
         finally:
@@ -183,7 +168,7 @@ class BacnetSource:
             raise SourceConfigError(problem)
         from adapters.bacnet.client import BacnetLink
 
-        self._link = link = BacnetLink(self._network, self._note, beside=beside)
+        self._link = link = BacnetLink(self._table, self._note, beside=beside)
         try:
             await link.open()
         except SourceUnavailable as error:
@@ -200,7 +185,7 @@ class BacnetSource:
         for device in tasks.keys() - devices.keys():
             tasks.pop(device).cancel()
             self._late += self._sessions.pop(device).late
-        poll, lifetime = self._polling.poll, self._polling.lifetime
+        poll, lifetime = self._table.poll, self._table.lifetime
         for index, device in enumerate(devices):
             if device in tasks:
                 self._sessions[device].rebound()

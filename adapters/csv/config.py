@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import PurePath
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
 from adapters.channel import Binding, ChannelConfig, RecordedConfig
-from adapters.csv.source import CsvChannel, CsvSource
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Column, Delimiter, Encoding, FilePath, TimestampFormat, TimeZone, choice
+from adapters.timestamps import Parser, timestamp_parser
+
+if TYPE_CHECKING:
+    from adapters.csv.source import CsvSource
 
 
 class TimestampConfig(BaseModel):
@@ -24,6 +28,16 @@ class TimestampConfig(BaseModel):
         default="iso8601", description='`"iso8601"`, `"epoch"` (s since 1970) or a strptime pattern'
     )
     zone: TimeZone | None = Field(default=None, description="zone of times without offset; none: they are faults")
+
+    @property
+    def parser(self) -> Parser:
+        """What reads a time of this format."""
+        return timestamp_parser(self.format)
+
+    @property
+    def time_zone(self) -> ZoneInfo | None:
+        """The zone of times without offset."""
+        return None if self.zone is None else ZoneInfo(self.zone)
 
 
 class LayoutConfig(BaseModel):
@@ -94,22 +108,8 @@ class CsvConfig(LayoutConfig, RecordedConfig):
         count = len(self.files)
         return f"{count} file{'' if count == 1 else 's'} ({', '.join(PurePath(file).name for file in self.files)})"
 
-    def channels(self, bindings: Sequence[Binding]) -> list[CsvChannel]:
-        """The channels as the source takes them."""
-        return [CsvChannel(binding.id, binding.channel.source_columns, binding.edge()) for binding in bindings]
-
     def build(self, name: str, bindings: Sequence[Binding]) -> CsvSource:
         """The source called `name`."""
-        return CsvSource(
-            name,
-            self.files,
-            self.channels(bindings),
-            timestamp_column=self.timestamp.column,
-            timestamp_format=self.timestamp.format,
-            zone=self.timestamp.zone,
-            delimiter=self.delimiter,
-            decimal=self.decimal,
-            encoding=self.encoding,
-            pace=self.multiple,
-            follow=self.follow,
-        )
+        from adapters.csv.source import CsvSource
+
+        return CsvSource(name, self, bindings)

@@ -10,16 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from adapters.channel import Binding
 from adapters.csv.cells import FAULTS, Status
+from adapters.csv.config import CsvConfig
 from adapters.csv.growing import GrowingFile
-from adapters.csv.table import CsvChannel, Layout, Table, column_problems, read_header, read_table
+from adapters.csv.table import CsvChannel, Table, column_problems, read_header, read_table
 from adapters.edge import Converter
 from adapters.errors import SourceError, SourceUnavailable
 from adapters.pacing import Pacer
 from adapters.reading import Batch, Probe, Reading
-from adapters.timestamps import time_zone, timestamp_parser
-
-__all__ = ["CsvChannel", "CsvSource"]
 
 # About a millisecond of work between two turns of the event loop.
 _BATCH_READINGS = 2048
@@ -29,62 +28,38 @@ _LOOK_SECONDS = 0.2
 
 
 class CsvSource:
-    """CSV files, one after the other, as fast as possible or at `pace` times real time.
+    """The CSV files of a table, one after the other, as fast as possible or at a pace.
 
-    With `follow` the last file has no end: what is appended to it is delivered as it comes.
+    A last file that is followed has no end: what is appended to it is delivered as it comes.
 
     Within a file rows are ordered by timestamp; files are taken in the given order, so a later one should not begin
     before an earlier one ends. A file whose name ends in .gz is decompressed. Cells that are empty or hold "NA", "N/A",
     "null", "none" or "-" are missing: no reading. A sum over several columns is missing where one of them is.
 
-    Timestamps are "iso8601", "epoch" or a strptime pattern. Those without UTC offset are wall-clock time in `zone`;
-    without a zone every one of them is a fault. A faulty cell or timestamp is delivered as a bad reading with its
-    fault, so that it can be counted; a refused timestamp gives one for every channel.
+    Timestamps without UTC offset are wall-clock time in the zone of the table; without a zone every one of them is a
+    fault. A faulty cell or timestamp is delivered as a bad reading with its fault, so that it can be counted; a refused
+    timestamp gives one for every channel.
 
     A batch covers the rows of one timestamp when paced, and more of them otherwise. As long as no timestamp could be
-    read, the clock `now` of the batches is -inf. Raises SourceConfigError for settings that cannot work.
+    read, the clock `now` of the batches is -inf.
     """
 
-    def __init__(
-        self,
-        name: str,
-        files: Sequence[Path],
-        channels: Sequence[CsvChannel],
-        *,
-        timestamp_column: str,
-        timestamp_format: str = "iso8601",
-        zone: str | None = None,
-        delimiter: str = ",",
-        decimal: str = ".",
-        encoding: str = "utf-8",
-        pace: float | None = None,
-        follow: bool = False,
-    ) -> None:
+    def __init__(self, name: str, table: CsvConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
-        self._follow = follow
-        self._files = tuple(files)
-        self._channels = tuple(channels)
-        self._pace = pace
+        self._table, self._files, self._pace = table, table.files, table.multiple
+        self._channels = [CsvChannel(one.id, one.channel.source_columns, one.edge()) for one in bindings]
         self._closed = False
-        self._layout = Layout(
-            timestamp_column,
-            timestamp_parser(timestamp_format),
-            None if zone is None else time_zone(zone),
-            delimiter,
-            decimal,
-            encoding,
-        )
 
     def check(self) -> list[str]:
         """One sentence for every file that cannot be read or lacks a column; reads headers only."""
         problems: list[str] = []
         for path in self._files:
             try:
-                header = read_header(path, self._layout)
+                header = read_header(path, self._table)
             except SourceError as error:
                 problems.append(str(error))
             else:
-                problems.extend(column_problems(path, header, self._channels, self._layout))
+                problems.extend(column_problems(path, header, self._channels, self._table))
         return [f"sources.{self.name}: {problem}" for problem in problems]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
@@ -107,10 +82,10 @@ class CsvSource:
 
     async def _tables(self) -> AsyncIterator[Table]:
         """The files, and then, if the last one is followed, what is appended to it, until the source is closed."""
-        for path in self._files[:-1] if self._follow else self._files:
+        for path in self._files[:-1] if self._table.follow else self._files:
             yield await self._read(path)
         growing = GrowingFile(self._files[-1])
-        while self._follow and not self._closed:
+        while self._table.follow and not self._closed:
             if (piece := await asyncio.to_thread(growing.piece)) is None:
                 await asyncio.sleep(_LOOK_SECONDS)
             else:
@@ -120,7 +95,7 @@ class CsvSource:
         abandoned = False
         try:
             return await asyncio.to_thread(
-                read_table, path, self._channels, self._layout, lambda: self._closed or abandoned, content
+                read_table, path, self._channels, self._table, lambda: self._closed or abandoned, content
             )
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error

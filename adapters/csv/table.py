@@ -21,10 +21,10 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from adapters.csv.cells import Array, Cells, Codes, Status, convert, parse_numbers, sum_cells
+from adapters.csv.config import LayoutConfig
 from adapters.csv.times import Moments, parse_timestamps, to_utc
 from adapters.edge import PLAIN, Edge
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.timestamps import Parser
 
 # Reading a chunk holds the interpreter lock for a few milliseconds: little enough for the event loop beside it.
 _CHUNK_ROWS = 4096
@@ -45,18 +45,6 @@ class CsvChannel:
     edge: Edge = PLAIN
 
 
-@dataclass(frozen=True)
-class Layout:
-    """How the files of a source are written; all of them alike."""
-
-    timestamp_column: str
-    parser: Parser
-    zone: ZoneInfo | None
-    delimiter: str
-    decimal: str
-    encoding: str
-
-
 class Table(NamedTuple):
     """The rows of one file in the order of time.
 
@@ -71,15 +59,17 @@ class Table(NamedTuple):
     status: Codes
 
 
-def read_header(path: Path, layout: Layout) -> list[str]:
+def read_header(path: Path, layout: LayoutConfig) -> list[str]:
     """Column names of a file; SourceError if there are none to be had."""
     with _opened(path, layout) as reader:
         return _header(path, reader)
 
 
-def column_problems(path: Path, header: Sequence[str], channels: Sequence[CsvChannel], layout: Layout) -> list[str]:
+def column_problems(
+    path: Path, header: Sequence[str], channels: Sequence[CsvChannel], layout: LayoutConfig
+) -> list[str]:
     """One sentence for every column that is bound but not in the header, or in it more than once."""
-    users = {layout.timestamp_column: "the timestamp"}
+    users = {layout.timestamp.column: "the timestamp"}
     for channel in channels:
         for column in channel.columns:
             users.setdefault(column, f"channel {channel.id}")
@@ -103,7 +93,7 @@ def _called(column: str) -> str:
 def read_table(
     path: Path,
     channels: Sequence[CsvChannel],
-    layout: Layout,
+    layout: LayoutConfig,
     stopped: Callable[[], bool] = lambda: False,
     content: bytes | None = None,
 ) -> Table:
@@ -119,16 +109,16 @@ def read_table(
         problems = column_problems(path, header, channels, layout)
         if problems:
             raise SourceConfigError("; ".join(problems))
-        position = {name: i for i, name in enumerate(header)}
+        position, parser = {name: i for i, name in enumerate(header)}, layout.timestamp.parser
         while not stopped() and (rows := list(islice(reader, _CHUNK_ROWS))):
             rows = [row for row in rows if row]
-            moments.append(parse_timestamps(_column(rows, position[layout.timestamp_column]), layout.parser))
+            moments.append(parse_timestamps(_column(rows, position[layout.timestamp.column]), parser))
             for channel, part in zip(channels, parts, strict=True):
                 columns = [parse_numbers(_column(rows, position[name]), layout.decimal) for name in channel.columns]
                 edge = channel.edge
                 steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
                 part.append(convert(sum_cells(columns), steps, (-inf, inf) if edge.counter else edge.valid))
-    return _table(moments, parts, layout.zone)
+    return _table(moments, parts, layout.timestamp.time_zone)
 
 
 def _table(moments: list[Moments], parts: list[list[Cells]], zone: ZoneInfo | None) -> Table:
@@ -171,7 +161,7 @@ CsvReader = Iterator[list[str]]
 
 
 @contextmanager
-def _opened(path: Path, layout: Layout, content: bytes | None = None) -> Iterator[CsvReader]:
+def _opened(path: Path, layout: LayoutConfig, content: bytes | None = None) -> Iterator[CsvReader]:
     """A CSV reader over the file, or over `content`; whatever reading it may raise becomes a SourceUnavailable."""
     # A byte-order mark would otherwise end up in the name of the first column.
     utf8 = codecs.lookup(layout.encoding).name == "utf-8"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field
 
 from adapters.channel import Binding, ChannelConfig, RecordedConfig
 from adapters.fields.values import FilePath, Text, choice
 from adapters.home_assistant.database import Entity
-from adapters.home_assistant.source import RecorderChannel, RecorderSource
+
+if TYPE_CHECKING:
+    from adapters.home_assistant.source import RecorderSource
 
 
 class HomeAssistantChannelConfig(ChannelConfig):
@@ -22,9 +24,14 @@ class HomeAssistantChannelConfig(ChannelConfig):
     )
 
     @property
+    def read(self) -> Entity:
+        """What is read."""
+        return Entity(self.entity, self.attribute)
+
+    @property
     def address(self) -> str:
         """The entity."""
-        return str(Entity(self.entity, self.attribute))
+        return str(self.read)
 
 
 class HomeAssistantConfig(RecordedConfig):
@@ -44,18 +51,8 @@ class HomeAssistantConfig(RecordedConfig):
         """What it reads, for the summary of a check."""
         return f"the {self.data} in {self.file.name}"
 
-    def channels(self, bindings: Sequence[Binding]) -> list[RecorderChannel]:
-        """The channels as the source takes them."""
-        return [
-            RecorderChannel(
-                binding.id,
-                Entity(binding.channel.entity, binding.channel.attribute),
-                binding.channel.stated_unit,
-                binding.edge(),
-            )
-            for binding in bindings
-        ]
-
     def build(self, name: str, bindings: Sequence[Binding]) -> RecorderSource:
         """The source called `name`."""
-        return RecorderSource(name, self.file, self.channels(bindings), self.data, self.multiple)
+        from adapters.home_assistant.source import RecorderSource
+
+        return RecorderSource(name, self, bindings)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Sequence
 from math import isfinite
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from adapters.edge import Converter, Edge
+from adapters.channel import Binding
+from adapters.edge import Converter, newest
 from adapters.errors import SourceError, SourceUnavailable
 from adapters.home_assistant import database
-from adapters.home_assistant.database import Entity, Stretches
+from adapters.home_assistant.config import HomeAssistantConfig
+from adapters.home_assistant.database import Stretches
 from adapters.pacing import Pacer
 from adapters.reading import Batch, Probe, Reading
 
@@ -25,36 +25,25 @@ _EVERY = 60.0
 held."""
 
 
-class RecorderChannel(NamedTuple):
-    """What a source delivers to one channel."""
-
-    id: str
-    """The id of its readings."""
-    entity: Entity
-    unit: str | None
-    """The unit in which the configuration takes the entity to be; None where it takes a multiple of it."""
-    edge: Edge
-
-
 class RecorderSource:
-    """The database of Home Assistant's recorder, as fast as possible or at `pace` times real time.
+    """The database of Home Assistant's recorder, as fast as possible or at a pace.
 
-    With `data` "states" a value holds until the next state, which is read again every minute; "unavailable", "unknown"
-    and what else is no number is missing. With "statistics" it is the mean of each hour. A counter's value is read when
+    Of states a value holds until the next state, which is read again every minute; "unavailable", "unknown"
+    and what else is no number is missing. Of statistics it is the mean of each hour. A counter's value is read when
     it changes.
     """
 
-    def __init__(
-        self, name: str, file: Path, channels: Sequence[RecorderChannel], data: str, pace: float | None = None
-    ) -> None:
+    def __init__(self, name: str, table: HomeAssistantConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
-        self._file, self._channels, self._data, self._pace = file, tuple(channels), data, pace
+        self._file, self._data, self._pace = table.file, table.data, table.multiple
+        self._channels = [(one.id, one.channel.read, one.channel.stated_unit, one.edge()) for one in bindings]
+        """Of each channel its id, its entity, the unit that this may state, and its edge."""
         self._closed = False
 
     def check(self) -> list[str]:
         """One sentence for a database that cannot be read, and for every entity that it lacks or has in another
         unit."""
-        wanted = [(channel.entity, channel.unit) for channel in self._channels]
+        wanted = [(entity, unit) for _, entity, unit, _ in self._channels]
         try:
             with database.opened(self._file, self._data) as connection:
                 found = database.problems(connection, self._file, self._data, wanted)
@@ -65,7 +54,7 @@ class RecorderSource:
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Deliver the readings from UTC second `start` on. Raises SourceUnavailable if the file cannot be read."""
         pacer = Pacer(self._pace)
-        converters = [Converter(channel.id, channel.edge) for channel in self._channels]
+        converters = [Converter(channel, edge) for channel, _, _, edge in self._channels]
         histories = await asyncio.to_thread(self._read)
         known = [history for history in histories if len(history.begins)]
         if not known:
@@ -79,8 +68,8 @@ class RecorderSource:
             await pacer.wait(end, lambda: self._closed)
             readings = [
                 reading
-                for history, converter, channel in zip(histories, converters, self._channels, strict=True)
-                for reading in _readings(history, converter, channel.edge.counter, begin, end)
+                for history, converter in zip(histories, converters, strict=True)
+                for reading in _readings(history, converter, begin, end)
                 if start is None or not reading.time < start
             ]
             if self._closed:
@@ -92,15 +81,10 @@ class RecorderSource:
         """The newest value of every channel."""
         histories = await asyncio.to_thread(self._read)
         probes = []
-        for channel, history in zip(self._channels, histories, strict=True):
+        for (channel, entity, _, edge), history in zip(self._channels, histories, strict=True):
             if not len(history.begins):
-                raise SourceUnavailable(f"sources.{self.name}: file '{self._file}' has nothing of '{channel.entity}'")
-            raw, when = float(history.values[-1]), float(history.begins[-1])
-            value = channel.edge.value(raw) if isfinite(raw) and not channel.edge.counter else None
-            hints = ("a counter: its differences become power",) if channel.edge.counter else ()
-            doubt = None if value is None else channel.edge.doubt(value)
-            verdict = doubt or ("good" if isfinite(raw) else "not a number")
-            probes.append(Probe(channel.id, str(channel.entity), f"{raw:g}", value, when, verdict, hints))
+                raise SourceUnavailable(f"sources.{self.name}: file '{self._file}' has nothing of '{entity}'")
+            probes.append(newest(channel, str(entity), edge, float(history.values[-1]), float(history.begins[-1])))
         return probes
 
     async def close(self) -> None:
@@ -111,12 +95,12 @@ class RecorderSource:
         read = database.states if self._data == "states" else database.statistics
         try:
             with database.opened(self._file, self._data) as connection:
-                return [read(connection, channel.entity) for channel in self._channels]
+                return [read(connection, entity) for _, entity, _, _ in self._channels]
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error
 
 
-def _readings(history: Stretches, converter: Converter, counter: bool, begin: float, end: float) -> list[Reading]:
+def _readings(history: Stretches, converter: Converter, begin: float, end: float) -> list[Reading]:
     """The readings in [begin, end): at the beginning of each stretch, and again at every whole minute while it
     lasts."""
     found: list[Reading] = []
@@ -125,7 +109,7 @@ def _readings(history: Stretches, converter: Converter, counter: bool, begin: fl
         if not isfinite(value):
             continue
         times = [began] if began >= begin else []
-        if not counter:
+        if not converter.edge.counter:
             minute = max(began, begin - _EVERY) // _EVERY * _EVERY + _EVERY
             times += np.arange(minute, min(ended, end), _EVERY).tolist()
         found += [reading for time in times if (reading := converter.reading(time, value)) is not None]

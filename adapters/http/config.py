@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
 from adapters.fields.values import Duration, PositiveDuration, Text
-from adapters.http.source import HttpChannel, HttpSource
+
+if TYPE_CHECKING:
+    from adapters.http.source import HttpSource
 
 
 class HttpChannelConfig(WatchedChannelConfig):
@@ -53,24 +55,8 @@ class HttpSourceConfig(LiveConfig):
         """What it reads, for the summary of a check."""
         return "values posted to /readings and /zones/ZONE/readings, with an API key of the scope write"
 
-    def channels(self, bindings: Sequence[Binding]) -> list[HttpChannel]:
-        """The channels as the source takes them."""
-        return [_channel(binding.channel, binding) for binding in bindings]
-
     def build(self, name: str, bindings: Sequence[Binding]) -> HttpSource:
         """The source called `name`."""
-        return HttpSource(name, self.channels(bindings), self.max_ahead, self.longest_stretch)
+        from adapters.http.source import HttpSource
 
-
-def _channel(channel: HttpChannelConfig, binding: Binding) -> HttpChannel:
-    zone, name = binding.id.split("/", 1)
-    return HttpChannel(
-        binding.id,
-        channel.name,
-        channel.measurement or zone,
-        channel.field or (name if channel.measurement is None else "value"),
-        channel.tags,
-        channel.stated_unit,
-        binding.edge(),
-        channel.stuck_after,
-    )
+        return HttpSource(name, self, bindings)

@@ -4,40 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Sequence
 from copy import copy
 from math import inf
 from typing import NamedTuple
 
-from adapters.edge import PLAIN, Edge, LiveConverter
-from adapters.http.posted import NO_TAGS, Posted
+from adapters.channel import Binding, Watched, put_to_work
+from adapters.edge import LiveConverter
+from adapters.http.config import HttpSourceConfig
+from adapters.http.posted import Posted
 from adapters.reading import Batch, Fault, Probe, Quality, Reading
 from adapters.timestamps import EARLIEST
 
 _UNHEARD = "this source is posted to, and only the running daemon hears that; look at last_good in GET /zones/{zone}"
-
-
-class HttpChannel(NamedTuple):
-    """What the values of channel `id` ("zone/channel") are called where they are posted, and what becomes of them.
-
-    `name` is what JSON and SenML may call it besides its id. Values of line protocol have the measurement and the
-    field, and every one of `tags`. A value that comes with a unit has to be in `unit` (None: in any). A raw value that
-    has not changed for `stuck_after` s is uncertain, for twice as long bad.
-    """
-
-    id: str
-    name: str | None = None
-    measurement: str = ""
-    field: str = "value"
-    tags: Mapping[str, str] = NO_TAGS
-    unit: str | None = None
-    edge: Edge = PLAIN
-    stuck_after: float | None = None
-
-    @property
-    def zone(self) -> str:
-        """The zone that it belongs to."""
-        return self.id.split("/", 1)[0]
 
 
 class Received(NamedTuple):
@@ -53,42 +32,34 @@ class Received(NamedTuple):
     def take_back(self, zone: str) -> None:
         """`zone` could not take its readings: its counters forget this post, unless another one has come since."""
         for counter in self.counters:
-            if counter.watched.channel.zone == zone:
+            if counter.watched.zone == zone:
                 counter.take_back()
 
 
 class HttpSource:
     """Channels that are posted to. `receive` makes readings of a post at once; there is nothing to connect to."""
 
-    def __init__(
-        self, name: str, channels: Sequence[HttpChannel], max_ahead: float = 10.0, longest_stretch: float = 900.0
-    ) -> None:
-        """A time more than `max_ahead` s ahead of this machine's clock is refused, and no power is made of counts
-        further apart than `longest_stretch` s."""
+    def __init__(self, name: str, table: HttpSourceConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
-        self._max_ahead, self._longest_stretch = max_ahead, longest_stretch
-        self._named: dict[str, list[_Watched]] = {}
-        self._measured: dict[tuple[str, str], list[_Watched]] = {}
-        self._listed: tuple[HttpChannel, ...] = ()
+        self._max_ahead, self._longest_stretch = table.max_ahead, table.longest_stretch
+        self._listed: list[HttpChannel] = []
+        self._named: dict[str, list[HttpChannel]] = {}
+        self._measured: dict[tuple[str, str], list[HttpChannel]] = {}
         self._news = asyncio.Event()
-        self.rebind(channels)
+        self.rebind(bindings)
 
     def check(self) -> list[str]:
         """Nothing can be wrong that its tables do not tell."""
         return []
 
-    def rebind(self, channels: Sequence[HttpChannel]) -> None:
+    def rebind(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on; what is remembered of those that stay is kept."""
-        known = {watched.channel.id: watched for watched in self._all()}
-        self._listed = tuple(channels)
+        self._listed = put_to_work(bindings, self._listed, lambda one: HttpChannel(one, self._longest_stretch))
         self._named, self._measured = {}, {}
-        for channel in channels:
-            watched = known.get(channel.id)
-            if watched is None or watched.channel != channel:
-                watched = _Watched(channel, self._longest_stretch)
+        for channel in self._listed:
             for name in {channel.id, channel.name} - {None}:
-                self._named.setdefault(str(name), []).append(watched)
-            self._measured.setdefault((channel.measurement, channel.field), []).append(watched)
+                self._named.setdefault(str(name), []).append(channel)
+            self._measured.setdefault((channel.measurement, channel.field), []).append(channel)
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """An empty batch whenever something was posted, for ever: the readings themselves go to the zones as they come,
@@ -100,10 +71,7 @@ class HttpSource:
 
     async def probe(self, seconds: float) -> list[Probe]:
         """Where to look instead: nobody posts to a probe."""
-        return [
-            Probe(channel.id, _place(channel), "-", None, None, _UNHEARD.format(zone=channel.zone))
-            for channel in self._listed
-        ]
+        return [Probe(one.id, one.place, "-", None, None, _UNHEARD.format(zone=one.zone)) for one in self._listed]
 
     async def close(self) -> None:
         """Nothing is held."""
@@ -120,7 +88,7 @@ class HttpSource:
         ahead = max(times, default=arrived) - arrived
         # Counters need their counts in the order of time.
         found.sort(key=lambda pair: arrived if (when := posted[pair[0]].time) is None else when)
-        counting = {id(watched): watched for _, watched in found if watched.channel.edge.counter}.values()
+        counting = {id(watched): watched for _, watched in found if watched.edge.counter}.values()
         before = [watched.counted for watched in counting]
         readings = [
             watched.reading(_dated(posted[place], ahead, latest), arrived, self._max_ahead) for place, watched in found
@@ -133,12 +101,9 @@ class HttpSource:
 
     def zones_of(self, posted: Posted, zone: str | None = None) -> set[str]:
         """The zones whose channels ask for a value."""
-        return {watched.channel.zone for watched in self._meant(posted, zone)}
+        return {watched.zone for watched in self._meant(posted, zone)}
 
-    def _all(self) -> Iterator[_Watched]:
-        return (watched for listed in self._measured.values() for watched in listed)
-
-    def _meant(self, posted: Posted, zone: str | None) -> list[_Watched]:
+    def _meant(self, posted: Posted, zone: str | None) -> list[HttpChannel]:
         if posted.field is None:
             short = [] if zone is None else self._named.get(f"{zone}/{posted.name}", [])
             listed = short or self._named.get(posted.name, [])
@@ -146,54 +111,68 @@ class HttpSource:
             listed = [
                 watched
                 for watched in self._measured.get((posted.name, posted.field), [])
-                if watched.channel.tags.items() <= posted.tags.items()
+                if watched.tags.items() <= posted.tags.items()
             ]
-        return [watched for watched in listed if zone in (None, watched.channel.zone)]
+        return [watched for watched in listed if zone in (None, watched.zone)]
 
 
-class _Watched:
-    """A channel, and what has to be remembered of its last values."""
+class HttpChannel(Watched):
+    """What the values of a channel are called where they are posted, and what has to be remembered of the last ones.
 
-    def __init__(self, channel: HttpChannel, longest_stretch: float) -> None:
-        self.channel = channel
-        self._converter = LiveConverter(channel.id, channel.edge, longest_stretch, channel.stuck_after)
+    `name` is what JSON and SenML may call it besides its id. Values of line protocol have the measurement and the
+    field, and every one of `tags`. A value that comes with a unit has to be in `unit` (None: in any).
+    """
+
+    def __init__(self, binding: Binding, longest_stretch: float) -> None:
+        super().__init__(binding, longest_stretch)
+        self.zone, name = binding.id.split("/", 1)
+        channel = binding.channel
+        self.name, self.tags, self.unit = channel.name, channel.tags, channel.stated_unit
+        self.measurement = channel.measurement or self.zone
+        self.field = channel.field or (name if channel.measurement is None else "value")
         self._counted_until = -inf
+
+    @property
+    def place(self) -> str:
+        """What it is called, in the operator's words."""
+        tags = "".join(f",{key}={value}" for key, value in self.tags.items())
+        return f"{self.name or self.id}, or {self.measurement}{tags} {self.field}"
 
     @property
     def counted(self) -> _Count:
         """The last count."""
-        return _Count(self._counted_until, copy(self._converter))
+        return _Count(self._counted_until, copy(self.converter))
 
     def count_from(self, count: _Count) -> None:
         """The last count is an earlier one."""
-        self._counted_until, self._converter = count
+        self._counted_until, self.converter = count
 
     def reading(self, posted: Posted, arrived: float, max_ahead: float) -> Reading | None:
         """The reading that `posted` brings; None for the first count of a counter."""
         when = arrived if posted.time is None else posted.time
         if when > arrived + max_ahead:
-            return self._converter.bad(arrived, Fault.AHEAD_OF_TIME)
+            return self.converter.bad(arrived, Fault.AHEAD_OF_TIME)
         if when < EARLIEST:
-            return self._converter.bad(arrived, Fault.BAD_TIMESTAMP)
+            return self.converter.bad(arrived, Fault.BAD_TIMESTAMP)
         fault = self._fault(posted)
         if fault is not None or isinstance(posted.value, Fault):
-            return self._converter.bad(when, fault or Fault.NON_NUMERIC)
-        if self.channel.edge.counter:
+            return self.converter.bad(when, fault or Fault.NON_NUMERIC)
+        if self.edge.counter:
             if self._counted_until > arrived + max_ahead:
                 # It would be refused by now: the clock that dated it was wrong, and has been set back.
                 self._counted_until = -inf
             if when <= self._counted_until:
                 # Most probably posted a second time, which the zone knows.
-                return self._converter.bad(when, Fault.OUT_OF_ORDER)
+                return self.converter.bad(when, Fault.OUT_OF_ORDER)
             self._counted_until = when
-        return self._converter.reading(when, posted.value, posted.quality)
+        return self.converter.reading(when, posted.value, posted.quality)
 
     def _fault(self, posted: Posted) -> Fault | None:
         if isinstance(posted.value, Fault):
             return posted.value
         if posted.quality is Quality.BAD:
             return Fault.REPORTED_BAD
-        wrong_unit = self.channel.unit is not None and posted.unit not in (None, self.channel.unit)
+        wrong_unit = self.unit is not None and posted.unit not in (None, self.unit)
         return Fault.WRONG_UNIT if wrong_unit else None
 
 
@@ -207,7 +186,7 @@ class _Count(NamedTuple):
 class _Counted(NamedTuple):
     """A counter, its last count before a post, and the time of that after it, UTC s."""
 
-    watched: _Watched
+    watched: HttpChannel
     before: _Count
     until: float
 
@@ -222,8 +201,3 @@ def _dated(posted: Posted, ahead: float, latest: float) -> Posted:
     if ahead <= 0 or posted.time is None or posted.time > latest:
         return posted
     return posted._replace(time=posted.time - ahead)
-
-
-def _place(channel: HttpChannel) -> str:
-    tags = "".join(f",{key}={value}" for key, value in channel.tags.items())
-    return f"{channel.name or channel.id}, or {channel.measurement}{tags} {channel.field}"

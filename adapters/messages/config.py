@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Any, Self
 from zoneinfo import ZoneInfo
 
 from pydantic import BeforeValidator, Field
 
-from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
+from adapters.channel import LiveConfig, WatchedChannelConfig
 from adapters.fields.values import Count, Duration, PositiveDuration, Text, TimeZone, choice
 from adapters.fields.words import shown
-from adapters.messages.points import MessageChannel
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import FORMATS, PayloadFormat, quality_word
 from adapters.payload.times import TIME_FORMATS
@@ -65,19 +63,6 @@ class MessagesConfig(LiveConfig):
     time_zone: TimeZone | None = None
     good: Words = Field(default=("good",), description=_GOOD)
     uncertain: Words = Field(default=("uncertain",), description=_UNCERTAIN)
-
-    def channels(self, bindings: Sequence[Binding]) -> list[MessageChannel]:
-        """The channels as the source takes them."""
-        return [
-            MessageChannel(
-                binding.id,
-                binding.channel.place,
-                binding.channel.payload_format,
-                binding.edge(),
-                binding.channel.stuck_after,
-            )
-            for binding in bindings
-        ]
 
 
 class MessageChannelConfig(WatchedChannelConfig):

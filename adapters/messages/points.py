@@ -5,17 +5,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
 
-from adapters.edge import PLAIN, Edge, LiveConverter
+from adapters.channel import Binding, Watched, put_to_work
+from adapters.fields.times import written_to_the_millisecond
+from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.payload.payload import Decoded, Payload, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
-from adapters.timestamps import EARLIEST
-
-TIMES = ("payload", "zenoh", "arrival")
-"""Where the time of a reading can come from."""
 
 REPEAT = 600.0
 """What is wrong with the samples of a channel is said again after this time at the earliest, in s."""
@@ -23,59 +19,13 @@ REPEAT = 600.0
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class MessageChannel:
-    """Which key expression or topic brings the raw values of channel `id` ("zone/channel"), how they are written, and
-    what becomes of them. A raw value that has not changed for `stuck_after` s is uncertain, for twice as long bad."""
+class MessageChannel(Watched):
+    """A channel of a source, by the key expression or topic that brings its raw values."""
 
-    id: str
-    key: str
-    format: PayloadFormat = field(default_factory=PayloadFormat)
-    edge: Edge = PLAIN
-    stuck_after: float | None = None
-
-
-@dataclass(frozen=True)
-class Dating:
-    """How readings are dated: the first of `times` (some of TIMES) that a sample has. A time more than `max_ahead` s
-    ahead of this machine's clock is refused."""
-
-    times: tuple[str, ...] = TIMES
-    max_ahead: float = 10.0
-
-    def date(self, decoded: Decoded, incoming: Incoming) -> tuple[float, str] | Rejected:
-        """The time in UTC s and where it comes from: for one that the payload counts from the arrival, that is the
-        arrival, which a message that was kept or that waited does not tell right."""
-        absolute = {
-            "payload": None if decoded.relative else decoded.time,
-            "zenoh": incoming.stamp,
-            "arrival": incoming.arrived,
-        }
-        for name in self.times:
-            when, origin = absolute[name], name
-            if name == "payload" and decoded.relative and decoded.time is not None:
-                when = decoded.time + (incoming.arrived if incoming.stamp is None else incoming.stamp)
-                origin = "arrival" if incoming.stamp is None else name
-            if when is None:
-                continue
-            if when > incoming.arrived + self.max_ahead:
-                sentence = (
-                    f"is dated {when - incoming.arrived:.0f} s ahead of this machine's clock; look at both clocks"
-                )
-                return Rejected(Fault.AHEAD_OF_TIME, sentence)
-            if when < EARLIEST:
-                return Rejected(Fault.BAD_TIMESTAMP, "is dated before 1970; look at time_format")
-            return when, origin
-        return Rejected(Fault.BAD_TIMESTAMP, f"has no time of any kind in times ({', '.join(self.times)})")
-
-
-class _Watched:
-    """A channel, and what has to be remembered of its last values."""
-
-    def __init__(self, channel: MessageChannel, longest_stretch: float, noun: str) -> None:
-        self.channel = channel
-        self._noun = noun
-        self.converter = LiveConverter(channel.id, channel.edge, longest_stretch, channel.stuck_after)
+    def __init__(self, binding: Binding, longest_stretch: float) -> None:
+        super().__init__(binding, longest_stretch)
+        self.key: str = binding.channel.place
+        self.format: PayloadFormat = binding.channel.payload_format
         self.newest = float("-inf")
         """Time of the newest value so far, UTC s."""
         self.known_until = float("-inf")
@@ -92,33 +42,30 @@ class _Watched:
         if self.known_until > arrived:
             self.known_until = float("-inf")
 
-    def say(self, rejected: Rejected, key: str) -> None:
-        """Log what is wrong, now and then."""
+    def say(self, rejected: Rejected, place: str) -> None:
+        """Log what is wrong with what came at `place`, now and then."""
         now = time.monotonic()
         if now >= self._said.get(rejected.fault, float("-inf")):
             self._said[rejected.fault] = now + REPEAT
-            _log.warning("%s (%s %s): the payload %s", self.channel.id, self._noun, key, rejected.sentence)
+            _log.warning("%s (%s): the payload %s", self.id, place, rejected.sentence)
 
 
 class Channels:
     """The channels of a source by their key expressions or topics."""
 
-    def __init__(
-        self, channels: Sequence[MessageChannel], dating: Dating, longest_stretch: float, noun: str = "key"
-    ) -> None:
+    def __init__(self, bindings: Sequence[Binding], dating: Dating, longest_stretch: float, noun: str = "key") -> None:
         """`longest_stretch`: no power is made of counts that lie further apart, in s. `noun`: what `key` is called
         where samples come from."""
         self._dating, self._longest_stretch, self._noun = dating, longest_stretch, noun
-        self._at: dict[str, list[_Watched]] = {}
-        self.replace(channels)
+        self._at: dict[str, list[MessageChannel]] = {}
+        self.replace(bindings)
 
-    def replace(self, channels: Sequence[MessageChannel]) -> None:
+    def replace(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on; what is remembered of those that stay is kept."""
-        known = {watched.channel: watched for watched in self._all()}
+        at_work = put_to_work(bindings, self._all(), lambda one: MessageChannel(one, self._longest_stretch))
         self._at = {}
-        for channel in channels:
-            watched = known.get(channel) or _Watched(channel, self._longest_stretch, self._noun)
-            self._at.setdefault(channel.key, []).append(watched)
+        for channel in at_work:
+            self._at.setdefault(channel.key, []).append(channel)
 
     @property
     def keys(self) -> list[str]:
@@ -127,46 +74,45 @@ class Channels:
 
     def start_again(self) -> None:
         """The session is a new one: what it recovers may have been had already."""
-        for watched in self._all():
-            watched.known_until, watched.heard = watched.newest, False
+        for channel in self._all():
+            channel.known_until, channel.heard = channel.newest, False
 
     def unheard(self) -> list[str]:
         """The channels on whose keys nothing has come since `start_again`, each with its key."""
-        quiet = [watched.channel for watched in self._all() if not watched.heard]
-        return [f"{channel.id} ({self._noun} {channel.key})" for channel in quiet]
+        return [f"{channel.id} ({self._noun} {channel.key})" for channel in self._all() if not channel.heard]
 
     def readings(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
         """The readings that `samples` of the subscription to `key` bring."""
         for incoming in samples:
             payload = None if incoming.payload is None else Payload(incoming.payload)
-            for watched in self._at[key]:
-                watched.heard = True
-                yield from self._read(watched, incoming, payload)
+            for channel in self._at[key]:
+                channel.heard = True
+                yield from self._read(channel, incoming, payload)
 
     def overrun(self, key: str, now: float) -> Iterator[Reading]:
         """Bad readings that say that older samples of `key` had to be dropped."""
-        return (watched.converter.bad(now, Fault.OVERRUN) for watched in self._at[key])
+        return (channel.converter.bad(now, Fault.OVERRUN) for channel in self._at[key])
 
-    def _all(self) -> Iterator[_Watched]:
-        return (watched for listed in self._at.values() for watched in listed)
+    def _all(self) -> Iterator[MessageChannel]:
+        return (channel for listed in self._at.values() for channel in listed)
 
-    def _read(self, watched: _Watched, incoming: Incoming, payload: Payload | None) -> Iterator[Reading]:
-        watched.forget_after(incoming.arrived)
+    def _read(self, channel: MessageChannel, incoming: Incoming, payload: Payload | None) -> Iterator[Reading]:
+        channel.forget_after(incoming.arrived)
         latest = incoming.arrived + self._dating.max_ahead
-        for when, entry, origin in _dated(watched.channel.format, self._dating, incoming, payload):
+        for when, entry, origin in _dated(channel.format, self._dating, incoming, payload):
             if isinstance(entry, Rejected):
-                watched.say(entry, incoming.key)
-                yield watched.converter.bad(when, entry.fault)
-            elif when > watched.known_until:
+                channel.say(entry, f"{self._noun} {incoming.key}")
+                yield channel.converter.bad(when, entry.fault)
+            elif when > channel.known_until:
                 if incoming.retained and origin == "arrival":
-                    if watched.newest > float("-inf") or watched.channel.edge.counter:
+                    if channel.newest > float("-inf") or channel.edge.counter:
                         # It may be years old: what came since is newer, and power is made of known times alone.
                         continue
                     entry = entry._replace(quality=Quality.UNCERTAIN)
                 else:
                     # A time that would be refused by now comes from a clock that has been set back since.
-                    watched.newest = when if watched.newest > latest else max(watched.newest, when)
-                reading = watched.converter.reading(when, entry.raw, entry.quality)
+                    channel.newest = when if channel.newest > latest else max(channel.newest, when)
+                reading = channel.converter.reading(when, entry.raw, entry.quality)
                 if reading is not None:
                     yield reading
 
@@ -213,8 +159,7 @@ def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming],
         hints = _numbers(channel, incoming)
         return Probe(channel.id, place, raw, None, None, f"refused: the payload {sentence}", tuple(hints))
     when, origin = dated
-    moment = datetime.fromtimestamp(when, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    hints = [f"dated {moment} by {_ORIGINS[origin]}"]
+    hints = [f"dated {written_to_the_millisecond(when)} by {_ORIGINS[origin]}"]
     ageless = incoming.retained and origin == "arrival"
     if ageless:
         hints = ["retained: the broker had kept it, and its age is not known"]

@@ -8,8 +8,7 @@ import struct
 import termios
 import time
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.client.base import ModbusBaseClient
@@ -19,8 +18,7 @@ from pymodbus.pdu import ModbusPDU
 
 from adapters.cancelling import cancellable
 from adapters.errors import SourceUnavailable
-
-TRANSPORTS = ("tcp", "rtu-over-tcp", "rtu")
+from adapters.modbus.config import ModbusConfig
 
 EXCEPTIONS = {
     1: "illegal function",
@@ -79,37 +77,11 @@ class Answer(NamedTuple):
     time: float
 
 
-@dataclass(frozen=True)
-class Line:
-    """How to reach a device: over TCP at `host` and `port`, or at the serial port `device`.
-
-    `timeout` (s) holds for connecting and for every answer; a request is repeated `retries` times, and `pause` s are
-    kept between two requests.
-    """
-
-    transport: str = "tcp"
-    host: str = ""
-    port: int = 502
-    device: str = ""
-    baudrate: int = 19200
-    parity: str = "E"
-    data_bits: int = 8
-    stop_bits: int = 1
-    timeout: float = 3.0
-    retries: int = 1
-    pause: float = 0.0
-
-    @property
-    def place(self) -> str:
-        """Where it leads to."""
-        return self.device if self.transport == "rtu" else f"{self.host}:{self.port}"
-
-
 class ReadingClient:
     """pymodbus' client without its verbs that write: to connect, to close, and a read for every table. Should anything
     else reach the wire all the same, it is stopped there."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: ModbusConfig) -> None:
         client = _client(line)
         client.set_max_no_responses(_NEVER)
         _guard(client)
@@ -132,7 +104,7 @@ class ReadingClient:
 class ModbusLink:
     """One connection; requests go out one after the other. Made inside the event loop that uses it."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: ModbusConfig) -> None:
         self._line = line
         self._client = ReadingClient(line)
         self._free_at = 0.0
@@ -186,30 +158,21 @@ class ModbusLink:
         return "check that the device is on, the cable, host and port"
 
 
-def _client(line: Line) -> ModbusBaseClient:
+def _client(line: ModbusConfig) -> ModbusBaseClient:
     # Reconnecting and repeating are ours: the library would do both where nobody sees it.
-    if line.transport == "rtu":
+    ours: dict[str, Any] = {"timeout": line.timeout, "retries": 0, "reconnect_delay": 0, "trace_pdu": _only_reads}
+    if line.serial is not None:
+        serial = line.serial
         return AsyncModbusSerialClient(
-            line.device,
-            baudrate=line.baudrate,
-            parity=line.parity,
-            bytesize=line.data_bits,
-            stopbits=line.stop_bits,
-            timeout=line.timeout,
-            retries=0,
-            reconnect_delay=0,
-            trace_pdu=_only_reads,
+            serial.device,
+            baudrate=serial.baudrate,
+            parity=serial.parity[0].upper(),
+            bytesize=serial.data_bits,
+            stopbits=serial.stop_bits,
+            **ours,
         )
     framer = FramerType.RTU if line.transport == "rtu-over-tcp" else FramerType.SOCKET
-    return AsyncModbusTcpClient(
-        line.host,
-        port=line.port,
-        framer=framer,
-        timeout=line.timeout,
-        retries=0,
-        reconnect_delay=0,
-        trace_pdu=_only_reads,
-    )
+    return AsyncModbusTcpClient(line.host or "", port=line.port, framer=framer, **ours)
 
 
 def _guard(client: ModbusBaseClient) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
@@ -14,10 +13,13 @@ from adapters.channel import Binding, LiveConfig, WatchedChannelConfig
 from adapters.fields.durations import format_duration
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Duration, Flag, Port, PositiveDuration, Retries, Text, Timeout, choice, number, whole
-from adapters.modbus.client import TRANSPORTS, Line
 from adapters.modbus.codec import ORDERS, TYPES, Format
 from adapters.modbus.plan import REGISTERS_AT_MOST, TABLES, Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource, Numbering
+
+if TYPE_CHECKING:
+    from adapters.modbus.source import ModbusSource
+
+TRANSPORTS = ("tcp", "rtu-over-tcp", "rtu")
 
 
 def number_type(value: object) -> str:
@@ -164,42 +166,22 @@ class ModbusConfig(LiveConfig):
         return self
 
     @property
+    def place(self) -> str:
+        """Where it leads to."""
+        return self.serial.device if self.serial is not None else f"{self.host}:{self.port}"
+
+    @property
+    def limits(self) -> Limits:
+        """What one request may read."""
+        return Limits(self.batch, self.max_registers, self.fill_gaps)
+
+    @property
     def described(self) -> str:
         """What it reads, for the summary of a check."""
-        place = self.serial.device if self.serial is not None else f"{self.host}:{self.port}"
-        return f"{self.transport} {place}, polled every {format_duration(self.poll)}"
-
-    def channels(self, bindings: Sequence[Binding]) -> list[ModbusChannel]:
-        """The channels as the source takes them."""
-        return [_channel(binding.channel, binding, self.first_register) for binding in bindings]
+        return f"{self.transport} {self.place}, polled every {format_duration(self.poll)}"
 
     def build(self, name: str, bindings: Sequence[Binding]) -> ModbusSource:
         """The source called `name`."""
-        line = Line(self.transport, self.host or "", self.port, timeout=self.timeout, retries=self.retries)
-        line = replace(line, pause=self.pause)
-        if self.serial is not None:
-            port = dict(self.serial)
-            line = replace(line, **port | {"parity": self.serial.parity[0].upper()})
-        return ModbusSource(
-            name,
-            line,
-            self.channels(bindings),
-            poll=self.poll,
-            limits=Limits(self.batch, self.max_registers, self.fill_gaps),
-            numbering=Numbering(self.first_register, self.unit_id),
-        )
+        from adapters.modbus.source import ModbusSource
 
-
-def _channel(channel: ModbusChannelConfig, binding: Binding, first_register: int) -> ModbusChannel:
-    assert channel.unit_id is not None
-    assert channel.table is not None
-    return ModbusChannel(
-        binding.id,
-        channel.register - first_register,
-        channel.format,
-        unit=channel.unit_id,
-        table=channel.table,
-        edge=binding.edge(channel.format.rollover),
-        stuck_after=channel.stuck_after,
-        register=channel.register,
-    )
+        return ModbusSource(name, self, bindings)

@@ -4,65 +4,51 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
-from adapters.edge import PLAIN, Edge, LiveConverter
+from adapters.channel import Binding, Watched, put_to_work
 from adapters.modbus.client import Answer
 from adapters.modbus.codec import Format, decode, is_available
+from adapters.modbus.config import ModbusConfig
 from adapters.modbus.plan import Point, Request
 from adapters.reading import Fault, Reading
 
+# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
+_POLLS_IN_A_STRETCH = 10
 
-@dataclass(frozen=True)
-class ModbusChannel:
-    """Where the raw value of channel `id` ("zone/channel") stands, how it is written there, and what becomes of it.
 
-    `address` counts from 0; `register` is the same as the operator numbers it. A raw value that has not changed for
-    `stuck_after` s is uncertain, for twice as long bad.
-    """
+class ModbusChannel(Watched):
+    """A channel at work: what has to be read for it, and how its number is written there."""
 
-    id: str
-    address: int
-    format: Format
-    unit: int = 1
-    table: str = "holding"
-    edge: Edge = PLAIN
-    stuck_after: float | None = None
-    register: int = 0
-
-    @property
-    def point(self) -> Point:
-        """What has to be read for it."""
-        return Point(self.unit, self.table, self.address, self.format.registers)
+    def __init__(self, binding: Binding, table: ModbusConfig) -> None:
+        channel = binding.channel
+        self.format: Format = channel.format
+        super().__init__(binding, _POLLS_IN_A_STRETCH * table.poll, self.format.rollover)
+        self.register: int = channel.register
+        """Its first register, as the operator numbers them."""
+        address = self.register - table.first_register
+        self.point = Point(channel.unit_id, channel.table, address, self.format.registers)
 
     @property
     def place(self) -> str:
         """Where it stands, in the operator's words."""
         bit = "" if self.format.bit is None else f" bit {self.format.bit}"
-        return f"unit {self.unit} {self.table} {self.register}{bit}"
-
-
-_Watched = tuple[ModbusChannel, LiveConverter]
+        return f"unit {self.point.unit} {self.point.table} {self.register}{bit}"
 
 
 class Channels:
-    """The channels of a source, and what has to be remembered of their last values."""
+    """The channels of a source by what has to be read."""
 
-    def __init__(self, channels: Sequence[ModbusChannel], longest_stretch: float) -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
-        self._longest_stretch = longest_stretch
-        self._at: dict[Point, list[_Watched]] = {}
-        self.replace(channels)
+    def __init__(self, bindings: Sequence[Binding], table: ModbusConfig) -> None:
+        self._table = table
+        self._at: dict[Point, list[ModbusChannel]] = {}
+        self.replace(bindings)
 
-    def replace(self, channels: Sequence[ModbusChannel]) -> None:
+    def replace(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on; what is remembered of those that stay is kept."""
-        known = {watched[0]: watched for at_point in self._at.values() for watched in at_point}
+        before = [channel for at_point in self._at.values() for channel in at_point]
         self._at = {}
-        for channel in channels:
-            self._at.setdefault(channel.point, []).append(known.get(channel) or self._watched(channel))
-
-    def _watched(self, channel: ModbusChannel) -> _Watched:
-        return channel, LiveConverter(channel.id, channel.edge, self._longest_stretch, channel.stuck_after)
+        for channel in put_to_work(bindings, before, lambda one: ModbusChannel(one, self._table)):
+            self._at.setdefault(channel.point, []).append(channel)
 
     @property
     def points(self) -> list[Point]:
@@ -71,24 +57,25 @@ class Channels:
 
     def names(self, point: Point) -> str:
         """The channels at a point and where that is, for the log."""
-        return f"{', '.join(channel.id for channel, _ in self._at[point])} ({self._at[point][0][0].place})"
+        at_point = self._at[point]
+        return f"{', '.join(channel.id for channel in at_point)} ({at_point[0].place})"
 
     def readings(self, request: Request, answer: Answer) -> Iterator[Reading]:
         """The readings that the answer to `request` brings."""
         for point in request.points:
             begin = point.address - request.address
             words = answer.words[begin : begin + point.size]
-            for channel, converter in self._at[point]:
-                reading = _reading(channel, converter, words, answer.time)
+            for channel in self._at[point]:
+                reading = _reading(channel, words, answer.time)
                 if reading is not None:
                     yield reading
 
     def refused(self, point: Point) -> list[Reading]:
         """Bad readings of the channels at `point`, which the device does not give away."""
-        return [converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for _, converter in self._at[point]]
+        return [channel.converter.bad(time.time(), Fault.REFUSED_BY_DEVICE) for channel in self._at[point]]
 
 
-def _reading(channel: ModbusChannel, converter: LiveConverter, words: Sequence[int], when: float) -> Reading | None:
+def _reading(channel: ModbusChannel, words: Sequence[int], when: float) -> Reading | None:
     if not is_available(words, channel.format):
-        return converter.bad(when, Fault.NOT_AVAILABLE)
-    return converter.reading(when, decode(words, channel.format), sent=tuple(words))
+        return channel.converter.bad(when, Fault.NOT_AVAILABLE)
+    return channel.converter.reading(when, decode(words, channel.format), sent=tuple(words))

@@ -43,7 +43,11 @@ async def probe_all(link: ModbusLink, channels: Sequence[ModbusChannel], seconds
         else:
             later = again.get(k)
             probe = probed(channel, answer, later if isinstance(later, Answer) else None)
-        if probe.verdict != "good" and not probe.verdict.startswith("not available") and channel.unit not in silent:
+        if (
+            probe.verdict != "good"
+            and not probe.verdict.startswith("not available")
+            and channel.point.unit not in silent
+        ):
             probe = probe._replace(hints=(*probe.hints, *await _nearby(link, channel)))
         probes.append(probe)
     return probes
@@ -51,20 +55,20 @@ async def probe_all(link: ModbusLink, channels: Sequence[ModbusChannel], seconds
 
 async def _look(link: ModbusLink, channel: ModbusChannel, silent: dict[int, str]) -> Answer | Refused | str:
     """The answer for `channel`, or the sentence about a unit that is silent, which is not asked again."""
-    if channel.unit not in silent:
+    if channel.point.unit not in silent:
         try:
             return await link.read(*channel.point)
         except Refused as error:
             return error
         except NoAnswer as error:
-            silent[channel.unit] = f"{error}; check unit_id and the device"
-    return silent[channel.unit]
+            silent[channel.point.unit] = f"{error}; check unit_id and the device"
+    return silent[channel.point.unit]
 
 
 def probed(channel: ModbusChannel, answer: Answer, later: Answer | None = None) -> Probe:
     """What a person should know about the answer for `channel`; a counter has been read a second time `later`."""
     words, edge = answer.words, channel.edge
-    bits = channel.table in ("coil", "discrete")
+    bits = channel.point.table in ("coil", "discrete")
     raw = " ".join(str(word) if bits else f"0x{word:04x}" for word in words)
     layout = channel.format.type if len(words) == 1 else f"{channel.format.type} {channel.format.order}"
     place = f"{channel.place} {layout}"

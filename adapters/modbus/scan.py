@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from adapters.errors import SourceConfigError
 from adapters.modbus.client import ModbusLink, NoAnswer, Refused
 from adapters.modbus.codec import Format, decode
-from adapters.modbus.plan import Limits
+from adapters.modbus.config import ModbusConfig
 from adapters.scanning import Scan, Scanned
 
 MOST = 20_000
@@ -25,10 +25,11 @@ _SMALLEST, _LARGEST = 1e-3, 1e7
 _DEFAULT = 100
 
 
-async def scan(link: ModbusLink, wanted: Scan, *, unit: int, first_register: int, limits: Limits) -> Scanned:
-    """What the units of `wanted` (default: `unit`) have in its registers, counted from `first_register`. Raises
-    SourceUnavailable, and SourceConfigError where that is more than MOST."""
-    first_unit, last_unit = wanted.devices or (unit, unit)
+async def scan(link: ModbusLink, wanted: Scan, source: ModbusConfig) -> Scanned:
+    """What the units of `wanted` (default: that of `source`) have in its registers. Raises SourceUnavailable, and
+    SourceConfigError where that is more than MOST."""
+    first_register = source.first_register
+    first_unit, last_unit = wanted.devices or (source.unit_id, source.unit_id)
     begin, end = wanted.registers or (first_register, first_register + _DEFAULT - 1)
     if last_unit > 255:
         raise SourceConfigError(f"--devices {first_unit}-{last_unit}: a unit id is at most 255")
@@ -46,7 +47,7 @@ async def scan(link: ModbusLink, wanted: Scan, *, unit: int, first_register: int
     for one in range(first_unit, last_unit + 1):
         try:
             for table in wanted.tables:
-                looked = _Table(link, one, table, limits.registers * (16 if table in _BITS else 1))
+                looked = _Table(link, one, table, source.max_registers * (16 if table in _BITS else 1))
                 await looked.look(begin - first_register, end - begin + 1)
                 rows += _rows(looked, first_register)
                 remarks += looked.remarks()

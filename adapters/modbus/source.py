@@ -10,17 +10,17 @@ from collections.abc import AsyncIterator, Sequence
 from importlib.util import find_spec
 from typing import NamedTuple
 
+from adapters.channel import Binding
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.modbus.client import Line, ModbusLink, NoAnswer, Refused
-from adapters.modbus.plan import Limits, Point, Request, halves, plan
+from adapters.modbus.client import ModbusLink, NoAnswer, Refused
+from adapters.modbus.config import ModbusConfig
+from adapters.modbus.plan import Point, Request, halves, plan
 from adapters.modbus.points import Channels, ModbusChannel
 from adapters.modbus.probing import probe_all
 from adapters.modbus.scan import scan
 from adapters.reading import Batch, Probe
 from adapters.rhythm import Rhythm
 from adapters.scanning import Scan, Scanned
-
-__all__ = ["ModbusChannel", "ModbusSource", "Numbering"]
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent unit is asked again, in s."""
@@ -30,9 +30,6 @@ REFUSAL = 600.0
 asked for after a pause that grows from FAILURE to this."""
 
 FAILURE = 1.0
-
-# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
-_POLLS_IN_A_STRETCH = 10
 
 _BETWEEN_COUNTS = 5.0
 """Between the two readings of a counter that is probed, at most, in s."""
@@ -55,15 +52,8 @@ class _Refusal(NamedTuple):
     lasting: bool
 
 
-class Numbering(NamedTuple):
-    """What the operator's list of registers begins with, and the unit that it is about."""
-
-    first_register: int = 0
-    unit: int = 1
-
-
 class ModbusSource:
-    """Modbus units behind one connection, polled every `poll` s; readings are dated when their answer arrives.
+    """Modbus units behind one connection, polled at one pace; readings are dated when their answer arrives.
 
     A batch is what one answer brings. A request that a device answers with an exception is split until the registers
     that it refuses are found; their channels alone are lost, and asked for again later. A unit that is silent
@@ -71,22 +61,12 @@ class ModbusSource:
     `batches` raises SourceUnavailable, and is to be called again.
     """
 
-    def __init__(
-        self,
-        name: str,
-        line: Line,
-        channels: Sequence[ModbusChannel],
-        *,
-        poll: float,
-        limits: Limits,
-        numbering: Numbering = Numbering(),  # noqa: B008 - a value, never changed
-    ) -> None:
+    def __init__(self, name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
         self.late = 0
         """How many polls began later than they should have by a whole `poll` or more."""
-        self._line, self._poll, self._limits, self._numbering = line, poll, limits, numbering
-        self._listed = tuple(channels)
-        self._channels = Channels(channels, _POLLS_IN_A_STRETCH * poll)
+        self._table, self._listed = table, tuple(bindings)
+        self._channels = Channels(bindings, table)
         self._rebound = False
         """Whether `_listed` has changed since the last round."""
         self._requests: list[Request] = []
@@ -98,22 +78,22 @@ class ModbusSource:
 
     def check(self) -> list[str]:
         """A sentence if a serial port is named and the library for it is not installed."""
-        if self._line.transport == "rtu" and find_spec("serial") is None:
+        if self._table.serial is not None and find_spec("serial") is None:
             return [
                 f"sources.{self.name}: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
             ]
         return []
 
-    def rebind(self, channels: Sequence[ModbusChannel]) -> None:
-        """Read `channels` from the next round on, over the same connection."""
-        self._listed, self._rebound = tuple(channels), True
+    def rebind(self, bindings: Sequence[Binding]) -> None:
+        """Read `bindings` from the next round on, over the same connection."""
+        self._listed, self._rebound = tuple(bindings), True
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
         link = await self._open()
         try:
             loop = asyncio.get_running_loop()
-            rhythm = Rhythm(self._poll, loop.time())
+            rhythm = Rhythm(self._table.poll, loop.time())
             while True:
                 async for batch in self._round(link):
                     yield batch
@@ -127,7 +107,8 @@ class ModbusSource:
         """Every channel, each by a request of its own; counters twice, `seconds` apart at most."""
         link = await self._open()
         try:
-            return await probe_all(link, self._listed, min(seconds, _BETWEEN_COUNTS))
+            channels = [ModbusChannel(binding, self._table) for binding in self._listed]
+            return await probe_all(link, channels, min(seconds, _BETWEEN_COUNTS))
         except SourceUnavailable as error:
             raise SourceUnavailable(f"sources.{self.name}: {error}") from error
         finally:
@@ -137,13 +118,7 @@ class ModbusSource:
         """The registers that units have, and what might be in them."""
         link = await self._open()
         try:
-            return await scan(
-                link,
-                wanted,
-                unit=self._numbering.unit,
-                first_register=self._numbering.first_register,
-                limits=self._limits,
-            )
+            return await scan(link, wanted, self._table)
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error
         finally:
@@ -157,7 +132,7 @@ class ModbusSource:
     async def _open(self) -> ModbusLink:
         for problem in self.check():
             raise SourceConfigError(problem)
-        self._link = link = ModbusLink(self._line)
+        self._link = link = ModbusLink(self._table)
         try:
             await link.open()
         except SourceUnavailable as error:
@@ -178,7 +153,7 @@ class ModbusSource:
             self._silent = {unit: silence for unit, silence in self._silent.items() if unit in units}
         if now >= self._whole_until:
             wanted = (one for one in self._channels.points if one not in self._refusals or self._is_due(one, now))
-            self._requests = plan(wanted, self._limits)
+            self._requests = plan(wanted, self._table.limits)
             untils = (refusal.until for refusal in self._refusals.values() if refusal.until > now)
             self._whole_until = min(untils, default=float("inf"))
         left_alone = {unit for unit, silence in self._silent.items() if silence.until > now}
@@ -212,7 +187,7 @@ class ModbusSource:
         if units <= self._silent.keys():
             self._silent.clear()
             raise SourceUnavailable(
-                f"sources.{self.name}: {self._line.place} is connected but silent; check unit_id and the device"
+                f"sources.{self.name}: {self._table.place} is connected but silent; check unit_id and the device"
             )
 
     def _note_late(self, rhythm: Rhythm) -> None:
@@ -224,7 +199,7 @@ class ModbusSource:
                 "sources.%s: a round took %.1f s, poll is %.1f s; poll less often or read in batches",
                 self.name,
                 rhythm.overrun,
-                self._poll,
+                self._table.poll,
             )
 
     def _is_due(self, point: Point, now: float) -> bool:
@@ -234,7 +209,7 @@ class ModbusSource:
     def _note_refusal(self, point: Point, error: Refused) -> None:
         before, pause = self._refusals.get(point), REFUSAL
         if not error.lasting:
-            pause = min(2 * before.pause if before and not before.lasting else max(FAILURE, self._poll), REFUSAL)
+            pause = min(2 * before.pause if before and not before.lasting else max(FAILURE, self._table.poll), REFUSAL)
         if before is None or before.lasting != error.lasting:
             _log.error(
                 "sources.%s: the device %s %s: %s; asking again %s",
@@ -252,7 +227,7 @@ class ModbusSource:
         before = self._silent.get(unit)
         if before is None:
             _log.warning("sources.%s: unit %d is silent: %s; going on with the others", self.name, unit, reason)
-        pause = min(2 * before.pause if before else self._poll, LONGEST_SILENCE)
+        pause = min(2 * before.pause if before else self._table.poll, LONGEST_SILENCE)
         self._silent[unit] = _Silence(pause, time.monotonic() + pause)
 
     def _note_answer(self, request: Request) -> None:

@@ -1,64 +1,81 @@
-"""Where a broker is, how it is reached, and who connects to it."""
+"""Where a broker is, how it is reached, and who connects to it: the same for what the daemon publishes and for a
+source."""
 
 from __future__ import annotations
 
 import ssl
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
-from adapters.credentials import Tls, password, tls_problems, unreadable
+from pydantic import BeforeValidator, Field
+
 from adapters.errors import SourceConfigError
+from adapters.fields.logins import CertificatesConfig, LoginConfig
+from adapters.fields.values import Port, PositiveDuration, Text, Timeout, choice, text
 
 VERSIONS = ("5", "3.1.1")
 
+PORT, TLS_PORT = 1883, 8883
 
-@dataclass(frozen=True)
-class Broker:
-    """A broker, and the client that connects to it.
 
-    `version` is one of VERSIONS. `tls` without a `ca` trusts the authorities that the system trusts; None is no
-    encryption. The broker knows a session by `client_id`. `keepalive`: after so many s without a word from the other
-    side the connection counts as lost; `timeout`: how long an answer is waited for, in s.
-    """
+def topic(value: object) -> str:
+    """A topic without wildcards."""
+    if problem := topic_problem(text(value)):
+        raise ValueError(f'"{str(value)[:60]}" {problem}')
+    return str(value)
 
-    host: str
-    port: int = 1883
-    version: str = "5"
-    client_id: str = ""
-    user: str | None = None
-    password_file: Path | None = None
-    password_env: str | None = None
-    tls: Tls | None = None
-    keepalive: float = 30.0
-    timeout: float = 5.0
+
+Topic = Annotated[str, BeforeValidator(topic)]
+
+
+class MqttTlsConfig(CertificatesConfig):
+    """tls of a broker; an empty table trusts the authorities of the system."""
+
+
+class BrokerConfig(LoginConfig):
+    """What every table that leads to a broker has."""
+
+    host: Text | None = Field(default=None, description="name or address of the broker")
+    port: Port | None = Field(default=None, description="TCP port; none: 1883, with `tls` 8883")
+    version: Annotated[str, BeforeValidator(choice(*VERSIONS))] = Field(default="5", description="version of MQTT")
+    client_id: Text | None = Field(
+        default=None, description="name at the broker; none: `thermogate-<site>`, of a source with `-<name>`"
+    )
+    tls: MqttTlsConfig | None = Field(
+        default=None, description="TLS; none: no encryption, `{}`: the system's authorities"
+    )
+    keepalive: PositiveDuration = Field(default=30.0, description="silence after which the connection counts as lost")
+    timeout: Timeout = Field(default=5.0, description="time limit for each answer")
+
+    def called(self, client_id: str) -> Self:
+        """This broker, to which we are `client_id` unless the table says otherwise."""
+        return self if self.client_id else self.model_copy(update={"client_id": client_id})
+
+    @property
+    def tcp_port(self) -> int:
+        """The port that is connected to."""
+        return self.port or (PORT if self.tls is None else TLS_PORT)
 
     @property
     def place(self) -> str:
         """Where it is, as a URL."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{'mqtt' if self.tls is None else 'mqtts'}://{host}:{self.port}"
+        host = self.host or ""
+        return f"{'mqtt' if self.tls is None else 'mqtts'}://{f'[{host}]' if ':' in host else host}:{self.tcp_port}"
 
     def problems(self) -> Iterator[str]:
         """What is wrong with the files it names, or missing on this machine, one sentence each."""
         if find_spec("aiomqtt") is None:
             yield "MQTT needs the package aiomqtt; install it with pip install 'thermogate[mqtt]'"
-        if self.password_file is not None and (reason := unreadable(self.password_file)):
-            yield f"password_file: {self.password_file} cannot be read ({reason})"
+        yield from super().problems()
         if self.tls is not None:
-            yield from tls_problems(self.tls)
-
-    def credentials(self) -> tuple[str | None, str | None]:
-        """User and password, read anew; SourceConfigError if the password cannot be had."""
-        return (None, None) if self.user is None else (self.user, password(self.password_file, self.password_env))
+            yield from self.tls.problems()
 
     def context(self) -> ssl.SSLContext | None:
         """What TLS needs, read anew; None without. SourceConfigError if a file cannot be used."""
         if self.tls is None:
             return None
-        for problem in tls_problems(self.tls):
+        for problem in self.tls.problems():
             raise SourceConfigError(problem)
         context = _Context(ssl.PROTOCOL_TLS_CLIENT)
         context.patience = self.timeout

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 from adapters.cancelling import cancellable
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
-from adapters.mqtt.broker import Broker
+from adapters.mqtt.broker import BrokerConfig
 
 OnMessage = Callable[[Incoming], None]
 Result = TypeVar("Result")
@@ -37,7 +37,7 @@ class Will(NamedTuple):
 class Client:
     """An open connection. Every method raises SourceUnavailable where it is lost."""
 
-    def __init__(self, client: Any, broker: Broker) -> None:
+    def __init__(self, client: Any, broker: BrokerConfig) -> None:
         self._client, self._broker = client, broker
 
     async def subscribe(self, topics: Mapping[str, int]) -> None:
@@ -84,7 +84,7 @@ class Client:
 
 @asynccontextmanager
 async def connected(
-    broker: Broker, on_message: OnMessage | None = None, session: float = 0.0, will: Will | None = None
+    broker: BrokerConfig, on_message: OnMessage | None = None, session: float = 0.0, will: Will | None = None
 ) -> AsyncIterator[Client]:
     """A connection to `broker` for as long as the context lasts.
 
@@ -107,8 +107,8 @@ async def connected(
     else:
         settings = {"clean_session": not session}
     client = aiomqtt.Client(
-        broker.host,
-        broker.port,
+        broker.host or "",
+        broker.tcp_port,
         username=user,
         password=secret,
         identifier=broker.client_id,
@@ -175,7 +175,7 @@ def _said(error: Exception) -> str:
     return str(error).partition("] ")[2] or str(error)
 
 
-def _refused(broker: Broker, error: Exception) -> str:
+def _refused(broker: BrokerConfig, error: Exception) -> str:
     """Why there is no connection, and the remedy."""
     if isinstance(error, ssl.SSLError) or isinstance(error.__context__, ssl.SSLError):
         return (
@@ -190,7 +190,7 @@ def _refused(broker: Broker, error: Exception) -> str:
     return f"no MQTT broker answers at {broker.place} ({_said(error)}); check that it is on, host, port and tls"
 
 
-def _lost(broker: Broker, error: Exception) -> str:
+def _lost(broker: BrokerConfig, error: Exception) -> str:
     cause = error.__cause__ if isinstance(error.__cause__, Exception) else error
     return (
         f"the connection to {broker.place} is lost ({_said(cause)}); check that the broker is on, and that no other "

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from adapters.channel import Binding
 from adapters.fields.values import Duration, Text, choice, context, whole
 from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
-from adapters.messages.points import Dating
-from adapters.mqtt.fields import BrokerConfig, Topic
-from adapters.mqtt.source import TIMES, Intake, MqttSource
+from adapters.messages.dating import Dating
+from adapters.mqtt.broker import BrokerConfig, Topic
+
+if TYPE_CHECKING:
+    from adapters.mqtt.source import MqttSource
+
+TIMES = ("payload", "arrival")
+"""Where the time of a reading can come from."""
 
 
 class MqttChannelConfig(MessageChannelConfig):
@@ -56,10 +61,15 @@ class MqttSourceConfig(BrokerConfig, MessagesConfig):
     @property
     def described(self) -> str:
         """What it reads, for the summary of a check."""
-        return f"{self.broker('').place}, MQTT {self.version}"
+        return f"{self.place}, MQTT {self.version}"
 
     def build(self, name: str, bindings: Sequence[Binding]) -> MqttSource:
         """The source called `name`."""
-        dating = Dating(self.times, self.max_ahead)
-        intake = Intake(dating, self.session, self.qos, self.queue, self.longest_stretch, self.status_topic)
-        return MqttSource(name, self.broker(f"thermogate-{name}"), self.channels(bindings), intake)
+        from adapters.mqtt.source import MqttSource
+
+        return MqttSource(name, self, bindings)
+
+    @property
+    def dating(self) -> Dating:
+        """How readings are dated."""
+        return Dating(self.times, self.max_ahead)

@@ -3,123 +3,68 @@
 from __future__ import annotations
 
 import asyncio
-import difflib
 import logging
 import secrets
 import time
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+from adapters.channel import Binding
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.messages.inbox import MOST_BYTES, Inbox, Incoming
-from adapters.messages.points import Channels, Dating, MessageChannel, probed
-from adapters.messages.takings import Takings, pieces
+from adapters.messages.points import MessageChannel, probed
+from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource, nearest
 from adapters.mqtt.background import Background
-from adapters.mqtt.broker import Broker, topic_problem
+from adapters.mqtt.broker import BrokerConfig
 from adapters.mqtt.client import Client, Will, connected
+from adapters.mqtt.config import MqttSourceConfig
 from adapters.mqtt.scan import MOST_TOPICS, published_here, scanned
 from adapters.payload.payload import numbers_in, shown
 from adapters.reading import Batch, Probe
 from adapters.scanning import Scan, Scanned
 
-TIMES = ("payload", "arrival")
-"""Where the time of a reading can come from."""
-
-TRANSIT = 1.0
-"""How long a message may be on its way before the source's clock has gone past its time, in s."""
-
-QUIET = 60.0
-"""After this time with a connection it is said on which topics nothing has come, in s."""
-
 EVERYTHING = "#"
 ONLINE, OFFLINE = b"online", b"offline"
 
-_LOOK = 1.0
 _CLOSE_SECONDS = 1.0
-_TOPICS_SHOWN = 5
 
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Intake:
-    """How messages are taken in.
+class MqttSource(SubscribedSource):
+    """Subscriptions of one client, which runs in a thread of its own. Where the connection is lost `batches` raises
+    SourceUnavailable, and is to be called again."""
 
-    Readings are dated by `dating`. The broker keeps the session for `session` s after the connection is lost; `qos`
-    is the quality of service of every subscription, None what its channel can make use of. `queue` messages wait at
-    most per topic; no power is made of counts further apart than `longest_stretch` s. `status_topic` says, retained,
-    whether this source is connected.
-    """
-
-    dating: Dating = field(default_factory=lambda: Dating(TIMES))
-    session: float = 3600.0
-    qos: int | None = None
-    queue: int = 1000
-    longest_stretch: float = 900.0
-    status_topic: str | None = None
-
-
-class MqttSource:
-    """Subscriptions of one client.
-
-    The client runs in a thread of its own and puts messages into an `Inbox`, so that neither side ever waits for the
-    other. Where the connection is lost `batches` raises SourceUnavailable, and is to be called again.
-    """
-
-    def __init__(self, name: str, broker: Broker, channels: Sequence[MessageChannel], intake: Intake) -> None:
-        self.name = name
-        self._broker, self._intake = broker, intake
-        self._listed = tuple(channels)
-        self._channels = Channels(channels, intake.dating, intake.longest_stretch, "topic")
-        self._takings = Takings(name, self._channels)
-        self._rebound = False
-        """Whether `_listed` has changed since the last look."""
+    def __init__(self, name: str, table: MqttSourceConfig, bindings: Sequence[Binding]) -> None:
+        super().__init__(name, table, bindings, table.dating, "topic")
+        self._table: MqttSourceConfig = table.called(f"thermogate-{name}")
         self._link: _Link | None = None
 
-    @property
-    def dropped(self) -> int:
-        """How many messages were dropped because they came faster than they could be taken."""
-        return self._takings.dropped
-
     def check(self) -> list[str]:
-        """Wrong topics, files that cannot be read, and a missing client library."""
-        wrong = [
-            f'{channel.id}: topic "{channel.key}" {problem}'
-            for channel in self._listed
-            if (problem := topic_problem(channel.key))
-        ]
-        return [f"sources.{self.name}: {problem}" for problem in (*wrong, *self._broker.problems())]
-
-    def rebind(self, channels: Sequence[MessageChannel]) -> None:
-        """Deliver `channels` from the next look on, over the same connection."""
-        self._listed, self._rebound = tuple(channels), True
+        """Files that cannot be read, and a missing client library."""
+        return [f"sources.{self.name}: {problem}" for problem in self._table.problems()]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is published, for ever. `start` is of no concern. Raises SourceUnavailable and SourceConfigError."""
-        self._channels.replace(self._listed)
-        self._rebound = False
-        self._channels.start_again()
-        inbox = Inbox(self._channels.keys, self._intake.queue)
-        link = self._open(self._broker, inbox, self._topics(), self._intake.session)
+        inbox = self._begin()
+        link = self._open(self._table, inbox, self._topics(), self._table.session)
         try:
             await link.opened()
-            _log.info("sources.%s: connected (%s)", self.name, self._broker.place)
-            yield Batch([], time.time() - TRANSIT)
+            _log.info("sources.%s: connected (%s)", self.name, self._table.place)
+            yield self._clock()
             quiet_at = time.monotonic() + QUIET
             while True:
-                if await inbox.wait(_LOOK):
-                    for readings in pieces(await self._takings.readings(inbox)):
-                        yield Batch(readings, time.time() - TRANSIT)
-                        # A flood must leave the loop to others as well.
-                        await asyncio.sleep(0)
+                async for batch in self._taken(inbox):
+                    yield batch
                 link.check()
                 if self._rebound:
-                    self._listen_anew(link, inbox)
+                    more, less = self._change(inbox)
+                    topics = self._topics()
+                    link.change({topic: topics[topic] for topic in more}, set(less))
                 if time.monotonic() >= quiet_at:
                     quiet_at = float("inf")
-                    self._note_silence()
+                    self._note_quiet()
         except SourceError as error:
             raise type(error)(f"sources.{self.name}: {error}") from error
         finally:
@@ -127,9 +72,9 @@ class MqttSource:
 
     async def probe(self, seconds: float) -> list[Probe]:
         """What comes for every channel within `seconds`, or was retained; less if all have come."""
-        topics = {channel.key for channel in self._listed}
-        heard = await self._listen(topics, seconds)
-        return [self._probed(channel, heard, seconds) for channel in self._listed]
+        channels = self._asked_for()
+        heard = await self._listen({channel.key for channel in channels}, seconds)
+        return [self._probed(channel, heard, seconds) for channel in channels]
 
     async def scan(self, wanted: Scan) -> Scanned:
         """Every topic of others on which something comes within the time of `wanted`, or was retained."""
@@ -138,16 +83,16 @@ class MqttSource:
     async def _listen(self, topics: set[str], seconds: float) -> dict[str, Incoming]:
         """The newest message of every topic of others, MOST_TOPICS of them, and of `topics`, until all of the latter
         have had one, `seconds` at most."""
-        inbox = Inbox([EVERYTHING], max(self._intake.queue, MOST_TOPICS), MOST_BYTES)
+        inbox = Inbox([EVERYTHING], max(self._room, MOST_TOPICS), MOST_BYTES)
         # Under its own name it would take the place of the daemon.
-        broker = replace(self._broker, client_id=f"thermogate-probe-{secrets.token_hex(4)}")
+        broker = self._table.model_copy(update={"client_id": f"thermogate-probe-{secrets.token_hex(4)}"})
         link = self._open(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0)
         heard: dict[str, Incoming] = {}
         try:
             await link.opened()
             end = time.monotonic() + seconds
             while (left := end - time.monotonic()) > 0 and not (topics and topics <= heard.keys()):
-                await inbox.wait(min(left, _LOOK))
+                await inbox.wait(min(left, LOOK))
                 for _, incoming, _ in inbox.waiting():
                     unknown = incoming.key not in topics and incoming.key not in heard
                     if not unknown or (len(heard) < MOST_TOPICS and not published_here(incoming.key)):
@@ -164,10 +109,10 @@ class MqttSource:
         if self._link is not None:
             await self._link.close()
 
-    def _open(self, broker: Broker, inbox: Inbox, topics: Mapping[str, int], session: float) -> _Link:
+    def _open(self, broker: BrokerConfig, inbox: Inbox, topics: Mapping[str, int], session: float) -> _Link:
         for problem in self.check():
             raise SourceConfigError(problem)
-        self._link = _Link(self.name, broker, inbox, topics, session, self._intake.status_topic if session else None)
+        self._link = _Link(self.name, broker, inbox, topics, session, self._table.status_topic if session else None)
         return self._link
 
     def _topics(self) -> dict[str, int]:
@@ -178,36 +123,19 @@ class MqttSource:
         not known before it is there: it is taken to have one, since what does not wait is lost for good.
         """
         wanted: dict[str, int] = {}
-        for channel in self._listed:
-            timed = "payload" in self._intake.dating.times and (
-                channel.format.time is not None or channel.format.kind == "senml"
-            )
-            qos = int(timed) if self._intake.qos is None else self._intake.qos
-            wanted[channel.key] = max(qos, wanted.get(channel.key, 0))
+        for channel in (binding.channel for binding in self._listed):
+            timed = "payload" in self._table.times and (channel.time is not None or channel.format == "senml")
+            qos = int(timed) if self._table.qos is None else self._table.qos
+            wanted[channel.place] = max(qos, wanted.get(channel.place, 0))
         return wanted
-
-    def _listen_anew(self, link: _Link, inbox: Inbox) -> None:
-        """Take the subscriptions from those of the channels there were to those of the channels there are."""
-        self._rebound = False
-        before = set(self._channels.keys)
-        self._channels.replace(self._listed)
-        inbox.listen_to(self._channels.keys)
-        now = self._topics()
-        link.change({topic: qos for topic, qos in now.items() if topic not in before}, before - now.keys())
-
-    def _note_silence(self) -> None:
-        for channel in self._channels.unheard():
-            _log.warning(
-                "sources.%s: nothing has come for %s so far; check its topic with thermogate probe", self.name, channel
-            )
 
     def _probed(self, channel: MessageChannel, heard: Mapping[str, Incoming], seconds: float) -> Probe:
         samples = [heard[channel.key]] if channel.key in heard else []
         nothing = f"nothing came within {seconds:g} s, and nothing was retained; check topic, and that it is published"
-        probe = probed(channel, self._intake.dating, samples, nothing)
+        probe = probed(channel, self._dating, samples, nothing)
         if samples or not heard:
             return probe
-        near = difflib.get_close_matches(channel.key, sorted(heard), n=_TOPICS_SHOWN, cutoff=0.0)
+        near = nearest(channel.key, heard)
         return probe._replace(hints=tuple(f"heard meanwhile: {_described(heard[topic])}" for topic in near))
 
 
@@ -217,7 +145,7 @@ class _Link:
     def __init__(
         self,
         name: str,
-        broker: Broker,
+        broker: BrokerConfig,
         inbox: Inbox,
         topics: Mapping[str, int],
         session: float,
@@ -237,7 +165,7 @@ class _Link:
         self._background.start(self._attend)
         while not self._open.is_set():
             try:
-                async with asyncio.timeout(_LOOK / 10):
+                async with asyncio.timeout(LOOK / 10):
                     await self._open.wait()
             except TimeoutError:
                 self.check()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -15,9 +15,11 @@ from adapters.fields.tables import TABLE
 from adapters.fields.values import Number, Text, TimeZone, text
 from adapters.fields.words import listed, shown
 from adapters.holidays import public_holidays
-from adapters.schedule.source import ScheduleChannel, ScheduleSource
 from adapters.schedule.week import HOLIDAY, WEEKDAYS, Week
 from adapters.timestamps import Array
+
+if TYPE_CHECKING:
+    from adapters.schedule.source import ScheduleSource
 
 _CLOCK = re.compile(r"([01]\d|2[0-3]):([0-5]\d)")
 
@@ -121,13 +123,11 @@ class ScheduleConfig(SourceConfig):
         """What it reads, for the summary of a check."""
         return f"a weekly schedule in {self.time_zone}"
 
-    def channels(self, bindings: Sequence[Binding]) -> list[ScheduleChannel]:
-        """The channels as the source takes them."""
-        return [ScheduleChannel(binding.id, binding.channel.week, binding.edge()) for binding in bindings]
-
     def build(self, name: str, bindings: Sequence[Binding]) -> ScheduleSource:
         """The source called `name`."""
-        return ScheduleSource(name, self.channels(bindings))
+        from adapters.schedule.source import ScheduleSource
+
+        return ScheduleSource(name, bindings)
 
 
 def _hours(clock: str) -> float:

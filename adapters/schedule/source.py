@@ -5,45 +5,36 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Sequence
-from typing import NamedTuple
 
-from adapters.edge import Converter, Edge
+from adapters.channel import Binding
+from adapters.edge import Converter
 from adapters.reading import Batch, Probe
-from adapters.schedule.week import Week
 
 EVERY = 60.0
 """s between two readings: an interval in which the value changes has its mean."""
 
 
-class ScheduleChannel(NamedTuple):
-    """The channel `id` ("zone/channel"), the week that it follows, and what becomes of its values."""
-
-    id: str
-    week: Week
-    edge: Edge
-
-
 class ScheduleSource:
     """Channels that follow weeks. There is nothing to connect to."""
 
-    def __init__(self, name: str, channels: Sequence[ScheduleChannel]) -> None:
+    def __init__(self, name: str, bindings: Sequence[Binding]) -> None:
         self.name = name
-        self._channels = tuple(channels)
         self._closed = asyncio.Event()
+        self.rebind(bindings)
 
     def check(self) -> list[str]:
         """Nothing can be wrong that its tables do not tell."""
         return []
 
-    def rebind(self, channels: Sequence[ScheduleChannel]) -> None:
+    def rebind(self, bindings: Sequence[Binding]) -> None:
         """These are the channels from now on."""
-        self._channels = tuple(channels)
+        self._channels = [(Converter(one.id, one.edge()), one.channel.week) for one in bindings]
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """The values of now, every EVERY s, until it is closed."""
         while not self._closed.is_set():
             now = time.time()
-            readings = (Converter(one.id, one.edge).reading(now, one.week.at(now)) for one in self._channels)
+            readings = (converter.reading(now, week.at(now)) for converter, week in self._channels)
             yield Batch([reading for reading in readings if reading is not None], now)
             try:
                 await asyncio.wait_for(self._closed.wait(), EVERY - time.time() % EVERY)
@@ -53,11 +44,8 @@ class ScheduleSource:
     async def probe(self, seconds: float) -> list[Probe]:
         """What every channel has now."""
         now = time.time()
-        found = []
-        for one in self._channels:
-            raw = one.week.at(now)
-            found.append(Probe(one.id, "the schedule", f"{raw:g}", one.edge.value(raw), now))
-        return found
+        now_had = [(converter, week.at(now)) for converter, week in self._channels]
+        return [Probe(one.channel, "the schedule", f"{raw:g}", one.edge.value(raw), now) for one, raw in now_had]
 
     async def close(self) -> None:
         """End the delivery; safe to call twice."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer
 
@@ -13,7 +13,9 @@ from adapters.fields.logins import LoginConfig
 from adapters.fields.times import ZoneMissing, parse_time, written_time
 from adapters.fields.values import PositiveDuration, Text, text
 from adapters.series.database import Database, InfluxDB, Prometheus, Server, parts
-from adapters.series.source import SeriesChannel, SeriesSource
+
+if TYPE_CHECKING:
+    from adapters.series.source import SeriesSource
 
 
 def web_address(value: object) -> str:
@@ -65,20 +67,18 @@ class SeriesConfig(LoginConfig, RecordedConfig):
     @property
     def server(self) -> Server:
         """The server, and as whom it is asked."""
-        return Server(self.url, self.user, self.password_file, self.password_env)
+        return Server(self.url, self)
 
     @property
     def asked(self) -> Database:
         """The database, which is asked at the server."""
         raise NotImplementedError
 
-    def channels(self, bindings: Sequence[Binding]) -> list[SeriesChannel]:
-        """The channels as the source takes them."""
-        return [SeriesChannel(binding.id, binding.channel.query, binding.edge()) for binding in bindings]
-
     def build(self, name: str, bindings: Sequence[Binding]) -> SeriesSource:
         """The source called `name`."""
-        return SeriesSource(name, self.asked, self.channels(bindings), (self.begin, self.end), self.step, self.multiple)
+        from adapters.series.source import SeriesSource
+
+        return SeriesSource(name, self, bindings)
 
 
 class PrometheusConfig(SeriesConfig):

@@ -11,15 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from http.client import HTTPException
 from math import isfinite
-from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 from urllib.parse import urlencode
 
 import numpy as np
 import numpy.typing as npt
 
-from adapters.credentials import password
 from adapters.errors import SourceConfigError, SourceUnavailable
+from adapters.fields.logins import LoginConfig
 
 _TIMEOUT = 60.0
 """s that an answer may take."""
@@ -42,19 +41,18 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True)
 class Server:
-    """Where a database answers, and as whom it is asked: `url` without a path, `user` with a password or nobody."""
+    """Where a database answers, and as whom it is asked: `url` without a path, and the user of `login` or nobody."""
 
     url: str
-    user: str | None = None
-    password_file: Path | None = None
-    password_env: str | None = None
+    login: LoginConfig
 
     def ask(self, path: str, parameters: Mapping[str, str]) -> Any:
         """The JSON that `path` answers. Raises SourceUnavailable, and SourceConfigError where it refuses the
         question."""
         request = urllib.request.Request(f"{self.url.rstrip('/')}{path}?{urlencode(parameters)}")
-        if self.user is not None:
-            login = f"{self.user}:{password(self.password_file, self.password_env)}".encode()
+        user, secret = self.login.credentials()
+        if user is not None:
+            login = f"{user}:{secret}".encode()
             request.add_header("Authorization", f"Basic {base64.b64encode(login).decode()}")
         try:
             with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:

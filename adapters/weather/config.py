@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Literal, Self
-from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, BeforeValidator, Field, model_validator
 
 from adapters.csv.config import LayoutConfig
-from adapters.csv.table import Layout
 from adapters.fields.addresses import is_web_address
 from adapters.fields.tables import TABLE
 from adapters.fields.values import FilePath, PositiveDuration, Text, choice
-from adapters.timestamps import timestamp_parser
 from adapters.weather.forecast import MEANS, WeatherSource
 from adapters.weather.heard import HeardForecasts
 from adapters.weather.polled import PolledAddress, csv_file, json_file
-from adapters.zenoh.access import ANYBODY, collecting
-from adapters.zenoh.fields import Mode, SessionConfig
+from adapters.zenoh.connection import Mode, SessionConfig
 
 _DAY = 86400.0
 
@@ -59,16 +55,7 @@ class WeatherCsvConfig(LayoutConfig, WeatherConfig):
 
     def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
         """The source called `name`."""
-        stamp = self.timestamp
-        layout = Layout(
-            stamp.column,
-            timestamp_parser(stamp.format),
-            None if stamp.zone is None else ZoneInfo(stamp.zone),
-            self.delimiter,
-            self.decimal,
-            self.encoding,
-        )
-        return csv_file(name, self.file, self.refresh, layout, self.means, series)
+        return csv_file(name, self.file, self.refresh, self, self.means, series)
 
 
 class OpenMeteoConfig(WeatherConfig):
@@ -122,7 +109,7 @@ class ZenohWeatherConfig(SessionConfig, WeatherConfig):
 
     def build(self, name: str, series: tuple[str, ...]) -> WeatherSource:
         """The source called `name`."""
-        return HeardForecasts(name, self.session(collecting((ANYBODY,), relaying=False)), self.key)
+        return HeardForecasts(name, self, self.key)
 
 
 WEATHER_KINDS: dict[str, type[WeatherConfig]] = {

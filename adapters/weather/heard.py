@@ -10,23 +10,24 @@ from adapters.errors import SourceError, SourceUnavailable
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.weather.document import parse
 from adapters.weather.forecast import WeatherForecast
-from adapters.zenoh.connection import Connection
+from adapters.zenoh.access import ANYBODY, collecting
+from adapters.zenoh.connection import SessionConfig
 from adapters.zenoh.link import ZenohLink, key_problem
 
 
 class HeardForecasts:
     """Documents on one key; one is issued when it was sent, unless it says otherwise."""
 
-    def __init__(self, name: str, connection: Connection, key: str) -> None:
+    def __init__(self, name: str, session: SessionConfig, key: str) -> None:
         self.name = name
-        self._connection, self._key = connection, key
+        self._session, self._key = session, key
         self._link: ZenohLink | None = None
 
     def check(self) -> list[str]:
         """What is wrong with the key and with the files that the session names."""
         problem = key_problem(self._key)
         found = [] if problem is None else [f"weather.{self.name}.key: {problem}"]
-        return found + [f"weather.{self.name}: {problem}" for problem in self._connection.problems()]
+        return found + [f"weather.{self.name}: {problem}" for problem in self._session.problems()]
 
     async def forecasts(self) -> AsyncIterator[WeatherForecast]:
         """Every document as it comes, beginning with the last one if its publisher keeps it."""
@@ -44,7 +45,7 @@ class HeardForecasts:
 
         try:
             await self.close()
-            self._link = link = await ZenohLink.open(self._connection)
+            self._link = link = await ZenohLink.open(self._session, collecting((ANYBODY,), relaying=False))
             link.subscribe(self._key, heard, last=True)
             link.ask(self._key, heard, 5.0)
             while True:

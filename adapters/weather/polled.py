@@ -10,7 +10,8 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from http.client import HTTPException
 from pathlib import Path
 
-from adapters.csv.table import CsvChannel, Layout, column_problems, read_header, read_table
+from adapters.csv.config import LayoutConfig
+from adapters.csv.table import CsvChannel, column_problems, read_header, read_table
 from adapters.errors import SourceError, SourceUnavailable
 from adapters.weather.document import LONGEST, parse
 from adapters.weather.forecast import WeatherForecast, series_of
@@ -99,7 +100,9 @@ class PolledAddress:
             raise SourceUnavailable(f"the address cannot be reached ({reason}); check url and network") from error
 
 
-def csv_file(name: str, path: Path, every: float, layout: Layout, means: str, columns: Sequence[str]) -> PolledFile:
+def csv_file(
+    name: str, path: Path, every: float, layout: LayoutConfig, means: str, columns: Sequence[str]
+) -> PolledFile:
     """A CSV file with a time and the series in `columns`."""
     channels = [CsvChannel(column, (column,)) for column in columns]
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from adapters.channel import Binding
 from adapters.fields.values import Duration, Text, choice
 from adapters.messages.config import MessageChannelConfig, MessagesConfig, different
-from adapters.messages.points import TIMES, Dating
+from adapters.messages.dating import TIMES, Dating
 from adapters.zenoh.access import ANYBODY, collecting
-from adapters.zenoh.connection import Connection
-from adapters.zenoh.fields import Mode, SessionConfig
-from adapters.zenoh.source import Intake, ZenohSource
+from adapters.zenoh.connection import Mode, SessionConfig
+
+if TYPE_CHECKING:
+    from adapters.zenoh.source import ZenohSource
 
 
 class ZenohChannelConfig(MessageChannelConfig):
@@ -80,9 +81,14 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
         return self
 
     @property
-    def connection(self) -> Connection:
-        """The session in which `writers`, or whom we connect to, may tell us something."""
-        return self.session(collecting(self.writers or (ANYBODY,), relaying=bool(self.listen)))
+    def access(self) -> dict[str, object]:
+        """The access control by which `writers`, or whom we connect to, may tell us something."""
+        return collecting(self.writers or (ANYBODY,), relaying=bool(self.listen))
+
+    @property
+    def dating(self) -> Dating:
+        """How readings are dated."""
+        return Dating(self.times, self.max_ahead)
 
     @property
     def described(self) -> str:
@@ -93,5 +99,6 @@ class ZenohSourceConfig(SessionConfig, MessagesConfig):
 
     def build(self, name: str, bindings: Sequence[Binding]) -> ZenohSource:
         """The source called `name`."""
-        intake = Intake(Dating(self.times, self.max_ahead), self.recover, self.queue, self.longest_stretch)
-        return ZenohSource(name, self.connection, self.channels(bindings), intake)
+        from adapters.zenoh.source import ZenohSource
+
+        return ZenohSource(name, self, bindings)

@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -16,7 +16,7 @@ import zenoh.ext
 
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
-from adapters.zenoh.connection import Connection
+from adapters.zenoh.connection import SessionConfig
 
 _CLOSE_SECONDS = 1.0
 
@@ -35,15 +35,15 @@ class ZenohLink:
         self._subscriptions: dict[str, _Subscription] = {}
 
     @classmethod
-    async def open(cls, connection: Connection) -> ZenohLink:
-        """Open the session. Raises SourceConfigError for what the settings have wrong, and SourceUnavailable if nobody
-        answers within the timeout (mode "client") or an address is taken."""
-        config = session_config(connection)
+    async def open(cls, table: SessionConfig, access: Mapping[str, object]) -> ZenohLink:
+        """Open the session, with `access` as its access control. Raises SourceConfigError for what the settings have
+        wrong, and SourceUnavailable if nobody answers within the timeout (mode "client") or an address is taken."""
+        config = session_config(table, access)
         try:
             session = await _in_thread(lambda: zenoh.open(config), lambda late: late.close())
         except zenoh.ZError as error:
             text = first_line(error)
-            raise SourceUnavailable(await _in_thread(lambda: _why(connection, text))) from error
+            raise SourceUnavailable(await _in_thread(lambda: _why(table, text))) from error
         return cls(session)
 
     def subscribe(self, key: str, on_sample: OnSample, recover: float = 0.0, last: bool = False) -> None:
@@ -161,10 +161,10 @@ async def _in_thread(work: Callable[[], Any], abandoned: Callable[[Any], object]
     return await outcome
 
 
-def session_config(connection: Connection) -> zenoh.Config:
-    """The settings of `connection` for Zenoh; SourceConfigError for one that Zenoh does not take."""
+def session_config(table: SessionConfig, access: Mapping[str, object]) -> zenoh.Config:
+    """The settings of the session in `table` for Zenoh; SourceConfigError for one that Zenoh does not take."""
     config = zenoh.Config()
-    for key, value in connection.settings().items():
+    for key, value in table.settings(access).items():
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
@@ -172,18 +172,18 @@ def session_config(connection: Connection) -> zenoh.Config:
     return config
 
 
-def _why(connection: Connection, text: str) -> str:
+def _why(table: SessionConfig, text: str) -> str:
     """Why the session did not open, of which Zenoh says `text`, and the remedy."""
     if "in use" in text or "listener" in text:
-        return f"listen: an address of {', '.join(connection.listen)} cannot be used ({text}); choose another"
-    return refusal(connection) or (
-        f"no Zenoh session answers at {', '.join(connection.connect)}; start it, or correct the address"
+        return f"listen: an address of {', '.join(table.listen)} cannot be used ({text}); choose another"
+    return refusal(table) or (
+        f"no Zenoh session answers at {', '.join(table.connect)}; start it, or correct the address"
     )
 
 
-def refusal(connection: Connection) -> str | None:
+def refusal(table: SessionConfig) -> str | None:
     """The sentence about endpoints that accept a TCP connection but no session; None if there are none."""
-    refusing = [endpoint for endpoint in connection.connect if _answers(endpoint)]
+    refusing = [endpoint for endpoint in table.connect if _answers(endpoint)]
     if not refusing:
         return None
     return (

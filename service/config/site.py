@@ -250,7 +250,7 @@ class Config(BaseModel):
 
     def rebind_source(self, name: str, source: Any) -> None:
         """Let a live `source`, built from the same table, deliver to the channels of this configuration."""
-        source.rebind(self.sources[name].channels(self.bindings(name)))
+        source.rebind(self.bindings(name))
 
     def weather_series(self, name: str) -> tuple[str, ...]:
         """The series that channels want of the table [weather.`name`]."""

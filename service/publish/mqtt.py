@@ -20,9 +20,8 @@ from adapters.errors import SourceError
 from adapters.fields.values import Flag
 from adapters.fields.words import shown
 from adapters.mqtt.background import Background
-from adapters.mqtt.broker import Broker
+from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
-from adapters.mqtt.fields import BrokerConfig, Topic
 from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery
 from service.publish.sinks import Announcement, Occasion, SinkKind
@@ -58,7 +57,7 @@ class MqttConfig(BrokerConfig):
 class Publisher:
     """A client of a broker, in a thread of its own. Methods may be called from any thread."""
 
-    def __init__(self, broker: Broker, site: str, discovery_prefix: str | None = None) -> None:
+    def __init__(self, broker: BrokerConfig, site: str, discovery_prefix: str | None = None) -> None:
         """`discovery_prefix`: what the topics of Home Assistant's discovery begin with; None: it is told nothing."""
         self._broker, self._site, self._prefix = broker, site, discovery_prefix
         self._available = f"thermogate/{site}/availability"
@@ -219,13 +218,13 @@ class Publisher:
 
 
 def _problems(table: MqttConfig) -> Sequence[str]:
-    return [] if table.host is None else list(table.broker("").problems())
+    return [] if table.host is None else list(table.problems())
 
 
 def _open(table: MqttConfig, site: str) -> Publisher | None:
     if table.host is None:
         return None
-    broker = table.broker(f"thermogate-{site}")
+    broker = table.called(f"thermogate-{site}")
     return Publisher(broker, site, table.discovery_prefix if table.home_assistant else None).open()
 
 

@@ -24,8 +24,7 @@ from pydantic import Field, model_validator
 from adapters.errors import SourceConfigError
 from adapters.fields.values import Duration, Endpoint, Flag
 from adapters.zenoh.access import publishing
-from adapters.zenoh.connection import Connection
-from adapters.zenoh.fields import Mode, SessionConfig
+from adapters.zenoh.connection import Mode, SessionConfig
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
 from service.publish.sinks import TOPICS, Announcement, Occasion, SinkKind
@@ -84,10 +83,6 @@ class ZenohConfig(SessionConfig):
             raise ValueError('mode "client" needs a router to connect to; list it in connect, or use mode "peer"')
         return self
 
-    def connection(self, site: str) -> Connection:
-        """The session in which everyone who can connect may read what `site` publishes, and do nothing else."""
-        return self.session(publishing(f"thermogate/{site}/**"))
-
 
 class _Declared(Protocol):
     def undeclare(self) -> None: ...
@@ -110,14 +105,16 @@ class Publisher:
         self._waiting = BoundedSemaphore(MOST_QUESTIONS)
 
     @classmethod
-    def open(cls, connection: Connection, site: str, patience: float = 0.0) -> Publisher:
-        """Open the session; ServiceError if an address is taken, no router can be reached or none takes us."""
+    def open(cls, table: ZenohConfig, site: str) -> Publisher:
+        """Open the session, in which everyone who can connect may read what `site` publishes, and do nothing else;
+        ServiceError if an address is taken, no router can be reached or none takes us."""
         try:
-            return cls(zenoh.open(session_config(connection)), site, patience)
+            config = session_config(table, publishing(f"thermogate/{site}/**"))
+            return cls(zenoh.open(config), site, table.await_subscriber)
         except SourceConfigError as error:
             raise ServiceError(f"[zenoh]: {error}") from error
         except zenoh.ZError as error:
-            raise ServiceError(_opening_failed(connection, first_line(error))) from error
+            raise ServiceError(_opening_failed(table, first_line(error))) from error
 
     def answer_with(self, answering: Answering, of_site: bool = True) -> None:
         """Answer questions from now on, and that of the site as well unless others know all its zones; ServiceError if
@@ -322,17 +319,17 @@ def _refuse(query: zenoh.Query, sentence: str) -> None:
         query.reply_err(json.dumps(problem), encoding=zenoh.Encoding.APPLICATION_JSON)
 
 
-def _opening_failed(connection: Connection, text: str) -> str:
+def _opening_failed(table: SessionConfig, text: str) -> str:
     """Why the session did not open, of which Zenoh says `text`, and the remedy."""
     if "in use" in text:
         return (
-            f"zenoh.listen: an address of {', '.join(connection.listen)} is in use by another process; "
+            f"zenoh.listen: an address of {', '.join(table.listen)} is in use by another process; "
             "choose another port, stop that process, or do without Zenoh (zenoh.enabled = false)"
         )
-    if connection.mode == "client":
-        if refused := refusal(connection):
+    if table.mode == "client":
+        if refused := refusal(table):
             return f"zenoh.connect: {refused}"
-        connect = ", ".join(connection.connect) or "nothing"
+        connect = ", ".join(table.connect) or "nothing"
         return f"zenoh.connect: no Zenoh router answers at {connect}; start it or correct the address ({text})"
     return f"[zenoh]: the session cannot be opened ({text}); check mode, listen and connect"
 
@@ -344,11 +341,11 @@ def _matches(publisher: zenoh.Publisher) -> bool:
 
 
 def _problems(table: ZenohConfig) -> Sequence[str]:
-    return list(table.session({}).problems()) if table.enabled else []
+    return list(table.problems()) if table.enabled else []
 
 
 def _open(table: ZenohConfig, site: str) -> Publisher | None:
-    return Publisher.open(table.connection(site), site, table.await_subscriber) if table.enabled else None
+    return Publisher.open(table, site) if table.enabled else None
 
 
 KIND = SinkKind("zenoh", ZenohConfig, _problems, _open)

@@ -5,9 +5,10 @@ import asyncio
 import pytest
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
+from support.sources import source_table
 
 from adapters.cancelling import cancellable
-from adapters.modbus.client import Line, ModbusLink
+from adapters.modbus.client import ModbusLink
 
 MOMENTS = 12
 """More turns of the event loop than an answer takes from the socket to whoever has asked."""
@@ -66,7 +67,8 @@ async def reads_cancelled_at_every_moment() -> list[bool]:
 
     server = ModbusTcpServer(SimDevice(1, simdata=[words]), address=("127.0.0.1", 0), trace_pdu=trace)
     await server.serve_forever(background=True)
-    link = ModbusLink(Line(host="127.0.0.1", port=server.transport.sockets[0].getsockname()[1]))
+    port = server.transport.sockets[0].getsockname()[1]
+    link = ModbusLink(source_table("modbus", host="127.0.0.1", port=port, first_register=0))
     await link.open()
     ended = []
     try:

@@ -61,8 +61,7 @@ def test_a_sample_amounts_to_what_is_expected(folder: Path, request: pytest.Fixt
     amounts = {name: shown[name] for name in ("sources", "weather") if shown.get(name)}
     amounts["channels"] = shown["zones"][0]["channels"]
     amounts["reads"] = {name: table.described for name, table in config.sources.items()}
-    built = [channel for name, table in config.sources.items() for channel in table.channels(config.bindings(name))]
-    amounts["built"] = {channel.id: repr(channel) for channel in built}
+    amounts["edges"] = {one.id: repr(one.edge()) for name in config.sources for one in config.bindings(name)}
     amounts["addresses"] = {name: channel.address for name, channel in config.zones[0].channels.items()}
     expected = ADAPTERS / request.node.callspec.id / "testcases" / "expected.toml"
     if cases.WRITING:

@@ -6,39 +6,25 @@ import asyncio
 from contextlib import aclosing
 
 import pytest
-from support.modbus_plant import plant, serving
+from support.modbus_plant import channel, plant, serving, source
+from support.sources import bound, source_table
 from support.zenoh_plant import endpoint, listening, session
 
-from adapters.edge import Edge
-from adapters.messages.points import MessageChannel
-from adapters.modbus.client import Line
-from adapters.modbus.codec import Format
-from adapters.modbus.plan import Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
-from adapters.units import conversion
-from adapters.zenoh.connection import Connection
-from adapters.zenoh.source import Intake, ZenohSource
-
-METER = Edge(conversion=conversion("Wh", "W"), valid=(-1e12, 1e12), counter=True, rollover=65536.0)
-
-
-def register(name: str, address: int, edge: Edge = Edge()) -> ModbusChannel:  # noqa: B008 - a value, never changed
-    return ModbusChannel(f"z/{name}", address, Format("uint16"), edge=edge, register=address)
+METER = {"unit": "Wh", "to": "W", "valid": (-1e12, 1e12)}
+TABLE = source_table("modbus", host="127.0.0.1", first_register=0, type="uint16")
 
 
 def test_modbus_keeps_its_connection_and_what_a_counter_said() -> None:
     async def run() -> None:
         site = plant(holding=[100, 21, 7, 0])
         async with serving(site):
-            line = Line(host="127.0.0.1", port=site.port, timeout=0.5, retries=0)
-            meter, room = register("meter", 0, METER), register("room", 1)
-            bms = ModbusSource("bms", line, [meter, room], poll=0.05, limits=Limits(gap=8))
+            bms = source(site.port, [channel("meter", 0, "uint16", **METER), channel("room", 1, "uint16")])
             async with aclosing(bms.batches(None)) as stream:  # type: ignore[type-var]
                 first = await anext(stream)
                 assert [reading.channel for reading in first.readings] == ["z/room"], "a counter's first is no power"
                 site.registers[1, "holding"][0] = 110
                 # The same channels as new objects, one gone and one new.
-                bms.rebind([register("meter", 0, METER), register("other", 2)])
+                bms.rebind([bound(TABLE, "z/meter", register=0, **METER), bound(TABLE, "z/other", register=2)])
                 second = await anext(stream)
                 found = {reading.channel: reading.value for reading in second.readings}
                 assert found == {
@@ -58,13 +44,12 @@ def test_modbus_forgets_silence_and_refusals_of_what_it_no_longer_reads() -> Non
         site = plant({1: [21], 2: [22]})
         site.silent.add(2)
         async with serving(site):
-            line = Line(host="127.0.0.1", port=site.port, timeout=0.1, retries=0)
-            both = [register("one", 0), ModbusChannel("z/two", 0, Format("uint16"), unit=2)]
-            bms = ModbusSource("bms", line, both, poll=0.05, limits=Limits())
+            both = [channel("one", 0), channel("two", 0, unit_id=2)]
+            bms = source(site.port, both, timeout=0.1)
             async with aclosing(bms.batches(None)) as stream:  # type: ignore[type-var]
                 await anext(stream)
                 await anext(stream)
-                bms.rebind(both[:1])
+                bms.rebind([bound(TABLE, "z/one", register=0, type="int16")])
                 asked = len(site.requests(2))
                 for _ in range(3):
                     await anext(stream)
@@ -76,8 +61,9 @@ def test_modbus_forgets_silence_and_refusals_of_what_it_no_longer_reads() -> Non
 def test_zenoh_keeps_its_session_and_follows_its_keys() -> None:
     async def run() -> None:
         place = endpoint()
-        room, hall = MessageChannel("z/room", "bms/room"), MessageChannel("z/hall", "bms/hall")
-        bms = ZenohSource("bms", Connection(connect=(place,), timeout=1.0), [room], Intake())
+        table = source_table("zenoh", connect=[place], timeout=1.0)
+        room, hall = (bound(table, f"z/{name}", key=f"bms/{name}") for name in ("room", "hall"))
+        bms = table.build("bms", [room])
 
         def put() -> None:
             other.put("bms/room", "21.5")

@@ -12,18 +12,18 @@ pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from bacpypes3.pdu import IPv4Address
 from fuzz.fuzzing import raw
+from support.sources import bound, source_table
 
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
-from adapters.bacnet.network import Network
 from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property, parse_object
 from adapters.bacnet.points import BacnetChannel, Channels, Seen, probed
 from adapters.bacnet.units import unit_of
 from adapters.bacnet.values import Tagged, Unreadable, bits, flags, number, object_id, text, whole
-from adapters.edge import Edge
 from adapters.reading import Quality
 
 PEER = ("127.0.7.1", 47808)
 OBJECT = ObjectId(0, 1)
+TABLE = source_table("bacnet", interface="127.0.0.1", timeout=60.0, retries=0)
 KINDS = {"not_bacnet", "frame", "apdu", "notification"}
 
 
@@ -64,7 +64,7 @@ async def exchange(datagrams: list[bytes]) -> None:
     def note(kind: str) -> None:
         malformed[kind] += 1
 
-    link = BacnetLink(Network("127.0.0.1", timeout=60.0, retries=0), note)
+    link = BacnetLink(TABLE, note)
     link._stack.datagrams._transports = [Unsent()]  # type: ignore[list-item]
     told: list[Notification] = []
     link.listen(told.append)
@@ -100,8 +100,8 @@ async def exchange(datagrams: list[bytes]) -> None:
 
 def sound(seen: Seen) -> None:
     """Readings and probes of what was seen are sound, whatever it is."""
-    channel = BacnetChannel("z/T", 1201, OBJECT, unit="degC", edge=Edge(valid=(-60.0, 80.0)), stuck_after=1.0)
-    channels = Channels([channel], 900.0)
+    binding = bound(TABLE, "z/T", unit="degC", device=1201, object=str(OBJECT), stuck_after=1.0)
+    channel, channels = BacnetChannel(binding, TABLE.poll), Channels([binding], TABLE.poll)
     for when in (1_772_000_000.0, 1_772_000_001.5):
         for reading in channels.readings(1201, OBJECT, seen, when):
             assert (reading.fault is None) == (reading.quality is not Quality.BAD)

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import math
 import struct
+from typing import Any
 
 from fuzz.fuzzing import raw, structured
 from hypothesis import strategies as st
+from support.sources import bound, source_table
 
-from adapters.edge import Edge
 from adapters.modbus.client import Answer
 from adapters.modbus.codec import ORDERS, TYPES, Format, decode, is_available, other_orders
 from adapters.modbus.plan import TABLES, Limits, Point, halves, plan
 from adapters.modbus.points import Channels, ModbusChannel
 from adapters.modbus.probing import probed
 from adapters.reading import Quality
-from adapters.units import Affine
 
+TABLE = source_table("modbus", host="127.0.0.1", first_register=0)
 EDGES = [
-    Edge(valid=(-60.0, 80.0)),
-    Edge(scale=0.1, offset=-40.0, conversion=Affine(5 / 9, -160 / 9)),
-    Edge(scale=1e308, conversion=Affine(1e6, 0.0)),
-    Edge(counter=True, rollover=65536.0, conversion=Affine(3.6e6, 0.0)),
+    {"unit": "degC"},
+    {"unit": "degF", "to": "degC", "scale": 0.1, "offset": -40.0, "valid": (-1e300, 1e300)},
+    {"unit": "MW", "to": "W", "scale": 1e308, "valid": (-1e300, 1e300)},
+    {"unit": "kWh", "to": "W", "rollover": 65536.0, "valid": (-1e300, 1e300)},
 ]
 SEEDS = [struct.pack(">d", value) for value in (21.5, math.nan, math.inf, -0.0, 5e-324)]
 
 
-def read(words: list[int], form: Format, edge: Edge) -> None:
+def read(words: list[int], form: Format, edge: dict[str, Any]) -> None:
     """One answer, and a second one a moment later, as the source takes them."""
-    channel = ModbusChannel("z/T", 0, form, edge=edge, stuck_after=1.0, register=0)
-    channels = Channels([channel], 900.0)
+    written = {"type": form.type, "order": form.order, "bit": form.bit, "not_available": form.not_available}
+    binding = bound(TABLE, "z/T", register=0, stuck_after=1.0, **written, **edge)
+    channel, channels = ModbusChannel(binding, TABLE), Channels([binding], TABLE)
     for time in (1_772_000_000.0, 1_772_000_001.5):
         for request in plan(channels.points, Limits()):
             for reading in channels.readings(request, Answer(words, time)):

@@ -4,58 +4,41 @@ fault, or nothing; a topic is sound or a sentence."""
 from __future__ import annotations
 
 import json
-import math
 import socket
 from contextlib import suppress
+from typing import Any
 
 import paho.mqtt.client as paho
 from fuzz.fuzzing import raw, structured
+from fuzz.messages import NOW, become_readings
 from hypothesis import strategies as st
 
-from adapters.edge import Edge
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
-from adapters.messages.points import Channels, Dating, MessageChannel, probed
 from adapters.mqtt.broker import topic_problem
 from adapters.mqtt.client import _incoming
-from adapters.mqtt.source import TIMES, _described
-from adapters.payload.payload import PayloadFormat
-from adapters.reading import Quality
+from adapters.mqtt.source import _described
 
-NOW = 1_772_000_000.0
-FORMS = (
-    PayloadFormat(),
-    PayloadFormat("json", ("temperature",), ("time",), ("quality",)),
-    PayloadFormat("senml", record="T"),
-)
+FORMS: list[dict[str, Any]] = [
+    {},
+    {"format": "json", "value": "/temperature", "time": "/time", "quality": "/quality"},
+    {"format": "senml", "record": "T"},
+]
 CLIENT = paho.Client(paho.CallbackAPIVersion.VERSION2)
 DOCUMENT = b'{"temperature": 21.5, "time": "2026-02-25T06:13:10Z", "quality": "good", "linkquality": 87}'
 
 
-def become_readings(topic: str, payload: bytes, retained: bool) -> None:
-    """Through dating, stuck watch and edge to readings, and to what a person is shown; twice, as after a reconnect."""
-    fits = payload if len(payload) <= LONGEST_PAYLOAD else None
-    incoming = Incoming(topic, fits, len(payload), None, NOW, retained)
-    listed = [MessageChannel(f"z/{k}", topic, form, Edge(valid=(-60.0, 80.0)), 10.0) for k, form in enumerate(FORMS)]
-    listed.append(MessageChannel("z/meter", topic, edge=Edge(counter=True, rollover=65536.0)))
-    channels = Channels(listed, Dating(TIMES), 900.0, "topic")
-    for _ in range(2):
-        channels.start_again()
-        for reading in channels.readings(topic, [incoming]):
-            assert (reading.fault is None) == (reading.quality is not Quality.BAD)
-            assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
-            # A retained value whose age nobody knows is never good.
-            assert not retained or reading.time != NOW or reading.quality is not Quality.GOOD
-    for channel in listed:
-        shown = probed(channel, Dating(TIMES), [incoming], "nothing came")
-        assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
+def published(topic: str, payload: bytes, retained: bool) -> None:
+    """To readings, and to what a person who looks for another topic is told."""
+    become_readings(payload, FORMS, retained=retained)
     if topic_problem(topic) is None and topic.isprintable():
-        assert _described(incoming).isprintable()
+        fits = payload if len(payload) <= LONGEST_PAYLOAD else None
+        assert _described(Incoming(topic, fits, len(payload), None, NOW, retained)).isprintable()
 
 
 @raw(b"21.5", b"", DOCUMENT, b'[{"n": "T", "v": 21.5}]', b"9" * 70_000, share=8, examples=200)
 def test_mqtt_message(data: bytes) -> None:
     for retained in (False, True):
-        become_readings("home/T", data, retained)
+        published("home/T", data, retained)
 
 
 @structured(
@@ -69,7 +52,7 @@ def test_mqtt_message(data: bytes) -> None:
     retained=st.booleans(),
 )
 def test_mqtt_document(document: object, retained: bool) -> None:
-    become_readings("home/T", json.dumps(document).encode(), retained)
+    published("home/T", json.dumps(document).encode(), retained)
 
 
 @raw(b"home/living/T", b"home/+", b"#", b"", b"\x00", b"\xed\xa0\x80", b"a" * 70_000, share=3, examples=200)
@@ -116,4 +99,4 @@ def test_mqtt_wire(data: bytes) -> None:
                 break
     client._sock = None
     for incoming in came:
-        become_readings(incoming.key, incoming.payload or b"", incoming.retained)
+        published(incoming.key, incoming.payload or b"", incoming.retained)

@@ -6,37 +6,49 @@ import json
 import math
 import string
 from contextlib import suppress
+from typing import Any
 from zoneinfo import ZoneInfo
 
 from fuzz.fuzzing import raw, structured
+from fuzz.messages import EDGES, NOW, TABLE, become_readings
 from hypothesis import strategies as st
+from support.sources import bound, source_table
 
-from adapters.edge import Edge
-from adapters.http.source import HttpChannel, HttpSource
-from adapters.messages.inbox import Incoming
-from adapters.messages.points import TIMES, Channels, Dating, MessageChannel, probed
 from adapters.payload import json_pointer
 from adapters.payload.line_protocol import UNITS_PER_SECOND, points
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, quality_word
 from adapters.payload.times import TIME_FORMATS, parse_time
-from adapters.reading import Quality, Reading
+from adapters.reading import Quality
 from service.web.readings import read
 from service.web.server.refusal import RequestRefused
 
-NOW = 1_772_000_000.0
 BERLIN = ZoneInfo("Europe/Berlin")
 DOCUMENT = b'{"present": {"value": 19.96, "unit": "degC"}, "time": "2026-01-15T12:00:00.000Z", "quality": "good"}'
 PACK = b'[{"bn": "room2/", "bt": 1772000000, "bu": "Cel", "n": "T", "v": 21.5}, {"n": "u", "u": "W", "v": 4, "t": -5}]'
-JSON = PayloadFormat("json", ("present", "value"), ("time",), ("quality",), zone=BERLIN)
-EPOCH = PayloadFormat("json", ("v", "0"), ("t",), ("q",), "epoch_ms", good=frozenset({"192", "true"}))
-FORMS = [
-    PayloadFormat(),
-    JSON,
-    EPOCH,
-    PayloadFormat("senml", quality=("q",), record="room2/T", unit="degC"),
-    PayloadFormat("senml"),
-]
-EDGES = [Edge(valid=(-60.0, 80.0)), Edge(scale=1e308, offset=-1e308), Edge(counter=True, rollover=65536.0)]
+JSON = {
+    "format": "json",
+    "value": "/present/value",
+    "time": "/time",
+    "quality": "/quality",
+    "time_zone": "Europe/Berlin",
+}
+EPOCH = {
+    "format": "json",
+    "value": "/v/0",
+    "time": "/t",
+    "quality": "/q",
+    "time_format": "epoch_ms",
+    "good": ["192", "true"],
+}
+PACKS = [{"format": "senml", "quality": "/q", "record": "room2/T", "unit": "degC"}, {"format": "senml"}]
+PLAIN: dict[str, Any] = {}
+
+
+def taken(payload: bytes, *forms: dict[str, Any], stamp: float | None = None) -> None:
+    """What the payload says in each of `forms` has the form that it should have, and becomes readings."""
+    for form in forms:
+        said(payload, bound(TABLE, "z/T", key="k", **form).channel.payload_format)
+    become_readings(payload, [{key: form[key] for key in form if key != "unit"} for form in forms], stamp)
 
 
 def said(payload: bytes, form: PayloadFormat) -> list[Decoded | Rejected]:
@@ -54,38 +66,19 @@ def said(payload: bytes, form: PayloadFormat) -> list[Decoded | Rejected]:
     return entries
 
 
-def become_readings(payload: bytes, form: PayloadFormat, stamp: float | None = None) -> None:
-    """Through dating, stuck watch and edge to readings, and to what a person is shown."""
-    incoming = Incoming("bms/T", payload, len(payload), stamp, NOW)
-    listed = [MessageChannel(f"z/{k}", "bms/T", form, edge, 10.0) for k, edge in enumerate(EDGES)]
-    channels = Channels(listed, Dating(TIMES), 900.0)
-    for reading in [*channels.readings("bms/T", [incoming]), *channels.readings("bms/T", [incoming])]:
-        assert isinstance(reading, Reading)
-        assert (reading.fault is None) == (reading.quality is not Quality.BAD)
-        assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
-    for channel in listed:
-        shown = probed(channel, Dating(TIMES), [incoming], "nothing came")
-        assert "".join((shown.raw, shown.verdict, *shown.hints)).isprintable()
-
-
 @raw(b"21.5", b" -1e-3\n", b"true", b"null", b"nan", b"\xef\xbb\xbf7", share=12, examples=300)
 def test_plain_payload(data: bytes) -> None:
-    said(data, FORMS[0])
-    become_readings(data, FORMS[0])
+    taken(data, PLAIN)
 
 
 @raw(DOCUMENT, b'{"v": [1, 2], "t": 1772000000000, "q": 192}', b"[1, [2, {}]]", share=16)
 def test_json_payload(data: bytes) -> None:
-    for form in (JSON, EPOCH):
-        said(data, form)
-        become_readings(data, form, NOW - 3)
+    taken(data, JSON, EPOCH, stamp=NOW - 3)
 
 
 @raw(PACK, b'{"n": "T", "vb": true}', b'[{"bv": 1, "bver": 10, "s": 2, "vs": "x"}, {"v_": 1}]', share=16)
 def test_senml_payload(data: bytes) -> None:
-    for form in FORMS[3:]:
-        said(data, form)
-        become_readings(data, form)
+    taken(data, *PACKS)
 
 
 @raw(b"/present/value", b"/a~1b/0", b"/~0", b"", b"/007/-", share=6, examples=200)
@@ -133,10 +126,10 @@ def test_line_protocol(data: bytes) -> None:
             assert point.time is None or math.isfinite(point.time)
 
 
-POSTED = HttpSource(
+POSTED = source_table("http").build(
     "post",
     [
-        HttpChannel(f"room2/{name}", "roof", "room2", name, unit="degC", edge=edge)
+        bound(source_table("http"), f"room2/{name}", name="roof", **edge)
         for name, edge in zip(("T", "u", "on"), EDGES, strict=True)
     ],
 )
@@ -203,17 +196,12 @@ LABELS = st.sampled_from(["bn", "bt", "bu", "bv", "bver", "n", "u", "v", "vb", "
 )
 def test_json_document(document: object) -> None:
     payload = json.dumps(document).encode()
-    for form in (JSON, EPOCH):
-        said(payload, form)
-        become_readings(payload, form)
+    taken(payload, JSON, EPOCH)
 
 
 @structured(share=4, examples=80, pack=st.lists(st.dictionaries(LABELS, TREES, max_size=6), max_size=5))
 def test_senml_pack(pack: object) -> None:
-    payload = json.dumps(pack).encode()
-    for form in FORMS[3:]:
-        said(payload, form)
-        become_readings(payload, form)
+    taken(json.dumps(pack).encode(), *PACKS)
 
 
 @structured(

@@ -11,11 +11,10 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from fuzz.fuzzing import folder, raw, structured
 from hypothesis import strategies as st
+from support.sources import recording
 
 from adapters.csv.cells import Status, parse_numbers
-from adapters.csv.source import CsvChannel, CsvSource
 from adapters.csv.times import parse_timestamps, to_utc
-from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceError
 from adapters.fields.durations import format_duration, parse_duration
 from adapters.reading import Quality, Reading
@@ -29,9 +28,9 @@ ROWS = (
     b"2025-10-26 02:30:00;21,5;0,3;1002\n2025-10-26 02:10:00;;1e999;3\n\n2025-10-26 03:10:00+01:00;19;0;4\n"
 )
 CHANNELS = [
-    CsvChannel("z/T", ("T",), Edge(valid=(-60.0, 80.0))),
-    CsvChannel("z/P", ("P", "T"), Edge(scale=1e3)),
-    CsvChannel("z/E", ("E",), Edge(counter=True, rollover=1e6)),
+    {"id": "z/T", "column": "T", "unit": "degC"},
+    {"id": "z/P", "columns": ["P", "T"], "scale": 1e3, "valid": (-1e300, 1e300)},
+    {"id": "z/E", "column": "E", "unit": "J", "to": "W", "rollover": 1e6, "valid": (-1e300, 1e300)},
 ]
 
 
@@ -39,8 +38,8 @@ def delivered(content: bytes, name: str, **settings: object) -> list[Reading]:
     """What a source makes of a file, or nothing where it says in a sentence why it cannot."""
     path = FOLDER / name
     path.write_bytes(content)
-    ours = {"timestamp_column": "Timestamp", "zone": "Europe/Berlin", "delimiter": ";", "decimal": ","} | settings
-    source = CsvSource("log", [path], CHANNELS, **ours)  # type: ignore[arg-type]
+    ours = {"zone": "Europe/Berlin", "delimiter": ";", "decimal": ","} | settings
+    source = recording("log", [path], CHANNELS, "Timestamp", **ours)
 
     async def collect() -> list[Reading]:
         return [reading async for batch in source.batches(None) for reading in batch.readings]

@@ -22,11 +22,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from integration.load import PATIENCE, SETTLING, Meter, beside, received
 from integration.modbus_load import Load
 from support.bacnet_plant import Peer, free_udp_port
+from support.sources import bound, source_table
 
-from adapters.bacnet.network import Network
-from adapters.bacnet.objects import parse_object
-from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
-from adapters.edge import Edge
+from adapters.bacnet.source import BacnetSource
 
 
 def _serve(devices: int, objects: int, port: int, pipe: Connection) -> None:
@@ -56,19 +54,18 @@ async def _follow(source: BacnetSource, arrivals: dict[str, list[float]], counts
         arrivals.setdefault(batch.readings[0].channel.split("/")[0], []).append(asyncio.get_running_loop().time())
 
 
-async def _measure(devices: int, objects: int, port: int, seconds: float, polling: Polling) -> Load:
+async def _measure(devices: int, objects: int, port: int, seconds: float, poll: float, cov: bool) -> Load:
+    table = source_table("bacnet", interface="127.0.0.1/8", port=port, poll=poll, cov=cov)
     channels = [
-        BacnetChannel(
-            f"d{device}/c{k}", 1000 + device, parse_object(f"analog-input,{k}"), unit="degC", edge=Edge(valid=(-60, 80))
-        )
+        bound(table, f"d{device}/c{k}", unit="degC", device=1000 + device, object=f"analog-input,{k}")
         for device in range(devices)
         for k in range(1, objects + 1)
     ]
-    source = BacnetSource("bms", Network("127.0.0.1/8", port), channels, polling)
+    source = table.build("bms", channels)
     arrivals: dict[str, list[float]] = {}
     counts: list[int] = []
     task = asyncio.create_task(_follow(source, arrivals, counts))
-    await asyncio.sleep(2 * polling.poll + SETTLING)
+    await asyncio.sleep(2 * poll + SETTLING)
     arrivals.clear()
     counts.clear()
     late = source.late
@@ -76,14 +73,14 @@ async def _measure(devices: int, objects: int, port: int, seconds: float, pollin
     await asyncio.sleep(seconds)
     # Of a few seconds on a busy machine, too, there is something to tell.
     while len(arrivals) < devices and meter.seconds < seconds + PATIENCE:
-        await asyncio.sleep(polling.poll)
+        await asyncio.sleep(poll)
     cost = meter.read()
     late = source.late - late
     task.cancel()
     (outcome,) = await asyncio.gather(task, return_exceptions=True)
     if not isinstance(outcome, asyncio.CancelledError):
         raise RuntimeError(f"the source failed: {outcome!r}")
-    expected = int(cost.seconds / polling.poll)
+    expected = int(cost.seconds / poll)
     gaps = [later - earlier for arrived in arrivals.values() for earlier, later in pairwise(arrived)]
     made = sum(map(len, arrivals.values()))
     return Load(
@@ -92,17 +89,17 @@ async def _measure(devices: int, objects: int, port: int, seconds: float, pollin
         polls=made,
         missed=sum(max(0, expected - len(arrivals.get(f"d{device}", ()))) for device in range(devices)) + late,
         readings=sum(counts),
-        worst_gap=max(gaps, default=0.0) / polling.poll,
+        worst_gap=max(gaps, default=0.0) / poll,
         cost=cost,
     )
 
 
-def measure(devices: int, objects: int, seconds: float, polling: Polling) -> Load:
+def measure(devices: int, objects: int, seconds: float, poll: float, cov: bool = True) -> Load:
     """Read `devices` devices with `objects` objects each for `seconds`."""
     port = free_udp_port()
     with beside(_serve, devices, objects, port) as pipe:
         received(pipe)
-        return asyncio.run(_measure(devices, objects, port, seconds, polling))
+        return asyncio.run(_measure(devices, objects, port, seconds, poll, cov))
 
 
 def main() -> int:
@@ -114,8 +111,7 @@ def main() -> int:
     parser.add_argument("--poll", type=float, default=10.0)
     parser.add_argument("--polled", action="store_true", help="without subscriptions")
     arguments = parser.parse_args()
-    polling = Polling(arguments.poll, None if arguments.polled else 300.0)
-    load = measure(arguments.devices, arguments.objects, arguments.seconds, polling)
+    load = measure(arguments.devices, arguments.objects, arguments.seconds, arguments.poll, not arguments.polled)
     print("\n".join(load.lines()))
     lost = load.missed or load.readings != load.polls * load.channels
     return 1 if lost or load.cost.grew else 0

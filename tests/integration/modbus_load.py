@@ -22,12 +22,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from integration.load import PATIENCE, SETTLING, Cost, Meter, beside, received
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
+from support.modbus_plant import channel, source
 
-from adapters.edge import Edge
-from adapters.modbus.client import Line
-from adapters.modbus.codec import Format
-from adapters.modbus.plan import Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
+from adapters.reading import Source
 
 
 class Load(NamedTuple):
@@ -69,31 +66,20 @@ def _serve(devices: int, registers: int, pipe: Connection) -> None:
     asyncio.run(serve())
 
 
-async def _poll(source: ModbusSource, arrivals: list[float], counts: list[int]) -> None:
-    async for batch in source.batches(None):
+async def _poll(device: Source, arrivals: list[float], counts: list[int]) -> None:
+    async for batch in device.batches(None):
         arrivals.append(asyncio.get_running_loop().time())
         counts.append(len(batch.readings))
 
 
 async def _measure(ports: list[int], registers: int, seconds: float, poll: float) -> Load:
-    sources = [
-        ModbusSource(
-            f"device-{port}",
-            Line(host="127.0.0.1", port=port),
-            [
-                ModbusChannel(f"z/c{k}", k, Format("int16"), edge=Edge(0.1, valid=(-60.0, 80.0)))
-                for k in range(registers)
-            ],
-            poll=poll,
-            limits=Limits(),
-        )
-        for port in ports
-    ]
+    channels = [channel(f"c{k}", k, scale=0.1, unit="degC") for k in range(registers)]
+    sources = [source(port, channels, timeout=3.0, retries=1, poll=poll) for port in ports]
     arrivals: list[list[float]] = [[] for _ in ports]
     counts: list[list[int]] = [[] for _ in ports]
     tasks = [
-        asyncio.create_task(_poll(source, arrived, counted))
-        for source, arrived, counted in zip(sources, arrivals, counts, strict=True)
+        asyncio.create_task(_poll(device, arrived, counted))
+        for device, arrived, counted in zip(sources, arrivals, counts, strict=True)
     ]
     await asyncio.sleep(SETTLING)
     for kept in (*arrivals, *counts):
@@ -116,7 +102,7 @@ async def _measure(ports: list[int], registers: int, seconds: float, poll: float
         devices=len(ports),
         channels=registers,
         polls=sum(map(len, arrivals)),
-        missed=sum(max(0, expected - len(arrived)) for arrived in arrivals) + sum(source.late for source in sources),
+        missed=sum(max(0, expected - len(arrived)) for arrived in arrivals) + sum(device.late for device in sources),
         readings=sum(map(sum, counts)),
         worst_gap=max(gaps, default=0.0) / poll,
         cost=cost,

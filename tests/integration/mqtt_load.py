@@ -26,13 +26,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import paho.mqtt.client as paho
 from integration.load import SETTLING, Cost, Meter, beside
 from support.broker import broker
+from support.sources import bound, source_table
 
-from adapters.messages.points import MessageChannel
-from adapters.mqtt.broker import Broker
-from adapters.mqtt.source import Intake, MqttSource
-from adapters.payload.payload import PayloadFormat
-
-FORMAT = PayloadFormat("json", ("value",), ("time",))
+from adapters.mqtt.source import MqttSource
 
 _LATEST = 60.0
 """Seconds that are waited for the last messages."""
@@ -106,8 +102,8 @@ class _Ledger:
 
 
 async def _measure(port: int, topics: int, rate: float, rounds: int, pipe: Connection) -> Load:
-    channels = [MessageChannel(f"z/c{k}", f"load/{k}", FORMAT) for k in range(topics)]
-    source = MqttSource("load", Broker("127.0.0.1", port, client_id="load"), channels, Intake())
+    table = source_table("mqtt", host="127.0.0.1", port=port, client_id="load", format="json", time="/time")
+    source = table.build("load", [bound(table, f"z/c{k}", topic=f"load/{k}") for k in range(topics)])
     ledger, ready = _Ledger(topics), asyncio.Event()
     taking = asyncio.create_task(ledger.take(source, ready))
     async with asyncio.timeout(_LATEST):

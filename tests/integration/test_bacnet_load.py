@@ -6,10 +6,8 @@ pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from integration.bacnet_load import measure
 
-from adapters.bacnet.source import Polling
-
 
 def test_of_a_few_devices_every_poll_brings_every_object():
-    load = measure(devices=4, objects=50, seconds=2.0, polling=Polling(0.5, 300.0))
+    load = measure(devices=4, objects=50, seconds=2.0, poll=0.5)
     assert load.polls > 0
     assert load.readings == load.polls * 50

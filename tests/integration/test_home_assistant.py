@@ -15,7 +15,7 @@ from support.fake_zones import doubted, make_update, running, skill_over
 from support.harness import EXAMPLES, ROOT, Daemon
 from support.home_assistant import HomeAssistant, home_assistant
 
-from adapters.mqtt.broker import Broker
+from adapters.mqtt.broker import BrokerConfig
 from replay.recorded.learning import learn, survey
 from service.config.load import load_history
 from service.errors import ConfigError
@@ -137,7 +137,7 @@ def _as_published(house: HomeAssistant, listening: Party) -> bool:
 def test_every_value_is_as_published(tmp_path: Path) -> None:
     with broker(tmp_path) as site, home_assistant(tmp_path / "house") as house:
         house.set_up(site.port)
-        client = Broker("127.0.0.1", site.port, client_id="thermogate-home")
+        client = BrokerConfig(host="127.0.0.1", port=site.port, client_id="thermogate-home")
         publisher = Publisher(client, "home", "homeassistant").open()
         publisher.add("living")
         zone, update = doubted("living"), make_update(3)

@@ -7,7 +7,6 @@ from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
-from adapters.mqtt.broker import Broker
 from service.config.http import HttpConfig
 from service.daemon.instruments import instrument
 from service.publish import mqtt
@@ -27,7 +26,9 @@ def exposed() -> dict[str, str]:
     with TemporaryDirectory() as folder:
         store = Store(Path(folder))
         session: Any = SimpleNamespace(info=SimpleNamespace(transports=list))
-        instrument(metrics, parts, store, [Publisher(session, "site"), mqtt.Publisher(Broker(""), "site"), Streams()])
+        instrument(
+            metrics, parts, store, [Publisher(session, "site"), mqtt.Publisher(mqtt.MqttConfig(), "site"), Streams()]
+        )
         store.close()
     app = create_app("site", {}, metrics.registry)
     server = HttpServer(app, HttpConfig(port=0))

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
 from pymodbus.pdu import ModbusPDU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
+from support.sources import bound, source_table
 
 from replay.bms.modbus_server import shut_down
 
@@ -19,6 +21,18 @@ READS = {1, 2, 3, 4}
 """The function codes that change nothing in a device."""
 
 _BLOCKS = {1: "coil", 2: "discrete", 3: "holding", 4: "input"}
+
+
+def channel(name: str, register: int, type: str = "int16", **keys: Any) -> dict[str, Any]:
+    """Channel `name` of the zone z in a register that counts from 0."""
+    return {"id": f"z/{name}", "register": register, "type": type} | keys
+
+
+def source(port: int, channels: Sequence[Mapping[str, Any]], **keys: Any) -> Any:
+    """A source of `channels` at `port` of this machine that polls all the time, for a table with `keys`."""
+    quick = {"host": "127.0.0.1", "port": port, "first_register": 0, "timeout": 2.0, "retries": 0, "poll": 0.05}
+    table = source_table("modbus", **quick | keys)
+    return table.build("bms", [bound(table, **one) for one in channels])
 
 
 @dataclass

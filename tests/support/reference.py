@@ -26,9 +26,9 @@ from adapters.fields.durations import format_duration, parse_duration
 from adapters.fields.logins import CertificatesConfig, LoginConfig
 from adapters.fields.sizes import format_size
 from adapters.messages.config import MessageChannelConfig
-from adapters.mqtt.fields import BrokerConfig
+from adapters.mqtt.broker import BrokerConfig
 from adapters.series import config as series
-from adapters.zenoh.fields import SessionConfig
+from adapters.zenoh.connection import SessionConfig
 from service.config.network_tables import BoundsConfig
 
 MARK = re.compile(r"(<!-- table: ([\w.]+) -->\n)(?:\|.*\n)*")

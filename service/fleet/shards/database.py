@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from adapters.credentials import password
 from adapters.errors import SourceConfigError
+from adapters.fields.logins import password
 from service.config.fleet import FleetConfig
 from service.errors import ServiceError
 

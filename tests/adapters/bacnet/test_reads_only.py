@@ -17,9 +17,9 @@ from bacpypes3.apdu import (
 )
 from bacpypes3.primitivedata import ObjectIdentifier, Real
 from support.bacnet_plant import READS, Peer, free_udp_port, serving
+from support.sources import source_table
 
 from adapters.bacnet.client import BacnetLink
-from adapters.bacnet.network import Network
 from adapters.bacnet.objects import ObjectId, Property
 from adapters.bacnet.stack import REQUESTS, NotReading, Stack
 
@@ -70,7 +70,7 @@ def test_the_requests_that_are_sent_are_those_that_read():
 
 def test_the_link_offers_nothing_but_to_read():
     async def job():
-        return BacnetLink(Network("127.0.0.1"), lambda kind: None)
+        return BacnetLink(source_table("bacnet", interface="127.0.0.1"), lambda kind: None)
 
     link = asyncio.run(job())
     verbs = {name for name in dir(link) if not name.startswith("_")}
@@ -113,7 +113,7 @@ def test_a_verb_dug_out_of_the_library_does_not_reach_a_device():
         peer = Peer(1201, port)
         air = peer.add()
         async with serving(peer):
-            link = BacnetLink(Network("127.0.0.1/8", port, timeout=2.0), lambda kind: None)
+            link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
             await link.open()
             device = await link.find(1201, None)
             application = link._stack.application
@@ -142,7 +142,7 @@ def test_others_can_neither_write_to_it_nor_silence_it():
         peer = Peer(1201, port)
         peer.add()
         async with serving(peer):
-            link = BacnetLink(Network("127.0.0.1/8", port, timeout=2.0), lambda kind: None)
+            link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
             await link.open()
             device = await link.find(1201, None)
             me = _address(port)

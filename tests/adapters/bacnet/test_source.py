@@ -12,29 +12,25 @@ import pytest
 pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from support.bacnet_plant import Bbmd, Peer, free_udp_port, serving
+from support.sources import bound, source_table
 from support.waiting import PATIENCE, until
 
 import adapters.bacnet.session
 import adapters.bacnet.source
-from adapters.bacnet.network import Network
-from adapters.bacnet.objects import parse_object
-from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
-from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.reading import Fault, Quality
 from adapters.scanning import Scan
-from adapters.units import conversion
-
-CELSIUS = Edge(valid=(-60.0, 80.0))
 
 
-def channel(name="T", object="analog-input,1", device=1201, edge=CELSIUS, unit="degC", **settings):
-    return BacnetChannel(f"z/{name}", device, parse_object(object), edge=edge, unit=unit, **settings)
+def channel(name="T", object="analog-input,1", device=1201, **keys):
+    table = source_table("bacnet", interface="127.0.0.1")
+    return bound(table, f"z/{name}", **{"unit": "degC", "cov": False} | keys, object=object, device=device)
 
 
-def source(port, channels, poll=0.05, lifetime=None, interface="127.0.0.1/8", **network):
-    settings = {"timeout": 2.0, "retries": 0} | network
-    return BacnetSource("bms", Network(interface, port, **settings), channels, Polling(poll, lifetime))
+def source(port, channels, lifetime=300.0, **keys):
+    quick = {"interface": "127.0.0.1/8", "port": port, "timeout": 2.0, "retries": 0, "poll": 0.05}
+    table = source_table("bacnet", **quick | keys).model_copy(update={"lifetime": lifetime})
+    return table.build("bms", channels)
 
 
 def values(batches):
@@ -72,9 +68,9 @@ def test_present_values_are_polled_and_converted():
         peer.add("binary-input,1", "active")
         channels = [
             channel("air", "analog-input,1"),
-            channel("fahrenheit", "analog-value,7", unit="degF", edge=Edge(conversion=conversion("degF", "degC"))),
-            channel("power", "analog-input,2", unit="kW", edge=Edge(conversion=conversion("kW", "W"))),
-            channel("relay", "binary-input,1", unit="W", edge=Edge(scale=1500.0)),
+            channel("fahrenheit", "analog-value,7", unit="degF", to="degC"),
+            channel("power", "analog-input,2", unit="kW", to="W"),
+            channel("relay", "binary-input,1", unit="W", scale=1500.0),
         ]
         async with serving(peer):
             before = time.time()
@@ -143,7 +139,7 @@ def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
         port = free_udp_port()
         peer = Peer(1201, port)
         air = peer.add(value=20.0)
-        bms = source(port, [channel(stuck_after=3600.0)], lifetime=300.0)
+        bms = source(port, [channel(stuck_after=3600.0, cov=True)])
         async with serving(peer), aclosing(bms.batches(None)) as stream:
             while "SubscribeCOVRequest" not in peer.asked:
                 await anext(stream)
@@ -177,7 +173,7 @@ def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
         port = free_udp_port()
         peer = Peer(1201, port)
         air = peer.add(value=20.0, covIncrement=5.0)
-        async with serving(peer), aclosing(source(port, [channel()], lifetime=0.2).batches(None)) as stream:
+        async with serving(peer), aclosing(source(port, [channel(cov=True)], lifetime=0.2).batches(None)) as stream:
             while peer.asked.count("SubscribeCOVRequest") < 3:
                 await anext(stream)
             # Too little to be told of.
@@ -199,11 +195,11 @@ def test_what_is_not_offered_is_polled(caplog):
         peer.refused.add(("analog-input", 2))
         unwanted = peer.add("analog-input,3", 3.0)
         channels = [
-            channel("a", "analog-input,1"),
-            channel("b", "analog-input,2"),
-            channel("c", "analog-input,3", cov=False),
+            channel("a", "analog-input,1", cov=True),
+            channel("b", "analog-input,2", cov=True),
+            channel("c", "analog-input,3"),
         ]
-        async with serving(peer), aclosing(source(port, channels, lifetime=300.0).batches(None)) as stream:
+        async with serving(peer), aclosing(source(port, channels).batches(None)) as stream:
             while peer.asked.count("SubscribeCOVRequest") < 2:
                 await anext(stream)
             for one, value in ((offered, 11.0), (refused, 12.0), (unwanted, 13.0)):
@@ -248,7 +244,7 @@ def test_values_that_cannot_be_used():
         peer.add("analog-input,3", 200.0)
         channels = [
             channel("unit", "analog-input,1"),
-            channel("ignored", "analog-input,1", unit=None),
+            channel("ignored", "analog-input,1", compare_units=False),
             channel("nan", "analog-input,2"),
             channel("range", "analog-input,3"),
             channel("missing", "analog-input,9"),
@@ -330,7 +326,7 @@ def test_when_every_device_is_silent_the_source_is_not_there():
         peer.add()
         async with serving(peer):
             assert values(await collect(bms, bool)) == {"z/T": 21.5}, "the next attempt is a new one"
-        elsewhere = source(port, [channel(address=f"127.0.7.9:{port}")], timeout=0.2)
+        elsewhere = source(port, [channel(at=f"127.0.7.9:{port}")], timeout=0.2)
         with pytest.raises(SourceUnavailable, match=rf"no answer from 127\.0\.7\.9:{port} within 0\.2 s"):
             await collect(elsewhere, lambda got: False)
 
@@ -343,10 +339,10 @@ def test_the_address_of_a_device_can_be_given_and_is_checked():
         peer = Peer(1201, port)
         peer.add()
         async with serving(peer):
-            bms = source(port, [channel(address=peer.where)], interface="127.0.0.1")
+            bms = source(port, [channel(at=peer.where)], interface="127.0.0.1")
             assert values(await collect(bms, bool)) == {"z/T": 21.5}
             assert "WhoIsRequest" not in peer.asked
-            wrong = source(port, [channel(device=77, address=peer.where)])
+            wrong = source(port, [channel(device=77, at=peer.where)])
             with pytest.raises(SourceUnavailable, match=r"is not device 77: object error unknown-object"):
                 await collect(wrong, lambda got: False)
 
@@ -377,7 +373,7 @@ def test_channels_change_while_it_is_at_work():
             for _ in range(5):
                 assert values([await anext(stream)]) == {"z/other": 2.0}
             assert len(one.asked) == asked, "a device without channels is left alone"
-            bms.rebind([channel("other", device=1202, address=one.where)])
+            bms.rebind([channel("other", device=1202, at=one.where)])
             async with asyncio.timeout(PATIENCE):
                 with pytest.raises(SourceUnavailable, match="is not device 1202"):
                     await exhaust(stream)
@@ -484,14 +480,13 @@ def test_probe_shows_what_each_channel_brings():
         peer.add("analog-input,4", 99.0)
         peer.add("analog-input,6", 1.8, covIncrement=0.5)
         peer.add("analog-input,5", 20.0, reliability="noSensor")
-        meter = Edge(conversion=conversion("kWh", "W"), counter=True)
         channels = [
             channel(),
             channel("F", "analog-input,2"),
-            channel("meter", "analog-input,3", unit="kWh", edge=meter),
+            channel("meter", "analog-input,3", unit="kWh", to="W"),
             channel("hot", "analog-input,4"),
             channel("broken", "analog-input,5"),
-            channel("cold", "analog-input,6", edge=Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0))),
+            channel("cold", "analog-input,6", usual=(5.0, 40.0), cov=True),
             channel("none", "analog-input,9"),
             channel("away", device=1299),
         ]
@@ -572,7 +567,7 @@ def test_without_the_library_or_a_way_to_find_devices_check_says_so(monkeypatch)
         "sources.bms: nobody can be asked where device 1201 is: give interface its prefix, such as interface = "
         '"192.0.2.1/24", or give bbmd, or say at which address each device is'
     ]
-    assert source(47808, [channel(address="192.0.2.7")], interface="192.0.2.1").check() == []
+    assert source(47808, [channel(at="192.0.2.7")], interface="192.0.2.1").check() == []
     monkeypatch.setattr(adapters.bacnet.source, "find_spec", lambda name: None)
     assert source(47808, [channel()]).check() == [
         "sources.bms: BACnet needs bacpypes3; install it with: pip install 'thermogate[bacnet]'"

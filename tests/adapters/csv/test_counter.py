@@ -4,14 +4,12 @@ import asyncio
 from itertools import pairwise
 
 import pytest
+from support.sources import recording
 
-from adapters.csv.source import CsvChannel, CsvSource
-from adapters.edge import Edge
 from adapters.errors import SourceUnavailable
 from adapters.reading import Fault
-from adapters.units import conversion
 
-METER = Edge(conversion=conversion("kWh", "W"), valid=(-1e6, 1e6), counter=True)
+METER = {"id": "z/u", "column": "E", "unit": "kWh", "to": "W"}
 
 
 def source(tmp_path, *texts, **settings):
@@ -19,8 +17,8 @@ def source(tmp_path, *texts, **settings):
     for number, text in enumerate(texts):
         files.append(tmp_path / f"{number}.csv")
         files[-1].write_text("t,E,T\n" + text)
-    channels = [CsvChannel("z/u", ("E",), METER), CsvChannel("z/T", ("T",), Edge(valid=(-60.0, 80.0)))]
-    return CsvSource("log", files, channels, timestamp_column="t", timestamp_format="epoch", **settings)
+    channels = [METER, {"id": "z/T", "column": "T", "unit": "degC"}]
+    return recording("log", files, channels, format="epoch", **settings)
 
 
 def powers(csv_source, start=None):
@@ -58,8 +56,7 @@ def test_rows_of_the_hour_that_autumn_repeats_are_an_hour_apart(tmp_path):
     hours = ["02:00", "02:30", "02:00", "02:30", "03:00"]
     rows = [f"2025-10-26 {hour},{10 + k / 2},1" for k, hour in enumerate(hours)]
     path.write_text("t,E,T\n" + "\n".join(rows) + "\n")
-    channels = [CsvChannel("z/u", ("E",), METER)]
-    found = powers(CsvSource("log", [path], channels, timestamp_column="t", zone="Europe/Berlin"))
+    found = powers(recording("log", [path], [METER], zone="Europe/Berlin"))
     assert [value for _, value in found] == [1000.0] * 4
     assert [later[0] - earlier[0] for earlier, later in pairwise(found)] == [1800.0] * 3
 

@@ -6,9 +6,9 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from support.sources import recording
 
 from adapters.csv.growing import GrowingFile
-from adapters.csv.source import CsvChannel, CsvSource
 from adapters.errors import SourceUnavailable
 
 HEAD = b"time,T\n"
@@ -51,8 +51,7 @@ def test_a_followed_source_delivers_what_is_appended_and_ends_when_it_is_closed(
     first, last = tmp_path / "old.csv", tmp_path / "log.csv"
     first.write_bytes(HEAD + row(0, 20))
     last.write_bytes(HEAD + row(1, 21))
-    channel = CsvChannel("room/T", ("T",))
-    source = CsvSource("logger", [first, last], [channel], timestamp_column="time", follow=True)
+    source = recording("logger", [first, last], [{"id": "room/T", "column": "T"}], "time", follow=True)
 
     async def run() -> list[float]:
         values: list[float] = []

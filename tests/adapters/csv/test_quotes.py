@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from adapters.csv.source import CsvChannel, CsvSource
-from adapters.csv.table import Table, read_table
+from adapters.csv.config import LayoutConfig
+from adapters.csv.table import CsvChannel, Table, read_table
 from adapters.errors import SourceUnavailable
 
 ROWS = [f"2025-01-01T00:{minute:02}:00Z,{20 + minute}" for minute in range(50)]
@@ -17,8 +17,7 @@ ROWS = [f"2025-01-01T00:{minute:02}:00Z,{20 + minute}" for minute in range(50)]
 
 def table(path: Path, text: str, delimiter: str = ",") -> Table:
     path.write_text(text)
-    source = CsvSource("r", [path], [CsvChannel("z/T", ("T",))], timestamp_column="t", delimiter=delimiter)
-    return read_table(path, [CsvChannel("z/T", ("T",))], source._layout)
+    return read_table(path, [CsvChannel("z/T", ("T",))], LayoutConfig(timestamp={"column": "t"}, delimiter=delimiter))
 
 
 @pytest.mark.parametrize("row", ['2025-01-01T00:20:00Z,"40', '"2025-01-01T00:20:00Z,40', '2025-01-01T00:20:00Z, "40'])
@@ -53,11 +52,10 @@ def test_a_line_without_an_end_is_refused_before_it_is_read(tmp_path: Path) -> N
         file.write(b"t,T\n")
         for _ in range(100):
             file.write(b"x" * 2**20)
-    source = CsvSource("r", [path], [CsvChannel("z/T", ("T",))], timestamp_column="t")
     tracemalloc.start()
     try:
         with pytest.raises(SourceUnavailable, match="is it CSV"):
-            read_table(path, [CsvChannel("z/T", ("T",))], source._layout)
+            read_table(path, [CsvChannel("z/T", ("T",))], LayoutConfig(timestamp={"column": "t"}))
         assert tracemalloc.get_traced_memory()[1] < 20 * 2**20
     finally:
         tracemalloc.stop()

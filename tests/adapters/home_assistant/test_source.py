@@ -5,12 +5,10 @@ import sqlite3
 from contextlib import closing
 
 import pytest
+from support.sources import bound, source_table
 
-from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.home_assistant.database import Entity
-from adapters.home_assistant.source import RecorderChannel, RecorderSource
-from adapters.units import conversion
 
 BEGIN = 1_760_000_000 // 3600 * 3600
 """UTC s of a whole hour."""
@@ -57,9 +55,12 @@ def database(path, rows, runs=((0, None),), attributes='{"unit_of_measurement": 
     return path
 
 
-def source(path, *entities, unit="degC", edge=None, data="states"):
-    channels = [RecorderChannel(entity.id, entity, unit, edge or Edge()) for entity in entities]
-    return RecorderSource("home", path, channels, data)
+def source(path, *entities, data="states", **keys):
+    table = source_table("home-assistant", file=path, data=data)
+    keys = {"unit": "degC", "valid": (-1e9, 1e9)} | keys
+    return table.build(
+        "home", [bound(table, one.id, entity=one.id, attribute=one.attribute, **keys) for one in entities]
+    )
 
 
 def readings(path, *entities, start=None, **settings):
@@ -109,8 +110,7 @@ def test_attributes_and_words(tmp_path):
 def test_a_meter_becomes_power_from_one_change_to_the_next(tmp_path):
     rows = [(0, "sensor.energy", "10.0"), (3600, "sensor.energy", "10.5"), (7200, "sensor.energy", "12.5")]
     path = database(tmp_path / "db", rows)
-    edge = Edge(conversion=conversion("kWh", "W"), counter=True)
-    found = readings(path, Entity("sensor.energy"), unit="kWh", edge=edge)
+    found = readings(path, Entity("sensor.energy"), unit="kWh", to="W")
     assert found == [(0, pytest.approx(500.0)), (3600, pytest.approx(2000.0))]
 
 

@@ -5,26 +5,26 @@ from __future__ import annotations
 import asyncio
 import json
 from math import inf
+from typing import Any
 
 import pytest
+from support.sources import bound, source_table
 
-from adapters.edge import Edge
 from adapters.http.posted import Posted, from_lines, from_senml
-from adapters.http.source import HttpChannel, HttpSource
+from adapters.http.source import HttpSource
 from adapters.reading import Fault, Quality, Reading
-from adapters.units import conversion
 
 NOW = 1_772_000_000.0
-ROOM = HttpChannel("office/T_i", measurement="mqtt", tags={"topic": "room1"}, unit="degC", edge=Edge(valid=(-60, 80)))
-ROOF = HttpChannel("office/T_out", "roof", "office", "T_out", unit="degC", edge=Edge(valid=(-60, 80)))
-HALL = HttpChannel("hall/T_out", "roof", "hall", "T_out")
-METER = HttpChannel(
-    "office/u_heat", None, "office", "u_heat", edge=Edge(conversion=conversion("kWh", "W", None), counter=True)
-)
+TABLE = source_table("http")
+ROOM = {"id": "office/T_i", "measurement": "mqtt", "tags": {"topic": "room1"}, "unit": "degC"}
+ROOF = {"id": "office/T_out", "name": "roof", "unit": "degC"}
+HALL = {"id": "hall/T_out", "name": "roof", "unit": "degC"}
+METER = {"id": "office/u_heat", "unit": "kWh", "to": "W"}
 
 
-def source(*channels: HttpChannel) -> HttpSource:
-    return HttpSource("telegraf", channels or (ROOM, ROOF, HALL, METER))
+def source(*channels: dict[str, Any]) -> HttpSource:
+    found: HttpSource = TABLE.build("telegraf", [bound(TABLE, **one) for one in channels or (ROOM, ROOF, HALL, METER)])
+    return found
 
 
 def names(readings: list[Reading]) -> list[str]:
@@ -136,17 +136,17 @@ def test_counts_of_a_clock_that_was_set_back_do_not_stop_the_counter() -> None:
 def test_a_channel_that_stays_through_a_reload_remembers_its_counter() -> None:
     meter = source(METER)
     meter.receive([Posted("office", 10.0, NOW - 60, "u_heat")], None, NOW)
-    meter.rebind([METER, ROOF])
+    meter.rebind([bound(TABLE, **METER), bound(TABLE, **ROOF)])
     (reading,) = meter.receive([Posted("office", 10.5, NOW, "u_heat")], None, NOW).readings
     assert reading.value == 30000.0
-    meter.rebind([ROOF])
+    meter.rebind([bound(TABLE, **ROOF)])
     assert meter.receive([Posted("office", 11.0, NOW, "u_heat")], None, NOW).used == frozenset()
 
 
 def test_a_value_that_does_not_move_is_stuck(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
     monkeypatch.setattr("adapters.edge.monotonic", lambda: clock[0])
-    stuck = source(ROOF._replace(stuck_after=10.0))
+    stuck = source(ROOF | {"stuck_after": 10.0})
     qualities = []
     for seconds in (0.0, 9.0, 10.0, 20.0):
         clock[0] = seconds
@@ -193,5 +193,5 @@ def test_a_name_is_shown_on_one_line_and_not_in_full() -> None:
 def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> None:
     """Otherwise a value of a time to come would take the place of the one that is measured then."""
     posted = [Posted("office/T_i", 20.0 + k, NOW + when) for k, when in enumerate((2.0, 8.0, 60.0))]
-    readings = source(HttpChannel("office/T_i")).receive(posted, None, NOW).readings
+    readings = source({"id": "office/T_i"}).receive(posted, None, NOW).readings
     assert [(one.time - NOW, one.fault) for one in readings] == [(-6.0, None), (0.0, None), (0.0, Fault.AHEAD_OF_TIME)]

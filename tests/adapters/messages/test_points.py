@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
-from adapters.edge import Edge
+from support.sources import bound, source_table
+
+from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import Channels, Dating, MessageChannel, probed
-from adapters.payload.json_pointer import parse
-from adapters.payload.payload import PayloadFormat
+from adapters.messages.points import Channels, MessageChannel, probed
 from adapters.reading import Quality, Reading
 
 NOW = 1_772_000_000.0
 AHEAD = 7200.0
 TOPIC = "home/room/T"
-PLAIN = MessageChannel("room/T", TOPIC)
-DATED = MessageChannel("room/T", TOPIC, PayloadFormat("json", parse("/value"), parse("/time"), time_format="epoch"))
-
-SENML = MessageChannel("room/T", TOPIC, PayloadFormat("senml"))
+TABLE = source_table("mqtt", host="127.0.0.1")
+PLAIN = {"id": "room/T", "topic": TOPIC}
+DATED = PLAIN | {"format": "json", "value": "/value", "time": "/time", "time_format": "epoch"}
+SENML = PLAIN | {"format": "senml"}
+COUNTER = {"unit": "J", "to": "W"}
 RELATIVE = '[{"n": "T", "v": 20, "t": -2}]'
 
 
-def channels(*listed: MessageChannel) -> Channels:
-    return Channels(listed, Dating(("payload", "arrival")), 900.0, "topic")
+def channels(*listed: dict[str, Any]) -> Channels:
+    return Channels([bound(TABLE, **one) for one in listed], Dating(("payload", "arrival")), 900.0, "topic")
 
 
 def came(arrived: float, payload: object = 20, retained: bool = False) -> Incoming:
@@ -44,7 +45,7 @@ def times(taken: Channels, *samples: Incoming) -> list[float]:
 
 def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> None:
     """Otherwise a value of a time to come would take the place of the one that is measured then."""
-    taken = channels(DATED, replace(SENML, id="room/x"))
+    taken = channels(DATED, SENML | {"id": "room/x"})
     pack = f'[{{"bt": {NOW}, "v": 1}}, {{"t": 4, "v": 2}}]'
     assert times(channels(DATED), dated(NOW + 8, NOW)) == [NOW]
     assert [one.time for one in taken.readings(TOPIC, [came(NOW, pack)]) if one.fault is None] == [NOW - 4, NOW]
@@ -86,7 +87,7 @@ def test_what_waited_at_the_broker_after_the_clock_was_set_back_counts() -> None
 
 
 def test_a_counter_counts_on_after_the_clock_was_set_back() -> None:
-    taken = channels(MessageChannel("room/u", TOPIC, edge=Edge(counter=True)))
+    taken = channels(PLAIN | COUNTER)
     readings(taken, came(NOW + AHEAD, 1000))
     taken.start_again()
     found = readings(taken, came(NOW, 2000), came(NOW + 60, 2600), came(NOW + 120, 3800))
@@ -111,7 +112,7 @@ def test_a_retained_value_with_a_relative_time_is_one_without_a_time() -> None:
 
 
 def test_a_retained_counter_with_a_relative_time_makes_no_power() -> None:
-    taken = channels(replace(SENML, edge=Edge(counter=True)))
+    taken = channels(SENML | COUNTER)
     assert readings(taken, came(NOW, RELATIVE, retained=True), came(NOW + 60, RELATIVE)) == []
 
 
@@ -121,6 +122,11 @@ def test_a_relative_time_counts_from_a_stamp_if_there_is_one() -> None:
 
 
 def test_probe_does_not_tell_the_age_of_a_retained_value_with_a_relative_time() -> None:
-    found = probed(SENML, Dating(("payload", "arrival")), [came(NOW, RELATIVE, retained=True)], "nothing came")
+    found = probed(
+        MessageChannel(bound(TABLE, **SENML), 900.0),
+        Dating(("payload", "arrival")),
+        [came(NOW, RELATIVE, retained=True)],
+        "nothing came",
+    )
     assert found.time is None
     assert "its age is not known" in found.hints[0]

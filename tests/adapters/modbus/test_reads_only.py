@@ -7,12 +7,10 @@ from pathlib import Path
 import pytest
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.exceptions import ModbusException
-from support.modbus_plant import READS, collect, plant, serving
+from support.modbus_plant import READS, channel, collect, plant, serving, source
+from support.sources import source_table
 
-from adapters.modbus.client import Line, ModbusLink, ReadingClient
-from adapters.modbus.codec import Format
-from adapters.modbus.plan import Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
+from adapters.modbus.client import ModbusLink, ReadingClient
 
 ROOT = Path(__file__).parents[3]
 VERBS = {"read_coils", "read_discrete_inputs", "read_holding_registers", "read_input_registers"}
@@ -69,10 +67,14 @@ def test_no_module_of_the_adapter_names_a_verb_that_writes(path):
         assert {name for name in imported if name.startswith("pymodbus.pdu")} == {"pymodbus.pdu"}
 
 
-@pytest.mark.parametrize("line", [Line(host="127.0.0.1"), Line("rtu-over-tcp", host="127.0.0.1")])
-def test_the_client_offers_nothing_but_to_read(line):
+def line(**keys):
+    return source_table("modbus", host="127.0.0.1", first_register=0, retries=0, **keys)
+
+
+@pytest.mark.parametrize("transport", ["tcp", "rtu-over-tcp"])
+def test_the_client_offers_nothing_but_to_read(transport):
     async def job():
-        return ReadingClient(line)
+        return ReadingClient(line(transport=transport))
 
     client = asyncio.run(job())
     assert {name for name in dir(client) if not name.startswith("_")} == {"connect", "connected", "close", "reads"}
@@ -94,7 +96,7 @@ def test_the_client_offers_nothing_but_to_read(line):
 def test_a_verb_dug_out_of_the_library_does_not_reach_the_wire(verb, arguments):
     async def job():
         async with serving(plant(holding=[7])) as site:
-            link = ModbusLink(Line(host="127.0.0.1", port=site.port, retries=0))
+            link = ModbusLink(line(port=site.port))
             await link.open()
             library = link._client.reads["holding"].__self__
             with pytest.raises(ModbusException, match="is not one that reads"):
@@ -108,18 +110,17 @@ def test_a_verb_dug_out_of_the_library_does_not_reach_the_wire(verb, arguments):
 
 def test_what_a_device_sees_of_probe_and_of_polling():
     tables = {"coil": "bool", "discrete": "bool", "holding": "uint16", "input": "uint16"}
-    channels = [ModbusChannel(f"z/{table}", 0, Format(kind), table=table, register=0) for table, kind in tables.items()]
+    channels = [channel(table, 0, kind, table=table) for table, kind in tables.items()]
 
     async def job():
         words = {table: [1] for table in tables}
         async with serving(plant(**words)) as site:
-            line = Line(host="127.0.0.1", port=site.port)
-            source = ModbusSource("bms", line, channels, poll=0.05, limits=Limits())
-            assert {probe.verdict for probe in await source.probe(1.0)} == {"good"}
+            bms = source(site.port, channels)
+            assert {probe.verdict for probe in await bms.probe(1.0)} == {"good"}
             assert site.codes == READS
             site.codes.clear()
-            await collect(source, lambda batches: len(batches) >= 12)
-            await source.close()
+            await collect(bms, lambda batches: len(batches) >= 12)
+            await bms.close()
             assert site.codes == READS
 
     asyncio.run(job())

@@ -4,23 +4,17 @@ import asyncio
 import struct
 
 import pytest
-from support.modbus_plant import READS, plant, serving
+from support.modbus_plant import READS, plant, serving, source
 
 import adapters.modbus.scan
 from adapters.errors import SourceConfigError
-from adapters.modbus.client import Line
-from adapters.modbus.plan import Limits
-from adapters.modbus.source import ModbusSource, Numbering
 from adapters.scanning import Scan, Scannable
 
 
-def scan(site, wanted, first_register=0, **line):
+def scan(site, wanted, **keys):
     async def job():
         async with serving(site):
-            settings = {"timeout": 0.3, "retries": 0} | line
-            where = Line(host="127.0.0.1", port=site.port, **settings)
-            numbering = Numbering(first_register, 1)
-            bms = ModbusSource("bms", where, [], poll=1.0, limits=Limits(), numbering=numbering)
+            bms = source(site.port, [], timeout=0.3, **keys)
             assert isinstance(bms, Scannable)
             return await bms.scan(wanted)
 

@@ -10,30 +10,11 @@ from types import SimpleNamespace
 import pytest
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
-from support.modbus_plant import READS, collect, plant, serving
+from support.modbus_plant import READS, channel, collect, plant, serving, source
 
 import adapters.modbus.source
-from adapters.edge import Edge
 from adapters.errors import SourceUnavailable
-from adapters.modbus.client import Line
-from adapters.modbus.codec import Format
-from adapters.modbus.plan import Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
 from adapters.reading import Fault, Quality
-from adapters.units import conversion
-
-INT16 = Format("int16")
-FLOAT = Format("float32")
-CELSIUS = Edge(valid=(-60.0, 80.0))
-
-
-def channel(name, address, format=INT16, **settings):
-    return ModbusChannel(f"z/{name}", address, format, register=address, **settings)
-
-
-def source(port, channels, limits=Limits(gap=8), poll=0.05, **line):  # noqa: B008 - a value, never changed
-    settings = {"host": "127.0.0.1", "port": port, "timeout": 2.0, "retries": 0} | line
-    return ModbusSource("bms", Line(**settings), channels, poll=poll, limits=limits)
 
 
 def values(batches):
@@ -64,12 +45,12 @@ def test_all_tables_are_read_over_either_framing(transport, framer):
             plant(holding=[215, 0x41AC, 0], input=[7, 0, 500], coil=[0b100], discrete=[0b10]), framer
         ) as site:
             channels = [
-                channel("tenths", 0, edge=Edge(0.1)),
-                channel("float", 1, FLOAT),
-                channel("input", 2, Format("uint16"), table="input"),
-                channel("coil", 2, Format("bool"), table="coil"),
-                channel("discrete", 0, Format("bool"), table="discrete"),
-                channel("bit", 0, Format("bool", bit=1)),
+                channel("tenths", 0, scale=0.1),
+                channel("float", 1, "float32"),
+                channel("input", 2, "uint16", table="input"),
+                channel("coil", 2, "bool", table="coil"),
+                channel("discrete", 0, "bool", table="discrete"),
+                channel("bit", 0, "bool", bit=1),
             ]
             before = time.time()
             batches = await rounds(source(site.port, channels, transport=transport), 1, 4)
@@ -91,16 +72,16 @@ def test_all_tables_are_read_over_either_framing(transport, framer):
 
 
 def test_a_poll_reads_in_batches_or_one_by_one():
-    async def job(limits):
+    async def job(**limits):
         async with serving(plant(holding=list(range(40)))) as site:
             channels = [channel(f"c{k}", k) for k in (0, 1, 2, 9, 30)]
-            bms = source(site.port, channels, limits)
+            bms = source(site.port, channels, **limits)
             await collect(bms, lambda batches: len(values(batches)) == 5)
             return site.requests()
 
-    assert run(job(Limits(gap=6))) == [(0, 10), (30, 1)]
-    assert run(job(Limits(gap=6, registers=3))) == [(0, 3), (9, 1), (30, 1)]
-    assert run(job(Limits(batch=False))) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
+    assert run(job(fill_gaps=6)) == [(0, 10), (30, 1)]
+    assert run(job(fill_gaps=6, max_registers=3)) == [(0, 3), (9, 1), (30, 1)]
+    assert run(job(batch=False)) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
 
 
 def test_a_refused_register_loses_its_channel_only_and_is_found_once(caplog):
@@ -199,7 +180,7 @@ def test_an_answer_with_another_function_code_is_none(table, code):
         server = await asyncio.start_server(answer, "127.0.0.1", 0)
         async with server:
             port = server.sockets[0].getsockname()[1]
-            kind = Format("bool") if table == "coil" else INT16
+            kind = "bool" if table == "coil" else "int16"
             bms = source(port, [channel("c", 0, kind, table=table)], timeout=0.5)
             (probe,) = await bms.probe(1)
             with pytest.raises(SourceUnavailable, match="silent"):
@@ -257,7 +238,7 @@ def test_a_silent_unit_does_not_hold_up_the_others(caplog):
         site = plant({1: [21], 2: [22], 3: [23]})
         site.silent.add(2)
         async with serving(site):
-            bms = source(site.port, [channel(f"c{k}", 0, unit=k) for k in (1, 2, 3)], timeout=0.2)
+            bms = source(site.port, [channel(f"c{k}", 0, unit_id=k) for k in (1, 2, 3)], timeout=0.2)
             async with aclosing(bms.batches(None)) as stream:
                 batches = [await anext(stream) for _ in range(20)]
                 asked = len(site.requests(2))
@@ -280,7 +261,7 @@ def test_a_busy_unit_is_silent_and_not_taken_apart():
         site = plant({1: [21, 5], 2: [22, 6]})
         site.exceptions[1] = ExcCodes.DEVICE_BUSY
         async with serving(site):
-            channels = [channel(f"c{unit}{k}", k, unit=unit) for unit in (1, 2) for k in (0, 1)]
+            channels = [channel(f"c{unit}{k}", k, unit_id=unit) for unit in (1, 2) for k in (0, 1)]
             bms = source(site.port, channels)
             await rounds(bms, 3)
             return set(site.requests(1))
@@ -353,9 +334,9 @@ def test_values_that_cannot_be_used_have_a_fault():
     async def job():
         async with serving(plant(holding=[0x8000, 0x7FC0, 0, 900])) as site:
             channels = [
-                channel("absent", 0, Format("int16", not_available=(0x8000,)), edge=CELSIUS),
-                channel("nan", 1, FLOAT, edge=CELSIUS),
-                channel("hot", 3, edge=CELSIUS),
+                channel("absent", 0, not_available=[0x8000], unit="degC"),
+                channel("nan", 1, "float32", unit="degC"),
+                channel("hot", 3, unit="degC"),
             ]
             return values(await rounds(source(site.port, channels), 1))
 
@@ -381,8 +362,8 @@ def test_a_counter_becomes_power():
     async def job():
         site = plant(holding=[65530])
         async with serving(site):
-            meter = Edge(conversion=conversion("Wh", "W"), valid=(-1e12, 1e12), counter=True, rollover=65536.0)
-            bms = source(site.port, [channel("meter", 0, Format("uint16"), edge=meter)], poll=0.2)
+            meter = channel("meter", 0, "uint16", unit="Wh", to="W", valid=(-1e12, 1e12))
+            bms = source(site.port, [meter], poll=0.2)
             async with aclosing(bms.batches(None)) as stream:
                 first = await anext(stream)
                 site.registers[1, "holding"][0] = 4
@@ -399,7 +380,7 @@ def test_requests_keep_their_pause():
     async def job():
         async with serving(plant(holding=list(range(10)))) as site:
             channels = [channel(f"c{k}", k) for k in range(4)]
-            bms = source(site.port, channels, Limits(batch=False), pause=0.1)
+            bms = source(site.port, channels, batch=False, pause=0.1)
             return await rounds(bms, 1, 4)
 
     arrivals = [batch.now for batch in run(job())]
@@ -411,7 +392,7 @@ def test_a_request_is_repeated_before_it_is_given_up():
         site = plant({1: [5], 2: [6]})
         site.silent.add(1)
         async with serving(site):
-            bms = source(site.port, [channel("a", 0, unit=1), channel("b", 0, unit=2)], timeout=0.1, retries=2)
+            bms = source(site.port, [channel("a", 0, unit_id=1), channel("b", 0, unit_id=2)], timeout=0.1, retries=2)
             await rounds(bms, 1)
             return len(site.requests(1))
 
@@ -455,15 +436,14 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
         site.silent.add(2)
         async with serving(site):
             channels = [
-                channel("swapped", 0, FLOAT, edge=CELSIUS),
-                channel("tenths", 2, edge=Edge(0.1, valid=(-60.0, 80.0))),
-                channel("absent", 3, Format("int16", not_available=(0x8000,)), edge=CELSIUS),
+                channel("swapped", 0, "float32", unit="degC"),
+                channel("tenths", 2, scale=0.1, unit="degC"),
+                channel("absent", 3, not_available=[0x8000], unit="degC"),
                 channel("refused", 4),
-                channel("silent", 0, unit=2),
-                channel("silent_too", 1, unit=2),
+                channel("silent", 0, unit_id=2),
+                channel("silent_too", 1, unit_id=2),
             ]
-            wide = Edge(conversion=conversion("kWh", "W"), counter=True, scale=0.1)
-            meter = channel("meter", 2, Format("uint16"), edge=wide)
+            meter = channel("meter", 2, "uint16", unit="kWh", to="W", scale=0.1)
             found = await source(site.port, [*channels, meter], timeout=0.2).probe(1.0)
             return found, len(site.requests(2))
 
@@ -483,7 +463,7 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
 def test_a_probe_marks_the_order_that_would_be_plausible():
     async def job():
         async with serving(plant(holding=[0xA041, 0x00CC])) as site:
-            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe(1.0)
+            return await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
 
     (probe,) = run(job())
     assert probe.verdict == "doubtful: nearly but not quite 0, as numbers with swapped registers are"
@@ -493,7 +473,7 @@ def test_a_probe_marks_the_order_that_would_be_plausible():
 def test_a_probe_of_a_value_out_of_range_says_the_range_and_the_other_orders():
     async def job():
         async with serving(plant(holding=[0x4B41, 0xC0AC])) as site:
-            return await source(site.port, [channel("T", 0, FLOAT, edge=CELSIUS)]).probe(1.0)
+            return await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
 
     (probe,) = run(job())
     assert probe.verdict == "implausible: not within -60 to 80"

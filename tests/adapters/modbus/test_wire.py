@@ -7,12 +7,9 @@ import threading
 import tty
 
 import pytest
+from support.modbus_plant import channel, source
 
 from adapters.errors import SourceConfigError, SourceUnavailable
-from adapters.modbus.client import Line
-from adapters.modbus.codec import Format
-from adapters.modbus.plan import Limits
-from adapters.modbus.source import ModbusChannel, ModbusSource
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 
@@ -21,10 +18,10 @@ REQUEST = bytes.fromhex("11 03 00 6B 00 03 76 87")
 RESPONSE = bytes.fromhex("11 03 06 AE 41 56 52 43 40 49 AD")
 
 
-def meter(device, parity="N"):
-    line = Line("rtu", device=device, baudrate=9600, parity=parity, timeout=0.5, retries=0)
-    channels = [ModbusChannel(f"z/c{k}", 107 + k, Format("uint16"), unit=17, register=107 + k) for k in range(3)]
-    return ModbusSource("bus", line, channels, poll=0.1, limits=Limits())
+def meter(device, parity="none"):
+    channels = [channel(f"c{k}", 107 + k, "uint16", unit_id=17) for k in range(3)]
+    line = {"device": device, "baudrate": 9600, "parity": parity}
+    return source(502, channels, transport="rtu", host=None, serial=line, timeout=0.5)
 
 
 def test_a_serial_line_carries_the_frames_of_the_specification():
@@ -60,7 +57,7 @@ def test_a_serial_port_that_is_not_there_is_one_sentence():
     async def job():
         await anext(meter("/dev/no-such-port").batches(None))
 
-    with pytest.raises(SourceUnavailable, match=r"sources.bus: .*/dev/no-such-port.* check the cable, the name of the"):
+    with pytest.raises(SourceUnavailable, match=r"sources.bms: .*/dev/no-such-port.* check the cable, the name of the"):
         asyncio.run(job())
 
 
@@ -69,7 +66,7 @@ def test_a_port_that_does_not_know_the_settings_is_one_sentence():
     controller, device = os.openpty()
 
     async def job():
-        await anext(meter(os.ttyname(device), "E").batches(None))
+        await anext(meter(os.ttyname(device), "even").batches(None))
 
     try:
         with pytest.raises(SourceUnavailable, match="cannot be opened"):
@@ -83,7 +80,7 @@ def test_a_missing_serial_library_is_said_before_anything_is_opened(monkeypatch)
     monkeypatch.setattr("adapters.modbus.source.find_spec", lambda name: None)
     bms = meter("/dev/ttyUSB0")
     assert bms.check() == [
-        "sources.bus: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
+        "sources.bms: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
     ]
 
     async def job():

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from support.waiting import PATIENCE
 
-from adapters.mqtt.broker import Broker
+from adapters.mqtt.broker import BrokerConfig
 from adapters.mqtt.client import connected
 
 
@@ -22,7 +22,7 @@ def test_a_connection_that_nobody_waits_for_any_more_is_closed() -> None:
         port = mute.getsockname()[1]
 
         async def enter() -> None:
-            async with connected(Broker("127.0.0.1", port, client_id="test", timeout=1.0)):
+            async with connected(BrokerConfig(host="127.0.0.1", port=port, client_id="test", timeout=1.0)):
                 raise AssertionError("a broker that says nothing is none")
 
         async def scenario() -> None:

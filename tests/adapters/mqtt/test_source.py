@@ -9,33 +9,31 @@ import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, suppress
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 from support.broker import Mosquitto, Party, broker, flood, program
+from support.sources import bound, source_table
 from support.waiting import between, until
 from support.zenoh_plant import certificates, listening
 
 import adapters.mqtt.broker
 import adapters.mqtt.source
-from adapters.credentials import Tls
-from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceUnavailable
-from adapters.messages.points import Dating, MessageChannel
-from adapters.mqtt.broker import VERSIONS, Broker
-from adapters.mqtt.source import TIMES, Intake, MqttSource
-from adapters.payload.json_pointer import parse
-from adapters.payload.payload import PayloadFormat
+from adapters.mqtt.broker import VERSIONS
+from adapters.mqtt.source import MqttSource
 from adapters.reading import Quality
 from adapters.scanning import Scan, Scannable
 
 TOPIC = "home/room/T"
-T = MessageChannel("room/T", TOPIC, edge=Edge(valid=(-60.0, 80.0)))
-JSON = PayloadFormat("json", parse("/value"), parse("/time"))
-DATED = replace(T, format=JSON)
+T = {"id": "room/T", "topic": TOPIC, "unit": "degC"}
+DATED = T | {"format": "json", "value": "/value", "time": "/time"}
+OTHER = {"id": "room/other", "topic": "home/other"}
+HEAT = {"id": "room/u", "topic": "home/other"}
+
+Channel = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +51,17 @@ def party(running: Mosquitto) -> Iterator[Party]:
             publishing.put(topic, "", retain=True, qos=1)
 
 
-def source(port: int, *channels: MessageChannel, name: str = "bms", intake: Any = None, **broker: Any) -> MqttSource:
-    settings: dict[str, Any] = {"client_id": f"test-{time.monotonic_ns()}", "timeout": 2.0} | broker
-    return MqttSource(name, Broker("127.0.0.1", port, **settings), channels or (T,), intake or Intake())
+def source(port: int, *channels: Channel, name: str = "bms", **keys: Any) -> MqttSource:
+    given = {"host": "127.0.0.1", "port": port, "client_id": f"test-{time.monotonic_ns()}", "timeout": 2.0} | keys
+    table = source_table("mqtt", name, **given)
+    found: MqttSource = table.build(name, [bound(table, **one) for one in channels or (T,)])
+    return found
+
+
+def searching(port: int) -> MqttSource:
+    """A source of a person who does not know the topics yet."""
+    found: MqttSource = source_table("mqtt", host="127.0.0.1", port=port, timeout=2.0).build("bms", [])
+    return found
 
 
 def iso(seconds: float) -> str:
@@ -66,18 +72,16 @@ def iso(seconds: float) -> str:
 @pytest.mark.parametrize(
     ("form", "payload"),
     [
-        (PayloadFormat(), "21.5"),
-        (PayloadFormat("json", parse("/temperature")), '{"temperature": 21.5, "battery": 80}'),
-        (PayloadFormat("senml", record="T"), '[{"n": "T", "v": 21.5}]'),
+        ({}, "21.5"),
+        ({"format": "json", "value": "/temperature"}, '{"temperature": 21.5, "battery": 80}'),
+        ({"format": "senml", "record": "T"}, '[{"n": "T", "v": 21.5}]'),
     ],
     ids=["plain", "json", "senml"],
 )
-def test_every_format_arrives(
-    running: Mosquitto, party: Party, form: PayloadFormat, payload: str, version: str
-) -> None:
+def test_every_format_arrives(running: Mosquitto, party: Party, form: Channel, payload: str, version: str) -> None:
     async def run() -> None:
         begun = time.time()
-        async with listening(source(running.port, replace(T, format=form), version=version)) as heard:
+        async with listening(source(running.port, T | form, version=version)) as heard:
             await heard.until(heard.values, lambda: party.put(TOPIC, payload))
             assert set(heard.values()) == {21.5}
             assert between(begun, heard.readings[-1].time, time.time())
@@ -109,7 +113,7 @@ def test_what_is_malformed_is_counted_by_kind_and_logged_once(
 
 
 def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:
-    meter = MessageChannel("room/u", "home/meter", edge=Edge(counter=True))
+    meter = {"id": "room/u", "topic": "home/meter", "unit": "J", "to": "W"}
     party.put(TOPIC, "18", retain=True, qos=1)
     party.put("home/meter", "1000", retain=True, qos=1)
 
@@ -155,10 +159,8 @@ def test_a_retained_value_with_a_time_is_as_old_as_it_says(running: Mosquitto, p
 def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
     running: Mosquitto, party: Party, version: str
 ) -> None:
-    plain = MessageChannel("room/u", "home/other")
-
     async def run() -> None:
-        watched = source(running.port, DATED, plain, version=version)
+        watched = source(running.port, DATED, HEAT, version=version)
         async with listening(watched) as heard:
             await heard.until(lambda: heard.batches)
         missed = time.time() - 30
@@ -178,7 +180,7 @@ def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
 
 def test_where_the_arrival_is_asked_for_all_the_same_it_waits_too(running: Mosquitto, party: Party) -> None:
     async def run() -> None:
-        watched = source(running.port, T, intake=Intake(qos=1))
+        watched = source(running.port, T, qos=1)
         async with listening(watched) as heard:
             await heard.until(lambda: heard.batches)
         party.put(TOPIC, "19", qos=1)
@@ -191,7 +193,7 @@ def test_where_the_arrival_is_asked_for_all_the_same_it_waits_too(running: Mosqu
 
 def test_without_a_session_nothing_waits(running: Mosquitto, party: Party) -> None:
     async def run() -> None:
-        watched = source(running.port, DATED, intake=Intake(session=0.0))
+        watched = source(running.port, DATED, session=0)
         async with listening(watched) as heard:
             await heard.until(lambda: heard.batches)
         party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time())}), qos=1)
@@ -222,10 +224,10 @@ def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
 
 
 def test_a_flood_on_one_topic_costs_no_other_topic_and_no_other_source(running: Mosquitto, party: Party) -> None:
-    flooded, calm, many = MessageChannel("room/u", "home/other"), 50, 20_000
+    calm, many = 50, 20_000
 
     async def run() -> None:
-        first = source(running.port, T, flooded)
+        first = source(running.port, T, HEAT)
         async with listening(first) as heard, listening(source(running.port, T, name="other")) as other:
             await heard.until(lambda: heard.batches and other.batches)
             flooding = asyncio.create_task(asyncio.to_thread(flood, running.port, "home/other", map(str, range(many))))
@@ -248,7 +250,7 @@ def test_what_comes_faster_than_it_is_taken_is_dropped_from_the_oldest_on(
     running: Mosquitto, party: Party, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def run() -> None:
-        watched = source(running.port, T, intake=Intake(queue=10))
+        watched = source(running.port, T, queue=10)
         stream = watched.batches(None)
         with suppress(TimeoutError):
             await anext(stream)
@@ -268,14 +270,12 @@ def test_what_comes_faster_than_it_is_taken_is_dropped_from_the_oldest_on(
 
 
 def test_other_channels_over_the_same_connection(running: Mosquitto, party: Party) -> None:
-    other = MessageChannel("room/other", "home/other")
-
     async def run() -> None:
         watched = source(running.port, T)
         async with listening(watched) as heard:
             await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
             link = watched._link
-            watched.rebind([other])
+            watched.rebind([bound(watched._table, **OTHER)])
             await heard.until(lambda: heard.values("room/other"), lambda: party.put("home/other", "1"))
             before = len(heard.values())
             party.put(TOPIC, "21", qos=1)
@@ -324,18 +324,19 @@ class Unconfirmed:
 def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     client = Unconfirmed()
     monkeypatch.setattr(adapters.mqtt.source, "connected", client.connected)
-    more = MessageChannel("room/other", "home/other")
-    still_more = MessageChannel("room/u", "home/meter")
 
     async def run() -> None:
         watched = source(1, T)
+        known, more, still_more = (
+            bound(watched._table, **one) for one in (T, OTHER, {"id": "room/u", "topic": "home/meter"})
+        )
         async with listening(watched) as heard:
             await heard.until(lambda: heard.batches)
-            watched.rebind([T, more])
+            watched.rebind([known, more])
             await heard.until(lambda: heard.failures)
             assert "Operation timed out" in heard.failures[0]
             await heard.until(lambda: len(client.asked) == 2)
-            watched.rebind([T, more, still_more])
+            watched.rebind([known, more, still_more])
             await heard.until(lambda: len(client.asked[1]) == 3)
             assert len(heard.failures) == 1
         assert client.asked == [[TOPIC, "home/other"], [TOPIC, "home/other", "home/meter"]]
@@ -363,8 +364,8 @@ def test_what_is_silent_is_said(
 
 def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, party: Party) -> None:
     async def run() -> None:
-        missing = MessageChannel("room/u", "home/heater")
-        wrong = MessageChannel("room/w", "home/other", PayloadFormat("json", parse("/temp")))
+        missing = {"id": "room/u", "topic": "home/heater"}
+        wrong = {"id": "room/w", "topic": "home/other", "format": "json", "value": "/temp"}
         party.put(TOPIC, "20.5", retain=True, qos=1)
         party.put("home/other", '{"temperature": 19.5, "linkquality": 80}', retain=True, qos=1)
         probes = await source(running.port, T, missing, wrong).probe(1.0)
@@ -383,9 +384,8 @@ def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, par
 
 
 def test_probe_doubts_what_is_unusual_and_shows_what_else_is_there(running: Mosquitto, party: Party) -> None:
-    usual = Edge(valid=(-60.0, 80.0), usual=(5.0, 40.0))
-    frost = MessageChannel("room/T", TOPIC, edge=usual)
-    wrong = MessageChannel("room/w", "home/other", PayloadFormat("json", parse("/battery")), edge=usual)
+    frost = T | {"usual": (5.0, 40.0)}
+    wrong = frost | {"id": "room/w", "topic": "home/other", "format": "json", "value": "/battery"}
 
     async def run() -> None:
         party.put(TOPIC, "1.8", retain=True, qos=1)
@@ -406,10 +406,8 @@ def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, party: Par
         # What Thermogate publishes itself is nothing to learn from.
         party.put("thermogate/site/room/forecast", '{"mean": 21.0}', retain=True, qos=1)
         party.put("homeassistant/sensor/thermogate_site_room/mean/config", '{"precision": 1}', retain=True, qos=1)
-        # A scan is for a person who does not know the topics yet.
-        searching = MqttSource("bms", Broker("127.0.0.1", running.port, timeout=2.0), (), Intake())
-        assert isinstance(searching, Scannable)
-        found = await searching.scan(Scan(seconds=1.0))
+        assert isinstance(searching(running.port), Scannable)
+        found = await searching(running.port).scan(Scan(seconds=1.0))
         assert found.rows == [
             ("topic", "pointer", "number", "came"),
             ("home/other", "/temperature", "19.5", "retained"),
@@ -424,8 +422,7 @@ def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, party: Par
 def test_a_scan_of_a_silent_broker_says_so(tmp_path: Path) -> None:
     async def run() -> None:
         with broker(tmp_path) as silent:
-            searching = MqttSource("bms", Broker("127.0.0.1", silent.port, timeout=2.0), (), Intake())
-            found = await searching.scan(Scan(seconds=0.5))
+            found = await searching(silent.port).scan(Scan(seconds=0.5))
             assert found.rows == [("topic", "pointer", "number", "came")]
             assert found.remarks == ["nothing came within 0.5 s, and nothing was retained; listen for longer"]
 
@@ -435,7 +432,7 @@ def test_a_scan_of_a_silent_broker_says_so(tmp_path: Path) -> None:
 def test_the_status_of_the_source_is_told_where_it_is_wanted(running: Mosquitto) -> None:
     async def run() -> None:
         with Party(running.port, "home/thermogate") as watching:
-            async with listening(source(running.port, T, intake=Intake(status_topic="home/thermogate"))) as heard:
+            async with listening(source(running.port, T, status_topic="home/thermogate")) as heard:
                 await heard.until(lambda: watching.newest().get("home/thermogate") == b"online")
             await until(lambda: watching.newest()["home/thermogate"] == b"offline")
             watching.put("home/thermogate", "", retain=True, qos=1)
@@ -478,7 +475,7 @@ def test_tls_with_user_and_password(guarded: tuple[Mosquitto, Path], version: st
         client.tls_set(str(folder / "ca.pem"))
 
     async def run() -> None:
-        tls = Tls(ca=folder / "ca.pem")
+        tls = {"ca": folder / "ca.pem"}
         watched = source(running.port, tls=tls, user="bms", password_file=folder / "right", version=version)
         with Party(running.port, connect=known) as party:
             async with listening(watched) as heard:
@@ -493,7 +490,7 @@ def test_tls_with_user_and_password(guarded: tuple[Mosquitto, Path], version: st
     ("settings", "sentence"),
     [
         ({"password_file": "wrong"}, "refuses this client (Not authorized); check user and password"),
-        ({"tls": Tls()}, "does not agree on TLS ("),
+        ({"tls": {}}, "does not agree on TLS ("),
         ({"tls": None}, "check that it is on, host, port and tls"),
     ],
     ids=["password", "authority", "no TLS"],
@@ -502,7 +499,7 @@ def test_what_the_broker_refuses_is_a_sentence(
     guarded: tuple[Mosquitto, Path], settings: dict[str, Any], sentence: str, version: str
 ) -> None:
     running, folder = guarded
-    given = {"tls": Tls(ca=folder / "ca.pem"), "user": "bms", "password_file": "right", "version": version} | settings
+    given = {"tls": {"ca": folder / "ca.pem"}, "user": "bms", "password_file": "right", "version": version} | settings
     given["password_file"] = folder / given["password_file"]
 
     async def run() -> None:
@@ -516,12 +513,9 @@ def test_what_the_broker_refuses_is_a_sentence(
 
 def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "junk").write_text("no certificate", encoding="utf-8")
-    tls = Tls(ca=tmp_path / "junk")
-    channels = [MessageChannel("room/T", "home/+/T"), MessageChannel("room/u", "")]
-    wrong = source(1, *channels, tls=tls, user="bms", password_file=tmp_path / "missing").check()
+    tls = {"ca": tmp_path / "junk"}
+    wrong = source(1, tls=tls, user="bms", password_file=tmp_path / "missing").check()
     assert wrong == [
-        'sources.bms: room/T: topic "home/+/T" has a wildcard (+ or #); name one topic for each channel',
-        'sources.bms: room/u: topic "" is empty, too long or has a character that MQTT forbids',
         f"sources.bms: password_file: {tmp_path}/missing cannot be read (no such file or directory)",
         f"sources.bms: tls.ca: {tmp_path}/junk holds no certificate in PEM; give the certificate of the authority",
     ]
@@ -538,7 +532,7 @@ def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_the_order_of_times_is_that_of_the_intake(running: Mosquitto, party: Party) -> None:
     async def run() -> None:
-        watched, begun = source(running.port, DATED, intake=Intake(dating=Dating(("arrival",)))), time.time()
+        watched, begun = source(running.port, DATED, times=["arrival"]), time.time()
         async with listening(watched) as heard:
             await heard.until(
                 heard.values, lambda: party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time() - 1000)}))
@@ -546,4 +540,3 @@ def test_the_order_of_times_is_that_of_the_intake(running: Mosquitto, party: Par
             assert between(begun, heard.readings[0].time, time.time())
 
     asyncio.run(run())
-    assert TIMES == ("payload", "arrival")

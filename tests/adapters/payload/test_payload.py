@@ -5,9 +5,11 @@ from math import isnan
 from zoneinfo import ZoneInfo
 
 import pytest
+from support.sources import bound, source_table
 
+from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import Channels, Dating, MessageChannel, probed
+from adapters.messages.points import Channels, MessageChannel, probed
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, shown
 from adapters.payload.times import NaiveTime, parse_time
@@ -229,11 +231,12 @@ def test_a_senml_time_that_is_not_finite_is_refused(pack):
 
 @pytest.mark.parametrize("time", [-1.0, -62135596801.0, -1e17])
 def test_a_time_before_1970_is_refused_and_can_be_probed(time):
-    form = PayloadFormat("json", parse("/present/value"), parse("/time"), time_format="epoch")
+    table = source_table("zenoh", connect=["tcp/127.0.0.1:1"], format="json", time_format="epoch")
+    binding = bound(table, "z/T", key="bms/T", value="/present/value", time="/time")
     payload = json.dumps(document(time=time)).encode()
     incoming = Incoming("bms/T", payload, len(payload), None, NOON)
-    channel = MessageChannel("z/T", "bms/T", form)
-    (reading,) = Channels([channel], Dating(), 900.0).readings("bms/T", [incoming])
+    channel = MessageChannel(binding, 900.0)
+    (reading,) = Channels([binding], Dating(), 900.0).readings("bms/T", [incoming])
     assert (reading.fault, reading.time) == (Fault.BAD_TIMESTAMP, NOON)
     assert probed(channel, Dating(), [incoming], "").verdict.endswith("is dated before 1970; look at time_format")
 

@@ -10,16 +10,15 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from contextlib import contextmanager
+from datetime import UTC, datetime
 
 import pytest
 from support.harness import free_port
+from support.sources import bound, source_table
 from support.waiting import PATIENCE
 
-from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
-from adapters.series.database import InfluxDB, Prometheus, Server, parts
-from adapters.series.source import SeriesChannel, SeriesSource
-from adapters.units import conversion
+from adapters.series.database import parts
 
 BEGIN = int(time.time() - 2 * 86400) // 7200 * 7200
 """UTC s: Prometheus keeps blocks of two hours, and two weeks of them."""
@@ -27,14 +26,19 @@ BEGIN = int(time.time() - 2 * 86400) // 7200 * 7200
 MINUTES = 180
 
 
-def readings(database, query, *, edge=None, start=None, minutes=MINUTES, step=60.0):
+def source(database, query, *, minutes=MINUTES, step=60.0, **keys):
+    """What `query` gives of the table `database`, kind and keys."""
+    begin, end = (datetime.fromtimestamp(BEGIN + 60 * at, UTC).isoformat() for at in (0, minutes))
+    table = source_table(**database, begin=begin, end=end, step=step)
+    return table.build("past", [bound(table, "room/T", query=query, **keys)])
+
+
+def readings(*asked, start=None, **keys):
     """Minutes since BEGIN and value of every reading."""
-    channel = SeriesChannel("room/T", query, edge or Edge())
-    source = SeriesSource("past", database, [channel], (BEGIN, BEGIN + 60.0 * minutes), step)
 
     async def run():
         found = []
-        async for batch in source.batches(start):
+        async for batch in source(*asked, **keys).batches(start):
             assert all(reading.time <= batch.now for reading in batch.readings)
             found += [((reading.time - BEGIN) / 60, reading.value) for reading in batch.readings]
         return found
@@ -88,7 +92,7 @@ def prometheus(tmp_path_factory):
     subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
     command = ["prometheus", f"--config.file={folder / 'prometheus.yml'}", f"--storage.tsdb.path={folder / 'data'}"]
     with serving([*command, f"--web.listen-address=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/-/ready"):
-        yield Prometheus(Server(f"http://127.0.0.1:{port}"))
+        yield {"kind": "prometheus", "url": f"http://127.0.0.1:{port}"}
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +129,13 @@ def influxdb(tmp_path_factory):
         ]
         post(f"{url}/write", {"db": "house", "precision": "s", **login}, "\n".join(lines).encode(), within=PATIENCE)
         (folder / "password").write_text("test-only\n")
-        yield InfluxDB(Server(url, "reader", folder / "password"), "house")
+        yield {
+            "kind": "influxdb",
+            "url": url,
+            "database": "house",
+            "user": "reader",
+            "password_file": folder / "password",
+        }
 
 
 def post(url, parameters, body=b"", *, within=0.0):
@@ -162,8 +172,7 @@ def test_prometheus_gives_every_step_and_what_is_older_than_five_minutes_is_miss
 
 
 def test_a_counter_in_prometheus_becomes_power(prometheus):
-    edge = Edge(conversion=conversion("kWh", "W"), counter=True)
-    found = readings(prometheus, "meter_total", edge=edge, minutes=5)
+    found = readings(prometheus, "meter_total", unit="kWh", to="W", minutes=5)
     assert found == [(float(minute), pytest.approx(600.0)) for minute in range(4)]
 
 
@@ -183,17 +192,16 @@ def test_influxdb_gives_the_means_of_every_step(influxdb):
 
 def test_influxdb_refuses_in_a_sentence(influxdb, tmp_path):
     (tmp_path / "wrong").write_text("not it")
-    stranger = InfluxDB(Server(influxdb.server.url, "reader", tmp_path / "wrong"), "house")
+    stranger = influxdb | {"password_file": tmp_path / "wrong"}
     with pytest.raises(SourceConfigError, match="check user and password"):
         readings(stranger, '"value" FROM "degC"')
-    elsewhere = InfluxDB(influxdb.server, "castle")
+    elsewhere = influxdb | {"database": "castle"}
     with pytest.raises(SourceError, match="database not found"):
         readings(elsewhere, '"value" FROM "degC"')
 
 
 def test_probe_shows_the_newest_value(prometheus):
-    channel = SeriesChannel("room/T", 'room_temperature{room="101"}', Edge())
-    (probe,) = asyncio.run(SeriesSource("past", prometheus, [channel], (BEGIN, BEGIN + 600.0), 60.0).probe(1.0))
+    (probe,) = asyncio.run(source(prometheus, 'room_temperature{room="101"}', minutes=10).probe(1.0))
     assert (probe.value, probe.time, probe.verdict) == (20.09, BEGIN + 540, "good")
 
 
@@ -215,7 +223,7 @@ def test_a_query_of_another_form_is_refused(query):
 
 def test_a_server_that_is_not_there_or_is_another_one(tmp_path):
     with pytest.raises(SourceUnavailable, match=r"cannot be reached .*check url"):
-        readings(Prometheus(Server(f"http://127.0.0.1:{free_port()}")), "up")
+        readings({"kind": "prometheus", "url": f"http://127.0.0.1:{free_port()}"}, "up")
 
     class Page(http.server.BaseHTTPRequestHandler):
         def do_GET(self):
@@ -230,9 +238,9 @@ def test_a_server_that_is_not_there_or_is_another_one(tmp_path):
 
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Page) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        other = Server(f"http://127.0.0.1:{server.server_port}")
+        other = {"kind": "prometheus", "url": f"http://127.0.0.1:{server.server_port}"}
         with pytest.raises(SourceUnavailable, match="does not answer in JSON"):
-            readings(Prometheus(other), "up")
+            readings(other, "up")
         with pytest.raises(SourceUnavailable, match="something else than it documents"):
-            readings(InfluxDB(other, "house"), '"value" FROM "degC"')
+            readings(other | {"kind": "influxdb", "database": "house"}, '"value" FROM "degC"')
         server.shutdown()

@@ -17,15 +17,13 @@ import pytest
 from support.harness import free_port
 from support.zenoh_plant import session as session_of
 
-from adapters.csv.table import Layout
+from adapters.csv.config import LayoutConfig
 from adapters.errors import SourceUnavailable
-from adapters.timestamps import timestamp_parser
 from adapters.weather.document import LONGEST, parse
 from adapters.weather.forecast import WeatherForecast, WeatherSeries
 from adapters.weather.heard import HeardForecasts
 from adapters.weather.polled import PolledAddress, csv_file, json_file
-from adapters.zenoh.access import ANYBODY, collecting
-from adapters.zenoh.connection import Connection
+from adapters.zenoh.connection import SessionConfig
 
 NOON = 1_769_860_800.0  # 2026-01-31T12:00:00Z
 DOCUMENT: dict[str, Any] = {
@@ -115,7 +113,7 @@ def first(source: Any, then: Callable[[AsyncIterator[WeatherForecast]], Awaitabl
     return asyncio.run(asked())
 
 
-LAYOUT = Layout("time", timestamp_parser("iso8601"), None, ";", ",", "utf-8")
+LAYOUT = LayoutConfig(timestamp={"column": "time"}, delimiter=";", decimal=",")
 
 
 def test_of_a_file_that_is_too_long_no_more_is_read_than_may_be(tmp_path: Path) -> None:
@@ -218,7 +216,6 @@ def test_an_address_that_refuses_or_is_not_there_is_named(service: str) -> None:
 def station(document: bytes | None) -> Iterator[HeardForecasts]:
     """A source that hears a publisher of `document` on its key; without one, the publisher deletes the key."""
     place = f"tcp/127.0.0.1:{free_port()}"
-    access = collecting((ANYBODY,), relaying=False)
     with session_of(listen=place) as session:
         stop = threading.Event()
 
@@ -232,7 +229,7 @@ def station(document: bytes | None) -> Iterator[HeardForecasts]:
         publishing = threading.Thread(target=publish)
         publishing.start()
         try:
-            yield HeardForecasts("outlook", Connection(connect=(place,), access=access), "site/weather")
+            yield HeardForecasts("outlook", SessionConfig(mode="client", connect=[place]), "site/weather")
         finally:
             stop.set()
             publishing.join()
@@ -258,5 +255,5 @@ def test_a_document_on_zenoh_that_is_too_long_or_deleted_is_told(document: bytes
 
 
 def test_a_zenoh_key_that_is_none_is_named() -> None:
-    source = HeardForecasts("outlook", Connection(connect=("tcp/127.0.0.1:1",)), "site//weather")
+    source = HeardForecasts("outlook", SessionConfig(mode="client", connect=["tcp/127.0.0.1:1"]), "site//weather")
     assert source.check()[0].startswith("weather.outlook.key: ")

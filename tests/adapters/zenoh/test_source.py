@@ -8,41 +8,38 @@ import logging
 import socket
 import threading
 import time
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
+from support.sources import bound, source_table
 from support.waiting import PATIENCE, between
 from support.zenoh_plant import QUICK, TLS, USER, caching_publisher, certificates, endpoint, listening, opened, session
 
+import adapters.messages.subscribed
 import adapters.zenoh.source
-from adapters.credentials import Tls
-from adapters.edge import Edge
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.messages.inbox import Inbox, Incoming
-from adapters.messages.points import Dating, MessageChannel
-from adapters.payload.json_pointer import parse
-from adapters.payload.payload import PayloadFormat
 from adapters.reading import Quality
-from adapters.zenoh.access import ANYBODY, collecting
-from adapters.zenoh.connection import Connection
-from adapters.zenoh.source import Intake, ZenohSource
+from adapters.zenoh.source import ZenohSource
 
-T = MessageChannel("room/T", "bms/room/T")
-CELSIUS = Edge(valid=(-60.0, 80.0))
-JSON = PayloadFormat("json", parse("/value"), parse("/time"), parse("/quality"))
-SENML = PayloadFormat("senml", record="room/T")
+T = {"id": "room/T", "key": "bms/room/T"}
+CELSIUS = T | {"unit": "degC"}
+JSON = {"format": "json", "value": "/value", "time": "/time", "quality": "/quality"}
+SENML = {"format": "senml", "record": "room/T"}
+
+Keys = dict[str, Any]
 
 
-def source(
-    where: str | Connection, *channels: MessageChannel, dating: Dating | None = None, **intake: object
-) -> ZenohSource:
-    """With access control as the daemon has it, though everyone may put readings."""
-    connection = where if isinstance(where, Connection) else Connection(connect=(where,), timeout=1.0)
-    connection = replace(connection, access=collecting((ANYBODY,), relaying=bool(connection.listen)))
-    return ZenohSource("bms", connection, channels or (T,), Intake(dating or Dating(), **intake))
+def source(where: str | Keys, *channels: Keys, **keys: Any) -> ZenohSource:
+    """A source that connects to `where`, or has those keys; where it listens, everyone may put readings."""
+    given = {"connect": [where]} if isinstance(where, str) else where
+    everyone = {"writers": ["*"]} if "listen" in given else {}
+    table = source_table("zenoh", **{"timeout": 1.0} | given | everyone | keys)
+    found: ZenohSource = table.build("bms", [bound(table, **one) for one in channels or (T,)])
+    return found
 
 
 def iso(seconds: float) -> str:
@@ -50,7 +47,7 @@ def iso(seconds: float) -> str:
 
 
 FORMATS = {
-    "plain": (PayloadFormat(), lambda value: str(value)),
+    "plain": ({}, lambda value: str(value)),
     "json": (JSON, lambda value: json.dumps({"value": value, "time": iso(time.time()), "quality": "good"})),
     "senml": (SENML, lambda value: json.dumps([{"bn": "room/", "n": "T", "v": value}, {"n": "u", "v": 0}])),
 }
@@ -63,7 +60,7 @@ def test_every_format_arrives(form: str) -> None:
     async def run() -> None:
         place, begun = endpoint(), time.time()
         with session(listen=place) as bms:
-            async with listening(source(place, MessageChannel("room/T", "bms/room/T", written, CELSIUS))) as heard:
+            async with listening(source(place, CELSIUS | written)) as heard:
                 await heard.until(lambda: heard.values(), lambda: bms.put("bms/room/T", write(21.5)))
                 assert set(heard.values()) == {21.5}
                 assert between(begun, heard.readings[-1].time, time.time())
@@ -80,9 +77,9 @@ def test_the_order_of_preference_decides_on_the_time() -> None:
         with session(listen=place) as bms:
             payload = json.dumps({"value": 1, "time": iso(begun - 1000)})
             stamp = zenoh.Timestamp(datetime.fromtimestamp(begun - 500, UTC), b"\x01")
-            form = PayloadFormat("json", parse("/value"), parse("/time"))
+            timed = T | {"format": "json", "value": "/value", "time": "/time"}
             for times in (("payload", "zenoh"), ("zenoh", "payload"), ("arrival", "zenoh")):
-                tuned = source(place, MessageChannel("room/T", "bms/room/T", form), dating=Dating(times))
+                tuned = source(place, timed, times=times)
                 async with listening(tuned) as heard:
                     await heard.until(
                         lambda heard=heard: heard.readings, lambda: bms.put("bms/room/T", payload, timestamp=stamp)
@@ -103,7 +100,7 @@ def test_a_payload_without_a_time_takes_the_next_one_and_none_at_all_is_refused(
             async with listening(source(place)) as heard:
                 await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
                 assert between(begun, heard.readings[0].time, time.time())
-            async with listening(source(place, dating=Dating(("payload", "zenoh")))) as heard:
+            async with listening(source(place, times=["payload", "zenoh"])) as heard:
                 await heard.until(heard.faults, lambda: bms.put("bms/room/T", "1"))
                 assert set(heard.faults()) == {"bad_timestamp"}
 
@@ -114,7 +111,7 @@ def test_a_time_ahead_of_the_clock_is_refused(caplog: pytest.LogCaptureFixture) 
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            async with listening(source(place, MessageChannel("room/T", "bms/room/T", JSON))) as heard:
+            async with listening(source(place, T | JSON)) as heard:
                 document = {"value": 1, "time": iso(time.time() + 3600), "quality": "good"}
                 await heard.until(heard.faults, lambda: bms.put("bms/room/T", json.dumps(document)))
                 assert set(heard.faults()) == {"ahead_of_time"}
@@ -130,14 +127,14 @@ def test_client_peer_and_embedded_router(ours: str) -> None:
     async def run() -> None:
         place = endpoint()
         if ours.startswith("listening"):
-            connection = Connection(ours.split()[1], listen=(place,))
+            connection = {"mode": ours.split()[1], "listen": [place]}
             async with listening(source(connection)) as heard:
                 await opened(place)
                 with session("client", connect=place) as bms:
                     await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
         else:
             with session(listen=place) as bms:
-                async with listening(source(Connection(ours, (place,), timeout=1.0))) as heard:
+                async with listening(source(place, mode=ours)) as heard:
                     await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
 
     asyncio.run(run())
@@ -146,7 +143,7 @@ def test_client_peer_and_embedded_router(ours: str) -> None:
 def test_an_embedded_router_relays_between_its_clients() -> None:
     async def run() -> None:
         place = endpoint()
-        async with listening(source(Connection("router", listen=(place,)))) as heard:
+        async with listening(source({"mode": "router", "listen": [place]})) as heard:
             await opened(place)
             with session("client", connect=place) as bms, session("client", connect=place) as other:
                 subscriber = other.declare_subscriber("bms/**")
@@ -159,7 +156,7 @@ def test_a_client_takes_the_endpoint_that_answers() -> None:
     async def run() -> None:
         dead, alive = endpoint(), endpoint()
         with session(listen=alive) as bms:
-            async with listening(source(Connection(connect=(dead, alive), timeout=2.0))) as heard:
+            async with listening(source({"connect": [dead, alive]}, timeout=2.0)) as heard:
                 await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
 
     asyncio.run(run())
@@ -168,9 +165,9 @@ def test_a_client_takes_the_endpoint_that_answers() -> None:
 def test_a_peer_hears_every_endpoint() -> None:
     async def run() -> None:
         one, two = endpoint(), endpoint()
-        channels = (T, MessageChannel("hall/T", "bms/hall/T"))
+        channels = (T, {"id": "hall/T", "key": "bms/hall/T"})
         with session(listen=one) as first, session(listen=two) as second:
-            async with listening(source(Connection("peer", (one, two)), *channels)) as heard:
+            async with listening(source({"mode": "peer", "connect": [one, two]}, *channels)) as heard:
 
                 def publish() -> None:
                     first.put("bms/room/T", "1")
@@ -271,7 +268,7 @@ def test_a_consumer_that_sleeps_costs_the_oldest_of_the_busy_key_alone(
 
     async def run() -> None:
         place = endpoint()
-        busy, calm = T, MessageChannel("room/calm", "bms/room/calm")
+        busy, calm = T, {"id": "room/calm", "key": "bms/room/calm"}
         with session(listen=place) as bms:
             ours = source(place, busy, calm, queue=10)
             async with listening(ours) as heard:
@@ -298,10 +295,7 @@ def test_a_bad_publisher_harms_its_channel_only(caplog: pytest.LogCaptureFixture
 
     async def run() -> None:
         place = endpoint()
-        channels = (
-            MessageChannel("room/T", "bms/room/T", edge=CELSIUS),
-            MessageChannel("hall/T", "bms/hall/T", edge=CELSIUS),
-        )
+        channels = (CELSIUS, CELSIUS | {"id": "hall/T", "key": "bms/hall/T"})
         with session(listen=place) as bms:
             async with listening(source(place, *channels)) as heard:
 
@@ -325,7 +319,7 @@ def test_qualities_go_through() -> None:
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            async with listening(source(place, MessageChannel("room/T", "bms/room/T", JSON))) as heard:
+            async with listening(source(place, T | JSON)) as heard:
                 for word in ("good", "uncertain"):
                     document = json.dumps({"value": 1, "quality": word})
                     await heard.until(
@@ -343,10 +337,8 @@ def test_qualities_go_through() -> None:
 def test_a_counter_becomes_power_and_a_frozen_sensor_is_stuck() -> None:
     async def run() -> None:
         place = endpoint()
-        meter = MessageChannel(
-            "room/u", "bms/meter", SENML, Edge(conversion=Edge().conversion._replace(scale=3.6e6), counter=True)
-        )
-        frozen = MessageChannel("room/T", "bms/room/T", stuck_after=0.1)
+        meter = {"id": "room/u", "key": "bms/meter", "unit": "kWh", "to": "W"} | SENML
+        frozen = T | {"stuck_after": 0.1}
         with session(listen=place) as bms:
             async with listening(source(place, meter, frozen)) as heard:
                 begin = time.time() - 100
@@ -363,12 +355,12 @@ def test_a_counter_becomes_power_and_a_frozen_sensor_is_stuck() -> None:
     asyncio.run(run())
 
 
-def verdict(connection: Connection) -> str:
+def verdict(connection: str | Keys, **keys: Any) -> str:
     """ "connected", or why not."""
 
     async def run() -> str:
         try:
-            await source(connection).probe(0.3)
+            await source(connection, **keys).probe(0.3)
         except (SourceUnavailable, SourceConfigError) as error:
             return str(error)
         return "connected"
@@ -383,17 +375,17 @@ def test_user_and_password_are_accepted_and_refused(mode: str, tmp_path: Path, m
     password.write_text("secret-1\n", encoding="utf-8")
     place = endpoint()
     mine = {f"{USER}user": "bms", f"{USER}password": "x", f"{USER}dictionary_file": str(users)}
-    ours = Connection(mode, (place,), timeout=1.0, user="thermogate", password_file=password)
+    ours = {"mode": mode, "connect": [place], "user": "thermogate"}
     with session(listen=place, **mine):
-        assert verdict(ours) == "connected"
+        assert verdict(ours, password_file=password) == "connected"
         monkeypatch.setenv("BMS_PASSWORD", "secret-1")
-        assert verdict(Connection(mode, (place,), user="thermogate", password_env="BMS_PASSWORD")) == "connected"
+        assert verdict(ours, password_env="BMS_PASSWORD", timeout=5.0) == "connected"
         password.write_text("secret-2\n", encoding="utf-8")
-        refused = verdict(ours)
+        refused = verdict(ours, password_file=password)
         assert "check" in refused
         assert "user" in refused
         assert "secret" not in refused
-        assert verdict(Connection(mode, (place,), timeout=1.0)) != "connected"
+        assert verdict(place, mode=mode) != "connected"
 
 
 def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
@@ -401,7 +393,7 @@ def test_our_listener_asks_for_user_and_password(tmp_path: Path) -> None:
 
     async def run() -> None:
         place = endpoint()
-        ours = source(Connection("router", listen=(place,), users_file=tmp_path / "users"))
+        ours = source({"mode": "router", "listen": [place], "users_file": tmp_path / "users"})
         async with listening(ours) as heard:
             await opened(place)
             with (
@@ -426,50 +418,48 @@ def test_tls_and_mutual_tls_are_accepted_and_refused(tmp_path: Path) -> None:
     mutual = server | {f"{TLS}enable_mtls": True, f"{TLS}root_ca_certificate": str(folder / "ca.pem")}
     ca = folder / "ca.pem"
 
-    def ours(place: str, tls: Tls | None) -> str:
-        return verdict(Connection(connect=(place,), timeout=1.0, tls=tls))
+    def ours(place: str, tls: Keys | None) -> str:
+        return verdict(place, tls=tls)
 
-    def signed(name: str) -> Tls:
-        return Tls(ca, folder / f"{name}.pem", folder / f"{name}.key")
+    def signed(name: str) -> Keys:
+        return {"ca": ca, "certificate": folder / f"{name}.pem", "private_key": folder / f"{name}.key"}
 
     place = endpoint("tls")
     with session(listen=place, **server):
-        assert ours(place, Tls(ca)) == "connected"
-        assert "certificates" in ours(place, Tls(folder / "other.pem"))
+        assert ours(place, {"ca": ca}) == "connected"
+        assert "certificates" in ours(place, {"ca": folder / "other.pem"})
         assert "certificates" in ours(place, None)
     place = endpoint("tls")
     with session(listen=place, **mutual):
         assert ours(place, signed("client")) == "connected"
-        assert "certificates" in ours(place, Tls(ca))
+        assert "certificates" in ours(place, {"ca": ca})
         assert "certificates" in ours(place, signed("stranger"))
 
 
 def test_files_of_certificates_that_cannot_be_used_are_said_before_connecting(tmp_path: Path) -> None:
     folder = certificates(tmp_path)
 
-    def problems(tls: Tls, **settings: object) -> list[str]:
-        return source(Connection(connect=("tls/127.0.0.1:1",), tls=tls, **settings)).check()
+    def problems(tls: Keys, **keys: object) -> list[str]:
+        return source("tls/127.0.0.1:1", tls=tls, **keys).check()
 
-    (missing,) = problems(Tls(folder / "nothing.pem"))
+    (missing,) = problems({"ca": folder / "nothing.pem"})
     assert missing == f"sources.bms: tls.ca: {folder}/nothing.pem cannot be read (no such file or directory)"
-    (nonsense,) = problems(Tls(folder / "ca.key"))
+    (nonsense,) = problems({"ca": folder / "ca.key"})
     assert "holds no certificate in PEM" in nonsense
-    (foreign,) = problems(Tls(None, folder / "client.pem", folder / "server.key"))
+    (foreign,) = problems({"certificate": folder / "client.pem", "private_key": folder / "server.key"})
     assert "the unlocked key that belongs to it" in foreign
-    (secret,) = problems(Tls(), user="x", password_file=folder / "nothing")
+    (secret,) = problems({}, user="x", password_file=folder / "nothing")
     assert secret.startswith("sources.bms: password_file: ")
-    assert "tls.ca" in verdict(Connection(connect=("tls/127.0.0.1:1",), tls=Tls(folder / "nothing.pem")))
+    assert "tls.ca" in verdict("tls/127.0.0.1:1", tls={"ca": folder / "nothing.pem"})
 
 
 def test_a_password_that_is_not_set_is_a_mistake_of_the_operator() -> None:
-    assert "NO_SUCH_VARIABLE is not set" in verdict(
-        Connection(connect=("tcp/127.0.0.1:1",), user="x", password_env="NO_SUCH_VARIABLE")
-    )
+    assert "NO_SUCH_VARIABLE is not set" in verdict("tcp/127.0.0.1:1", user="x", password_env="NO_SUCH_VARIABLE")
 
 
 @pytest.mark.parametrize(("key", "gist"), [("bms//T", "empty chunks"), ("/bms", "slashes"), ("bms/T?", "forbidden")])
 def test_a_wrong_key_expression_is_one_sentence(key: str, gist: str) -> None:
-    (problem,) = source("tcp/127.0.0.1:1", MessageChannel("room/T", key)).check()
+    (problem,) = source("tcp/127.0.0.1:1", T | {"key": key}).check()
     assert problem.startswith(f'sources.bms: room/T: key "{key}" is no key expression: ')
     assert gist in problem
     assert "/root/" not in problem
@@ -478,14 +468,15 @@ def test_a_wrong_key_expression_is_one_sentence(key: str, gist: str) -> None:
 def test_an_address_in_use_is_said() -> None:
     place = endpoint()
     with session(listen=place):
-        assert f"listen: an address of {place} cannot be used" in verdict(Connection("peer", listen=(place,)))
+        assert f"listen: an address of {place} cannot be used" in verdict({"mode": "peer", "listen": [place]})
 
 
 def test_keys_on_which_nothing_comes_are_said(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "QUIET", 0.1)
-    monkeypatch.setattr(adapters.zenoh.source, "_LOOK", 0.05)
+    for module in (adapters.zenoh.source, adapters.messages.subscribed):
+        monkeypatch.setattr(module, "LOOK", 0.05)
 
     async def run() -> None:
         place = endpoint()
@@ -502,11 +493,12 @@ def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(adapters.zenoh.source, "LOST", 0.1)
-    monkeypatch.setattr(adapters.zenoh.source, "_LOOK", 0.05)
+    for module in (adapters.zenoh.source, adapters.messages.subscribed):
+        monkeypatch.setattr(module, "LOOK", 0.05)
 
     async def run() -> None:
         place = endpoint()
-        async with listening(source(Connection("peer", listen=(place,)))) as heard:
+        async with listening(source({"mode": "peer", "listen": [place]})) as heard:
             await heard.until(lambda: "nobody has connected to" in caplog.text)
             with session("client", connect=place) as bms:
                 await heard.until(heard.values, lambda: bms.put("bms/room/T", "1"))
@@ -518,10 +510,10 @@ def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
 def test_probe_takes_the_last_value_from_a_cache_or_a_query_and_says_what_is_wrong() -> None:
     async def run() -> None:
         place, begun = endpoint(), time.time()
-        wrong = MessageChannel("room/x", "bms/room/Tt")
-        asked = MessageChannel("room/q", "store/q", JSON)
-        bad = MessageChannel("room/b", "bms/room/b")
-        hot = MessageChannel("room/h", "bms/room/h", edge=CELSIUS)
+        wrong = {"id": "room/x", "key": "bms/room/Tt"}
+        asked = {"id": "room/q", "key": "store/q"} | JSON
+        bad = {"id": "room/b", "key": "bms/room/b"}
+        hot = {"id": "room/h", "key": "bms/room/h", "unit": "degC"}
         with session(listen=place) as bms:
             publishers = [caching_publisher(bms, f"bms/room/{name}") for name in "Tbh"]
             for publisher, payload in zip(publishers, ("21.5", "warm", "300"), strict=True):
@@ -554,7 +546,7 @@ def test_probe_says_what_was_heard_instead() -> None:
     async def run() -> None:
         place = endpoint()
         with session(listen=place) as bms:
-            probing = asyncio.create_task(source(place, MessageChannel("room/x", "bms/room/Temp")).probe(1.0))
+            probing = asyncio.create_task(source(place, {"id": "room/x", "key": "bms/room/Temp"}).probe(1.0))
             while not probing.done():
                 bms.put("bms/room/T", "1")
                 await asyncio.sleep(0.05)
@@ -570,7 +562,7 @@ def test_cancelling_while_the_session_opens_waits_for_nobody() -> None:
 
     async def run() -> None:
         async def first() -> None:
-            await anext(aiter(source(Connection(connect=(place,), timeout=3600.0)).batches(None)))
+            await anext(aiter(source(place, timeout=60.0).batches(None)))
 
         task = asyncio.create_task(first())
         talking, _ = await asyncio.get_running_loop().sock_accept(mute)

@@ -13,15 +13,13 @@ pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
 from support.bacnet_plant import free_udp_port
 from support.bms_plant import Clock, simulation
+from support.sources import bound, source_table
 from support.waiting import PATIENCE
 
 import adapters.bacnet.session
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Refused
-from adapters.bacnet.network import Network
-from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property, parse_object
-from adapters.bacnet.source import BacnetChannel, BacnetSource, Polling
+from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property
 from adapters.bacnet.values import flags, number
-from adapters.edge import Edge
 from adapters.reading import Fault
 from adapters.scanning import Scan
 from replay.bms.bacnet.objects import CLIENT, rows
@@ -33,13 +31,17 @@ from replay.errors import ReplayError
 AIR = ObjectId(0, 1)
 
 
+def network(port: int, **keys: Any) -> Any:
+    return source_table("bacnet", interface=f"{CLIENT}/8", port=port, **keys)
+
+
 def look(job: Callable[[BacnetLink, Simulation, int], Awaitable[Any]], **changes: Any) -> Any:
     """What `job` finds, with a link to a served plant whose clock stands still."""
 
     async def main() -> Any:
         plant = simulation(Clock(), **changes)
         server = await BacnetServer.start(plant, 0)
-        link = BacnetLink(Network(f"{CLIENT}/8", server.port, timeout=0.5, retries=0), lambda kind: None)
+        link = BacnetLink(network(server.port, timeout=0.5, retries=0), lambda kind: None)
         try:
             await link.open()
             return await job(link, plant, server.port)
@@ -56,7 +58,7 @@ async def value(link: BacnetLink, device: Device, object: ObjectId = AIR) -> flo
 
 def test_every_channel_is_an_object_with_the_plants_value_and_unit() -> None:
     async def job(link: BacnetLink, plant: Simulation, port: int) -> None:
-        source = BacnetSource("bms", Network(f"{CLIENT}/8", port, timeout=1.0), [], Polling())
+        source = network(port, timeout=1.0).build("bms", [])
         found = await source.scan(Scan(seconds=1.0))
         listed = {(row[0], row[2]): row for row in found.rows[1:]}
         expected = {(row[1], row[4]): row for row in rows(plant.plant)}
@@ -122,11 +124,12 @@ def test_subscribers_are_told_of_changes_and_counters_are_polled(monkeypatch: py
         plant = simulation(Clock(), pace=600.0)
         server = await BacnetServer.start(plant, 0)
         telling = asyncio.create_task(server.run())
+        table = network(server.port, poll=0.05, device=1012)
         channels = [
-            BacnetChannel("z/T", 1012, AIR, unit="degC", edge=Edge(valid=(-60.0, 80.0))),
-            BacnetChannel("z/meter", 1012, parse_object("accumulator,1"), unit="Wh", edge=Edge()),
+            bound(table, "z/T", unit="degC", object="analog-input,1"),
+            bound(table, "z/meter", unit="Wh", object="accumulator,1"),
         ]
-        source = BacnetSource("bms", Network(f"{CLIENT}/8", server.port), channels, Polling(0.05))
+        source = table.build("bms", channels)
         clock = plant._clock
         assert isinstance(clock, Clock)
         try:

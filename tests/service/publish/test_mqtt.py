@@ -15,12 +15,11 @@ from support.config_samples import sound, write
 from support.fake_zones import announced, make_update, running, waiting
 from support.waiting import wait_until
 
-from adapters.mqtt.broker import Broker
 from estimator.diagnosis.finding import FINDINGS
 from service.config.load import load
 from service.errors import ConfigError
 from service.publish import mqtt
-from service.publish.mqtt import Publisher
+from service.publish.mqtt import MqttConfig, Publisher
 from service.publish.sinks import TOPICS, Announcement, Occasion
 from service.records.measures import family
 
@@ -35,7 +34,8 @@ def site(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 def publisher(port: int, prefix: str | None = None) -> Publisher:
-    opened = Publisher(Broker("127.0.0.1", port, client_id="thermogate-htwg", timeout=2.0), "htwg", prefix)
+    table = MqttConfig(host="127.0.0.1", port=port, client_id="thermogate-htwg", timeout=2.0)
+    opened = Publisher(table, "htwg", prefix)
     opened.add("living")
     return opened.open()
 

@@ -17,7 +17,6 @@ from support.fake_zones import announced, make_update, running
 from support.publishing import opened, settings
 from support.zenoh_plant import session as session_of
 
-from adapters.zenoh.connection import Connection
 from service.errors import ServiceError
 from service.publish import zenoh as module
 from service.publish.payloads import ForecastPayload
@@ -167,7 +166,7 @@ def test_a_client_without_a_router_is_one_sentence(address: str) -> None:
 def test_a_listener_with_users_asks_for_a_password_and_never_tells_it(address: str, tmp_path: Path) -> None:
     (tmp_path / "users").write_text("reader:hush\n", encoding="utf-8")
     config = ZenohConfig.model_validate({"listen": [address], "users_file": "users"}, context={"folder": tmp_path})
-    publisher = opened(config.connection("htwg"), ["living"])
+    publisher = opened(config, ["living"])
     publisher.publish(announced("living", make_update(0), running("living").status()))
     user = "transport/auth/usrpwd"
 
@@ -187,16 +186,16 @@ def test_a_listener_with_users_asks_for_a_password_and_never_tells_it(address: s
     with session_of("router", listen=address, **{f"{user}/dictionary_file": str(tmp_path / "users")}):
         config = ZenohConfig.model_validate(told, context={"folder": tmp_path})
         with pytest.raises(ServiceError, match=r"zenoh.connect: .* check user and password") as caught:
-            opened(config.connection("htwg"), ["living"])
+            opened(config, ["living"])
         assert "wrong" not in str(caught.value)
     (tmp_path / "password").unlink()
     with pytest.raises(ServiceError, match=r"\[zenoh\]: password_file: .* cannot be read"):
-        opened(config.connection("htwg"), ["living"])
+        opened(config, ["living"])
 
 
 def test_a_malformed_locator_is_one_sentence() -> None:
     with pytest.raises(ServiceError, match=r"\[zenoh\]: Zenoh does not take listen/endpoints") as caught:
-        opened(Connection("peer", listen=("nonsense",)), ["living"])
+        opened(settings().model_copy(update={"listen": ("nonsense",)}), ["living"])
     assert ".rs" not in str(caught.value)
 
 

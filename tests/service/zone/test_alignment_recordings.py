@@ -5,18 +5,16 @@ import csv
 from datetime import UTC, datetime
 
 import pytest
+from support.sources import recording as recorded
 
-from adapters.csv.source import CsvChannel, CsvSource
-from adapters.edge import Edge
 from adapters.routing import Router
-from adapters.units import conversion
 from estimator.network.presets import network
 from service.zone.alignment import Alignment, Rules
 
 
 def samples(recording, channels, alignment, start=None):
     async def run():
-        router = Router(recording.name, [channel.id for channel in channels])
+        router = Router(recording.name, [channel["id"] for channel in channels])
         closed = []
         async for batch in recording.batches(start):
             for delivery in router.split(batch):
@@ -53,11 +51,11 @@ def ecolar_day(tmp_path):
 def ecolar(path, **settings):
     zone = network("ecolar-6r4c")
     channels = [
-        CsvChannel(f"living/{channel}", columns, Edge(conversion=conversion(given, unit)))
+        {"id": f"living/{channel}", "columns": columns, "unit": given, "to": unit}
         for channel, columns in ECOLAR_COLUMNS.items()
         for unit, given in [(zone.channel_unit(channel), "kW" if channel == "u_heat" else "degC")]
     ]
-    recording = CsvSource("raw", [path], channels, timestamp_column="Timestamp", zone="Europe/Berlin")
+    recording = recorded("raw", [path], channels, "Timestamp", zone="Europe/Berlin")
     return recording, channels, Alignment(zone, 300, ["raw"], Rules(zone="living", **settings))
 
 

@@ -1,0 +1,102 @@
+"""What every source of subscriptions does, whatever carries the messages."""
+
+from __future__ import annotations
+
+import asyncio
+import difflib
+import logging
+import time
+from collections.abc import AsyncIterator, Iterable, Sequence
+
+from adapters.channel import Binding
+from adapters.messages.config import MessagesConfig
+from adapters.messages.dating import Dating
+from adapters.messages.inbox import Inbox
+from adapters.messages.points import Channels, MessageChannel
+from adapters.messages.takings import Takings, pieces
+from adapters.reading import Batch
+
+TRANSIT = 1.0
+"""How long a message may be on its way before the source's clock has gone past its time, in s."""
+
+QUIET = 60.0
+"""After this time with a connection it is said on which keys or topics nothing has come, in s."""
+
+LOOK = 1.0
+"""How long nothing is looked at but the inbox, at most, in s."""
+
+_SHOWN = 5
+
+_log = logging.getLogger(__name__)
+
+
+class SubscribedSource:
+    """The channels of a source, and what comes for them. Messages go from the threads of a client library into an
+    `Inbox`, so that neither side ever waits for the other."""
+
+    def __init__(
+        self, name: str, table: MessagesConfig, bindings: Sequence[Binding], dating: Dating, noun: str
+    ) -> None:
+        """`noun`: what the place is called that messages come on."""
+        self.name = name
+        self._dating, self._noun = dating, noun
+        self._room, self._longest_stretch = table.queue, table.longest_stretch
+        self._channels = Channels(bindings, dating, table.longest_stretch, noun)
+        self._takings = Takings(name, self._channels)
+        self._listed = tuple(bindings)
+        self._rebound = False
+        """Whether `_listed` has changed since the last look."""
+
+    @property
+    def dropped(self) -> int:
+        """How many messages were dropped because they came faster than they could be taken."""
+        return self._takings.dropped
+
+    def rebind(self, bindings: Sequence[Binding]) -> None:
+        """Deliver `bindings` from the next look on, over the same connection."""
+        self._listed, self._rebound = tuple(bindings), True
+
+    def _begin(self) -> Inbox:
+        """The channels as they are listed now, with nothing heard yet, and an empty inbox for them."""
+        self._channels.replace(self._listed)
+        self._rebound = False
+        self._channels.start_again()
+        return Inbox(self._channels.keys, self._room)
+
+    def _change(self, inbox: Inbox) -> tuple[list[str], list[str]]:
+        """Take channels and inbox to what is listed now; the keys that came and those that went."""
+        self._rebound, before = False, self._channels.keys
+        self._channels.replace(self._listed)
+        now = self._channels.keys
+        inbox.listen_to(now)
+        return [key for key in now if key not in before], [key for key in before if key not in now]
+
+    def _clock(self) -> Batch:
+        """A batch that tells the time alone."""
+        return Batch([], time.time() - TRANSIT)
+
+    async def _taken(self, inbox: Inbox) -> AsyncIterator[Batch]:
+        """What comes within LOOK s."""
+        if await inbox.wait(LOOK):
+            for readings in pieces(await self._takings.readings(inbox)):
+                yield Batch(readings, time.time() - TRANSIT)
+                # A flood must leave the loop to others as well.
+                await asyncio.sleep(0)
+
+    def _note_quiet(self) -> None:
+        for channel in self._channels.unheard():
+            _log.warning(
+                "sources.%s: nothing has come for %s so far; check its %s with thermogate probe",
+                self.name,
+                channel,
+                self._noun,
+            )
+
+    def _asked_for(self) -> list[MessageChannel]:
+        """The channels that are listed, for one look at each."""
+        return [MessageChannel(binding, self._longest_stretch) for binding in self._listed]
+
+
+def nearest(key: str, heard: Iterable[str]) -> list[str]:
+    """Those of `heard` that are most like `key`."""
+    return difflib.get_close_matches(key, sorted(heard), n=_SHOWN, cutoff=0.0)
