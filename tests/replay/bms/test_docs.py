@@ -9,11 +9,7 @@ from pathlib import Path
 
 from support.bms_plant import Clock, ask, simulation
 
-from replay.bms import register_map
-from replay.bms.control import create_control
 from replay.bms.faults import MENU, parse_spec
-from replay.bms.living.building import design
-from replay.bms.plant import devices
 
 TEXT = (Path(__file__).parents[3] / "docs" / "simulate-bms.md").read_text(encoding="utf-8")
 BASE = "http://127.0.0.1:5021"
@@ -40,10 +36,6 @@ def test_the_menu_is_the_one_in_force() -> None:
     assert table("Faults") == shown
 
 
-def test_the_register_map_is_the_one_printed() -> None:
-    assert "\n".join(register_map.as_text(devices(design(3, 1), pace=60.0))) in TEXT
-
-
 def test_fault_examples_are_faults_that_the_plant_can_have() -> None:
     plant = simulation(Clock())
     examples = re.findall(r"--fault (\S+)", TEXT)
@@ -64,16 +56,3 @@ def test_control_examples_work_one_after_the_other() -> None:
         requests.append((method, url.removeprefix(BASE), body))
     answers = ask(simulation(Clock()), *requests)
     assert all(answer.is_success for answer in answers), [answer.text for answer in answers]
-
-
-def test_every_request_of_the_control_surface_is_listed() -> None:
-    documented = {
-        tuple(row[0].strip("`").replace("<id>", "{number}").replace("<room>", "{room}").split())
-        for row in table("Control surface")
-    }
-    offered = {
-        (method.upper(), path)
-        for path, methods in create_control(simulation(Clock())).openapi()["paths"].items()
-        for method in methods
-    }
-    assert documented == offered
