@@ -1,5 +1,7 @@
 """What all tests share: a database server, and the daemon's choice of a kernel cache, made before Numba is imported."""
 
+import asyncio
+import inspect
 import logging
 import threading
 from collections.abc import Iterator
@@ -18,6 +20,16 @@ LONG = [Path(__file__).parent / name for name in ("integration", "browser")]
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that take minutes come first: behind the others, all processes but one would wait for the last of them."""
     items.sort(key=lambda item: not any(item.path.is_relative_to(folder) for folder in LONG))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """A test that is a coroutine has an event loop of its own."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    asyncio.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names}))
+    return True
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ def test_the_result_and_the_error_of_the_library_are_passed_on() -> None:
         asyncio.run(cancellable(failing()))
 
 
-def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
+async def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
     done = []
 
     async def work() -> None:
@@ -46,13 +46,10 @@ def test_what_is_done_while_a_task_ends_is_not_disturbed() -> None:
         finally:
             done.append(await cancellable(asyncio.sleep(0, "goodbye")))
 
-    async def run() -> None:
-        task = asyncio.create_task(work())
-        await asyncio.sleep(0)
-        task.cancel()
-        await asyncio.wait([task])
-
-    asyncio.run(run())
+    task = asyncio.create_task(work())
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.wait([task])
     assert done == ["goodbye"]
 
 

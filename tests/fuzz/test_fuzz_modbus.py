@@ -77,6 +77,7 @@ def test_plan_of_requests(points: list[Point], batch: bool, registers: int, gap:
     asked = [point for request in requests for point in request.points]
     assert sorted(asked) == sorted(points)
     for request in requests:
+        assert request.size <= registers * (16 if request.table in ("coil", "discrete") else 1)
         for point in request.points:
             assert (point.unit, point.table) == (request.unit, request.table)
             assert request.address <= point.address

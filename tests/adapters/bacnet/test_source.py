@@ -58,28 +58,25 @@ def run(job):
     return asyncio.run(job)
 
 
-def test_present_values_are_polled_and_converted():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add("analog-input,1", 21.5)
-        peer.add("analog-value,7", 72.5, "degreesFahrenheit")
-        peer.add("analog-input,2", 1.25, "kilowatts")
-        peer.add("binary-input,1", "active")
-        channels = [
-            channel("air", "analog-input,1"),
-            channel("fahrenheit", "analog-value,7", unit="degF", to="degC"),
-            channel("power", "analog-input,2", unit="kW", to="W"),
-            channel("relay", "binary-input,1", unit="W", scale=1500.0),
-        ]
-        async with serving(peer):
-            before = time.time()
-            batches = await collect(source(port, channels), lambda got: len(got) >= 3)
-            for batch in batches:
-                assert all(before <= reading.time <= batch.now <= time.time() for reading in batch.readings)
-            return values(batches), peer.asked
-
-    found, asked = run(job())
+async def test_present_values_are_polled_and_converted():
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add("analog-input,1", 21.5)
+    peer.add("analog-value,7", 72.5, "degreesFahrenheit")
+    peer.add("analog-input,2", 1.25, "kilowatts")
+    peer.add("binary-input,1", "active")
+    channels = [
+        channel("air", "analog-input,1"),
+        channel("fahrenheit", "analog-value,7", unit="degF", to="degC"),
+        channel("power", "analog-input,2", unit="kW", to="W"),
+        channel("relay", "binary-input,1", unit="W", scale=1500.0),
+    ]
+    async with serving(peer):
+        before = time.time()
+        batches = await collect(source(port, channels), lambda got: len(got) >= 3)
+        for batch in batches:
+            assert all(before <= reading.time <= batch.now <= time.time() for reading in batch.readings)
+        found, asked = values(batches), peer.asked
     assert found == {"z/air": 21.5, "z/fahrenheit": pytest.approx(22.5), "z/power": 1250.0, "z/relay": 1500.0}
     assert asked.count("ReadPropertyMultipleRequest") >= 4, "the units once, then the values of every poll at once"
     assert asked.count("ReadPropertyRequest") == 2, "what the device can do"
@@ -107,23 +104,21 @@ def test_answers_stay_within_what_the_device_can_send():
     assert asked.count("ReadPropertyRequest") == 2 + 3 * 12
 
 
-def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        peer.add("analog-input,2", 5.0)
-        services = peer.get_services_supported
-        async with serving(peer):
-            peer.without = {"ReadPropertyMultipleRequest"}
-            peer.get_services_supported = lambda: _with(services(), 14)
-            return values(await collect(source(port, [channel(), channel("two", "analog-input,2")]), bool))
-
+async def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
     def _with(bits, bit):
         bits[bit] = 1
         return bits
 
-    assert run(job()) == {"z/T": 21.5, "z/two": 5.0}
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    peer.add("analog-input,2", 5.0)
+    services = peer.get_services_supported
+    async with serving(peer):
+        peer.without = {"ReadPropertyMultipleRequest"}
+        peer.get_services_supported = lambda: _with(services(), 14)
+        found = values(await collect(source(port, [channel(), channel("two", "analog-input,2")]), bool))
+    assert found == {"z/T": 21.5, "z/two": 5.0}
 
 
 async def ended(stream):
@@ -132,84 +127,75 @@ async def ended(stream):
             pass
 
 
-def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
+async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
 
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        air = peer.add(value=20.0)
-        bms = source(port, [channel(stuck_after=3600.0, cov=True)])
-        async with serving(peer), aclosing(bms.batches(None)) as stream:
-            while "SubscribeCOVRequest" not in peer.asked:
-                await anext(stream)
-            for _ in range(3):
-                await anext(stream)
-            read = peer.asked.count("ReadPropertyMultipleRequest")
-            air.presentValue = 23.5
-            async with asyncio.timeout(PATIENCE):
-                while values([await anext(stream)]) != {"z/T": 23.5}:
-                    pass
-            air.statusFlags = [0, 1, 0, 0]
-            async with asyncio.timeout(PATIENCE):
-                while values([await anext(stream)]) != {"z/T": Fault.REPORTED_BAD}:
-                    pass
-            assert peer.asked.count("ReadPropertyMultipleRequest") == read, "it is told, and need not ask"
-            assert peer.asked.count("SubscribeCOVRequest") == 1
-            before = time.time()
-            batch = await anext(stream)
-            assert before - 1 < batch.readings[0].time <= time.time(), "what holds is said again in every poll"
-            peer.silent = True
-            with pytest.raises(SourceUnavailable, match="no answer from"):
-                await ended(stream)
-
-    run(job())
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    air = peer.add(value=20.0)
+    bms = source(port, [channel(stuck_after=3600.0, cov=True)])
+    async with serving(peer), aclosing(bms.batches(None)) as stream:
+        while "SubscribeCOVRequest" not in peer.asked:
+            await anext(stream)
+        for _ in range(3):
+            await anext(stream)
+        read = peer.asked.count("ReadPropertyMultipleRequest")
+        air.presentValue = 23.5
+        async with asyncio.timeout(PATIENCE):
+            while values([await anext(stream)]) != {"z/T": 23.5}:
+                pass
+        air.statusFlags = [0, 1, 0, 0]
+        async with asyncio.timeout(PATIENCE):
+            while values([await anext(stream)]) != {"z/T": Fault.REPORTED_BAD}:
+                pass
+        assert peer.asked.count("ReadPropertyMultipleRequest") == read, "it is told, and need not ask"
+        assert peer.asked.count("SubscribeCOVRequest") == 1
+        before = time.time()
+        batch = await anext(stream)
+        assert before - 1 < batch.readings[0].time <= time.time(), "what holds is said again in every poll"
+        peer.silent = True
+        with pytest.raises(SourceUnavailable, match="no answer from"):
+            await ended(stream)
 
 
-def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
+async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 0.1)
 
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        air = peer.add(value=20.0, covIncrement=5.0)
-        async with serving(peer), aclosing(source(port, [channel(cov=True)], lifetime=0.2).batches(None)) as stream:
-            while peer.asked.count("SubscribeCOVRequest") < 3:
-                await anext(stream)
-            # Too little to be told of.
-            air.presentValue = 21.0
-            async with asyncio.timeout(PATIENCE):
-                while values([await anext(stream)]) != {"z/T": 21.0}:
-                    pass
-
-    run(job())
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    air = peer.add(value=20.0, covIncrement=5.0)
+    async with serving(peer), aclosing(source(port, [channel(cov=True)], lifetime=0.2).batches(None)) as stream:
+        while peer.asked.count("SubscribeCOVRequest") < 3:
+            await anext(stream)
+        # Too little to be told of.
+        air.presentValue = 21.0
+        async with asyncio.timeout(PATIENCE):
+            while values([await anext(stream)]) != {"z/T": 21.0}:
+                pass
 
 
-def test_what_is_not_offered_is_polled(caplog):
+async def test_what_is_not_offered_is_polled(caplog):
     caplog.set_level(logging.INFO)
 
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        offered, refused = peer.add("analog-input,1", 1.0), peer.add("analog-input,2", 2.0)
-        peer.refused.add(("analog-input", 2))
-        unwanted = peer.add("analog-input,3", 3.0)
-        channels = [
-            channel("a", "analog-input,1", cov=True),
-            channel("b", "analog-input,2", cov=True),
-            channel("c", "analog-input,3"),
-        ]
-        async with serving(peer), aclosing(source(port, channels).batches(None)) as stream:
-            while peer.asked.count("SubscribeCOVRequest") < 2:
-                await anext(stream)
-            for one, value in ((offered, 11.0), (refused, 12.0), (unwanted, 13.0)):
-                one.presentValue = value
-            async with asyncio.timeout(PATIENCE):
-                while values([await anext(stream)]) != {"z/a": 11.0, "z/b": 12.0, "z/c": 13.0}:
-                    pass
-            assert peer.asked.count("SubscribeCOVRequest") == 2
-
-    run(job())
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    offered, refused = peer.add("analog-input,1", 1.0), peer.add("analog-input,2", 2.0)
+    peer.refused.add(("analog-input", 2))
+    unwanted = peer.add("analog-input,3", 3.0)
+    channels = [
+        channel("a", "analog-input,1", cov=True),
+        channel("b", "analog-input,2", cov=True),
+        channel("c", "analog-input,3"),
+    ]
+    async with serving(peer), aclosing(source(port, channels).batches(None)) as stream:
+        while peer.asked.count("SubscribeCOVRequest") < 2:
+            await anext(stream)
+        for one, value in ((offered, 11.0), (refused, 12.0), (unwanted, 13.0)):
+            one.presentValue = value
+        async with asyncio.timeout(PATIENCE):
+            while values([await anext(stream)]) != {"z/a": 11.0, "z/b": 12.0, "z/c": 13.0}:
+                pass
+        assert peer.asked.count("SubscribeCOVRequest") == 2
     assert caplog.text.count("offers no subscription to analog-input,2 (resources error no-space-to-add") == 1
 
 
@@ -222,37 +208,33 @@ def test_what_is_not_offered_is_polled(caplog):
         ({"outOfService": True}, (None, Quality.BAD, Fault.REPORTED_BAD)),
     ],
 )
-def test_status_flags_become_quality(state, expected):
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add(**state)
-        async with serving(peer):
-            (batch,) = await collect(source(port, [channel()]), bool)
-            (reading,) = batch.readings
-            return None if math.isnan(reading.value) else reading.value, reading.quality, reading.fault
-
-    assert run(job()) == expected
+async def test_status_flags_become_quality(state, expected):
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add(**state)
+    async with serving(peer):
+        (batch,) = await collect(source(port, [channel()]), bool)
+        (reading,) = batch.readings
+        found = None if math.isnan(reading.value) else reading.value, reading.quality, reading.fault
+    assert found == expected
 
 
-def test_values_that_cannot_be_used():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add("analog-input,1", 71.5, "degreesFahrenheit")
-        peer.add("analog-input,2", math.nan)
-        peer.add("analog-input,3", 200.0)
-        channels = [
-            channel("unit", "analog-input,1"),
-            channel("ignored", "analog-input,1", compare_units=False),
-            channel("nan", "analog-input,2"),
-            channel("range", "analog-input,3"),
-            channel("missing", "analog-input,9"),
-        ]
-        async with serving(peer):
-            return values(await collect(source(port, channels), bool))
-
-    assert run(job()) == {
+async def test_values_that_cannot_be_used():
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add("analog-input,1", 71.5, "degreesFahrenheit")
+    peer.add("analog-input,2", math.nan)
+    peer.add("analog-input,3", 200.0)
+    channels = [
+        channel("unit", "analog-input,1"),
+        channel("ignored", "analog-input,1", compare_units=False),
+        channel("nan", "analog-input,2"),
+        channel("range", "analog-input,3"),
+        channel("missing", "analog-input,9"),
+    ]
+    async with serving(peer):
+        found = values(await collect(source(port, channels), bool))
+    assert found == {
         "z/unit": Fault.WRONG_UNIT,
         "z/ignored": 71.5,
         "z/nan": Fault.NOT_FINITE,
@@ -261,239 +243,208 @@ def test_values_that_cannot_be_used():
     }
 
 
-def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(caplog):
+async def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(caplog):
     caplog.set_level(logging.INFO)
 
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        bms = source(port, [channel(), channel("two", "analog-input,2")])
-        async with serving(peer), aclosing(bms.batches(None)) as stream:
-            first = await anext(stream)
-            assert values([first]) == {"z/T": 21.5, "z/two": Fault.REFUSED_BY_DEVICE}
-            for _ in range(4):
-                (reading,) = (await anext(stream)).readings
-                assert reading.channel == "z/T"
-            peer.add("analog-input,2", 5.0)
-            # The time to ask again has come.
-            bms._sessions[1201].rebound()
-            async with asyncio.timeout(PATIENCE):
-                while values([await anext(stream)]) != {"z/T": 21.5, "z/two": 5.0}:
-                    pass
-
-    run(job())
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    bms = source(port, [channel(), channel("two", "analog-input,2")])
+    async with serving(peer), aclosing(bms.batches(None)) as stream:
+        first = await anext(stream)
+        assert values([first]) == {"z/T": 21.5, "z/two": Fault.REFUSED_BY_DEVICE}
+        for _ in range(4):
+            (reading,) = (await anext(stream)).readings
+            assert reading.channel == "z/T"
+        peer.add("analog-input,2", 5.0)
+        # The time to ask again has come.
+        bms._sessions[1201].rebound()
+        async with asyncio.timeout(PATIENCE):
+            while values([await anext(stream)]) != {"z/T": 21.5, "z/two": 5.0}:
+                pass
     assert caplog.text.count("refuses z/two (device 1201 analog-input,2): object error unknown-object") == 1
     assert caplog.text.count("the device gives z/two (device 1201 analog-input,2) again") == 1
 
 
-def test_a_silent_device_does_not_hold_up_the_others(caplog):
+async def test_a_silent_device_does_not_hold_up_the_others(caplog):
     caplog.set_level(logging.INFO)
 
-    async def job():
-        port = free_udp_port()
-        one, other = Peer(1201, port, 1), Peer(1202, port, 2)
-        one.add(value=1.0)
-        other.add(value=2.0)
-        channels = [channel("one"), channel("other", device=1202)]
-        bms = source(port, channels, timeout=0.3)
-        async with serving(one, other), aclosing(bms.batches(None)) as stream:
-            got = []
-            async with asyncio.timeout(PATIENCE):
-                while values(got) != {"z/one": 1.0, "z/other": 2.0}:
-                    got.append(await anext(stream))
-                other.silent = True
-                while "device 1202 is silent" not in caplog.text:
-                    await anext(stream)
-                assert values([await anext(stream)]) == {"z/one": 1.0}
-                other.silent = False
-                while "z/other" not in values([await anext(stream)]):
-                    pass
-        assert "device 1202 answers again" in caplog.text
-
-    run(job())
-
-
-def test_when_every_device_is_silent_the_source_is_not_there():
-    async def job():
-        port = free_udp_port()
-        bms = source(port, [channel(), channel("x", device=1299)], timeout=0.2)
-        with pytest.raises(
-            SourceUnavailable, match=r"sources\.bms: no device 12\d\d answers within 0\.2 s, and 1 other;"
-        ):
-            await collect(bms, lambda got: False)
-        peer = Peer(1201, port)
-        peer.add()
-        async with serving(peer):
-            assert values(await collect(bms, bool)) == {"z/T": 21.5}, "the next attempt is a new one"
-        elsewhere = source(port, [channel(at=f"127.0.7.9:{port}")], timeout=0.2)
-        with pytest.raises(SourceUnavailable, match=rf"no answer from 127\.0\.7\.9:{port} within 0\.2 s"):
-            await collect(elsewhere, lambda got: False)
-
-    run(job())
-
-
-def test_the_address_of_a_device_can_be_given_and_is_checked():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        async with serving(peer):
-            bms = source(port, [channel(at=peer.where)], interface="127.0.0.1")
-            assert values(await collect(bms, bool)) == {"z/T": 21.5}
-            assert "WhoIsRequest" not in peer.asked
-            wrong = source(port, [channel(device=77, at=peer.where)])
-            with pytest.raises(SourceUnavailable, match=r"is not device 77: object error unknown-object"):
-                await collect(wrong, lambda got: False)
-
-    run(job())
-
-
-def test_channels_change_while_it_is_at_work():
-    async def job():
-        port = free_udp_port()
-        one, other = Peer(1201, port, 1), Peer(1202, port, 2)
-        one.add(value=1.0)
-        one.add("analog-input,2", 3.0)
-        other.add(value=2.0)
-        bms = source(port, [channel("one")])
-        async with serving(one, other), aclosing(bms.batches(None)) as stream:
+    port = free_udp_port()
+    one, other = Peer(1201, port, 1), Peer(1202, port, 2)
+    one.add(value=1.0)
+    other.add(value=2.0)
+    channels = [channel("one"), channel("other", device=1202)]
+    bms = source(port, channels, timeout=0.3)
+    async with serving(one, other), aclosing(bms.batches(None)) as stream:
+        got = []
+        async with asyncio.timeout(PATIENCE):
+            while values(got) != {"z/one": 1.0, "z/other": 2.0}:
+                got.append(await anext(stream))
+            other.silent = True
+            while "device 1202 is silent" not in caplog.text:
+                await anext(stream)
             assert values([await anext(stream)]) == {"z/one": 1.0}
-            bms.rebind([channel("other", device=1202), channel("more", "analog-input,2")])
-            got = []
-            async with asyncio.timeout(PATIENCE):
-                while not {"z/other", "z/more"} <= values(got).keys():
-                    got.append(await anext(stream))
-            bms.rebind([channel("other", device=1202)])
-            async with asyncio.timeout(PATIENCE):
-                while "z/more" in values([await anext(stream)]):
-                    pass
-            await anext(stream)
-            asked = len(one.asked)
-            for _ in range(5):
-                assert values([await anext(stream)]) == {"z/other": 2.0}
-            assert len(one.asked) == asked, "a device without channels is left alone"
-            bms.rebind([channel("other", device=1202, at=one.where)])
-            async with asyncio.timeout(PATIENCE):
-                with pytest.raises(SourceUnavailable, match="is not device 1202"):
-                    await exhaust(stream)
-
-    run(job())
+            other.silent = False
+            while "z/other" not in values([await anext(stream)]):
+                pass
+    assert "device 1202 answers again" in caplog.text
 
 
-def test_what_is_malformed_is_counted_and_harms_nothing(caplog):
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        bms = source(port, [channel()])
-        async with serving(peer), aclosing(bms.batches(None)) as stream:
-            await anext(stream)
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-                stranger.bind(("127.0.7.99", 0))
-                for frame in (
-                    b"",
-                    b"hello",
-                    b"\x81\x0a\x00\xff\x01",
-                    b"\x81\x0a\x00\x06\x01\x00",
-                    b"\x81\x77\x00\x04",
-                    # An I-Am and a notification whose parameters end too soon.
-                    b"\x81\x0a\x00\x09\x01\x00\x10\x00\xc4",
-                    b"\x81\x0a\x00\x0a\x01\x00\x10\x02\x09\x01",
-                ):
-                    for _ in range(20):
-                        stranger.sendto(frame, ("127.0.0.1", port))
-                await until(lambda: sum(bms.malformed.values()) >= 100)
-            for _ in range(3):
-                assert values([await anext(stream)]) == {"z/T": 21.5}
-            return bms.malformed
+async def test_when_every_device_is_silent_the_source_is_not_there():
+    port = free_udp_port()
+    bms = source(port, [channel(), channel("x", device=1299)], timeout=0.2)
+    with pytest.raises(SourceUnavailable, match=r"sources\.bms: no device 12\d\d answers within 0\.2 s, and 1 other;"):
+        await collect(bms, lambda got: False)
+    peer = Peer(1201, port)
+    peer.add()
+    async with serving(peer):
+        assert values(await collect(bms, bool)) == {"z/T": 21.5}, "the next attempt is a new one"
+    elsewhere = source(port, [channel(at=f"127.0.7.9:{port}")], timeout=0.2)
+    with pytest.raises(SourceUnavailable, match=rf"no answer from 127\.0\.7\.9:{port} within 0\.2 s"):
+        await collect(elsewhere, lambda got: False)
 
-    malformed = run(job())
+
+async def test_the_address_of_a_device_can_be_given_and_is_checked():
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    async with serving(peer):
+        bms = source(port, [channel(at=peer.where)], interface="127.0.0.1")
+        assert values(await collect(bms, bool)) == {"z/T": 21.5}
+        assert "WhoIsRequest" not in peer.asked
+        wrong = source(port, [channel(device=77, at=peer.where)])
+        with pytest.raises(SourceUnavailable, match=r"is not device 77: object error unknown-object"):
+            await collect(wrong, lambda got: False)
+
+
+async def test_channels_change_while_it_is_at_work():
+    port = free_udp_port()
+    one, other = Peer(1201, port, 1), Peer(1202, port, 2)
+    one.add(value=1.0)
+    one.add("analog-input,2", 3.0)
+    other.add(value=2.0)
+    bms = source(port, [channel("one")])
+    async with serving(one, other), aclosing(bms.batches(None)) as stream:
+        assert values([await anext(stream)]) == {"z/one": 1.0}
+        bms.rebind([channel("other", device=1202), channel("more", "analog-input,2")])
+        got = []
+        async with asyncio.timeout(PATIENCE):
+            while not {"z/other", "z/more"} <= values(got).keys():
+                got.append(await anext(stream))
+        bms.rebind([channel("other", device=1202)])
+        async with asyncio.timeout(PATIENCE):
+            while "z/more" in values([await anext(stream)]):
+                pass
+        await anext(stream)
+        asked = len(one.asked)
+        for _ in range(5):
+            assert values([await anext(stream)]) == {"z/other": 2.0}
+        assert len(one.asked) == asked, "a device without channels is left alone"
+        bms.rebind([channel("other", device=1202, at=one.where)])
+        async with asyncio.timeout(PATIENCE):
+            with pytest.raises(SourceUnavailable, match="is not device 1202"):
+                await exhaust(stream)
+
+
+async def test_what_is_malformed_is_counted_and_harms_nothing(caplog):
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    bms = source(port, [channel()])
+    async with serving(peer), aclosing(bms.batches(None)) as stream:
+        await anext(stream)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.bind(("127.0.7.99", 0))
+            for frame in (
+                b"",
+                b"hello",
+                b"\x81\x0a\x00\xff\x01",
+                b"\x81\x0a\x00\x06\x01\x00",
+                b"\x81\x77\x00\x04",
+                # An I-Am and a notification whose parameters end too soon.
+                b"\x81\x0a\x00\x09\x01\x00\x10\x00\xc4",
+                b"\x81\x0a\x00\x0a\x01\x00\x10\x02\x09\x01",
+            ):
+                for _ in range(20):
+                    stranger.sendto(frame, ("127.0.0.1", port))
+            await until(lambda: sum(bms.malformed.values()) >= 100)
+        for _ in range(3):
+            assert values([await anext(stream)]) == {"z/T": 21.5}
+        malformed = bms.malformed
     assert malformed.keys() == {"not_bacnet", "frame", "apdu"}
     assert malformed["apdu"] == 40
     for kind in malformed:
         assert caplog.text.count(f"something came that cannot be used ({kind})") == 1
 
 
-def test_a_flood_is_bounded_and_harms_nothing(caplog):
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        bms = source(port, [channel()], retries=3)
-        # Who-Is, 20,000 of them as fast as they can be sent.
-        frame = bytes.fromhex("810a000c0120ffff00ff1008")
-        async with serving(peer), aclosing(bms.batches(None)) as stream:
-            await anext(stream)
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-                for _ in range(20):
-                    await asyncio.to_thread(lambda: [stranger.sendto(frame, ("127.0.0.1", port)) for _ in range(1000)])
-                    assert len(bms._link._stack.datagrams._waiting) <= 200 + 2
-            assert bms.malformed.keys() <= {"overrun"}
-            async with asyncio.timeout(PATIENCE):
-                for _ in range(5):
-                    assert values([await anext(stream)]) == {"z/T": 21.5}
-
-    run(job())
+async def test_a_flood_is_bounded_and_harms_nothing(caplog):
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    bms = source(port, [channel()], retries=3)
+    # Who-Is, 20,000 of them as fast as they can be sent.
+    frame = bytes.fromhex("810a000c0120ffff00ff1008")
+    async with serving(peer), aclosing(bms.batches(None)) as stream:
+        await anext(stream)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            for _ in range(20):
+                await asyncio.to_thread(lambda: [stranger.sendto(frame, ("127.0.0.1", port)) for _ in range(1000)])
+                assert len(bms._link._stack.datagrams._waiting) <= 200 + 2
+        assert bms.malformed.keys() <= {"overrun"}
+        async with asyncio.timeout(PATIENCE):
+            for _ in range(5):
+                assert values([await anext(stream)]) == {"z/T": 21.5}
 
 
-def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
-    async def job():
-        # Devices and BBMD on one port, the source on another: their broadcasts do not reach it.
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        bbmd = Bbmd(port)
-        bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=bbmd.where, ttl=30.0)
-        async with serving(peer):
-            await bbmd.server.ready()
-            assert values(await collect(bms, bool)) == {"z/T": 21.5}
-            (row,) = (await bms.scan(Scan(seconds=0.5))).rows[1:]
-            assert row[2:5] == ("analog-input,1", "name of analog-input,1", "21.5")
-            bbmd.close()
-        alone = source(port, [channel()], interface="127.0.0.1", bbmd=f"127.0.7.201:{port}", timeout=0.2)
-        with pytest.raises(SourceUnavailable, match=r"the BBMD 127\.0\.7\.201:\d+ does not answer"):
-            await collect(alone, lambda got: False)
-
-    run(job())
+async def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
+    # Devices and BBMD on one port, the source on another: their broadcasts do not reach it.
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    bbmd = Bbmd(port)
+    bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=bbmd.where, ttl=30.0)
+    async with serving(peer):
+        await bbmd.server.ready()
+        assert values(await collect(bms, bool)) == {"z/T": 21.5}
+        (row,) = (await bms.scan(Scan(seconds=0.5))).rows[1:]
+        assert row[2:5] == ("analog-input,1", "name of analog-input,1", "21.5")
+        bbmd.close()
+    alone = source(port, [channel()], interface="127.0.0.1", bbmd=f"127.0.7.201:{port}", timeout=0.2)
+    with pytest.raises(SourceUnavailable, match=r"the BBMD 127\.0\.7\.201:\d+ does not answer"):
+        await collect(alone, lambda got: False)
 
 
-def test_a_device_that_takes_no_foreign_devices_says_so():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        async with serving(peer):
-            bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=peer.where, timeout=2.0)
-            with pytest.raises(SourceUnavailable, match="refuses to register foreign devices"):
-                await collect(bms, lambda got: False)
-
-    run(job())
+async def test_a_device_that_takes_no_foreign_devices_says_so():
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    async with serving(peer):
+        bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=peer.where, timeout=2.0)
+        with pytest.raises(SourceUnavailable, match="refuses to register foreign devices"):
+            await collect(bms, lambda got: False)
 
 
-def test_probe_shows_what_each_channel_brings():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        peer.add("analog-input,2", 71.0, "degreesFahrenheit")
-        peer.add("analog-input,3", 12.0, "kilowattHours")
-        peer.add("analog-input,4", 99.0)
-        peer.add("analog-input,6", 1.8, covIncrement=0.5)
-        peer.add("analog-input,5", 20.0, reliability="noSensor")
-        channels = [
-            channel(),
-            channel("F", "analog-input,2"),
-            channel("meter", "analog-input,3", unit="kWh", to="W"),
-            channel("hot", "analog-input,4"),
-            channel("broken", "analog-input,5"),
-            channel("cold", "analog-input,6", usual=(5.0, 40.0), cov=True),
-            channel("none", "analog-input,9"),
-            channel("away", device=1299),
-        ]
-        async with serving(peer):
-            return await source(port, channels, timeout=0.5).probe(0.3)
-
-    probes = {probe.channel.removeprefix("z/"): probe for probe in run(job())}
+async def test_probe_shows_what_each_channel_brings():
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    peer.add("analog-input,2", 71.0, "degreesFahrenheit")
+    peer.add("analog-input,3", 12.0, "kilowattHours")
+    peer.add("analog-input,4", 99.0)
+    peer.add("analog-input,6", 1.8, covIncrement=0.5)
+    peer.add("analog-input,5", 20.0, reliability="noSensor")
+    channels = [
+        channel(),
+        channel("F", "analog-input,2"),
+        channel("meter", "analog-input,3", unit="kWh", to="W"),
+        channel("hot", "analog-input,4"),
+        channel("broken", "analog-input,5"),
+        channel("cold", "analog-input,6", usual=(5.0, 40.0), cov=True),
+        channel("none", "analog-input,9"),
+        channel("away", device=1299),
+    ]
+    async with serving(peer):
+        found = await source(port, channels, timeout=0.5).probe(0.3)
+    probes = {probe.channel.removeprefix("z/"): probe for probe in found}
     assert (probes["T"].value, probes["T"].raw, probes["T"].verdict) == (21.5, "21.5 degC", "good")
     assert probes["T"].hints == ('the device calls it "name of analog-input,1"',)
     assert probes["F"].verdict == ('wrong unit: the device states degF; write unit = "degF", or compare_units = false')
@@ -507,38 +458,30 @@ def test_probe_shows_what_each_channel_brings():
     assert probes["away"].hints[0].startswith("devices that answer: 1201 (127.0.7.1:")
 
 
-def test_probe_works_beside_a_daemon_that_has_the_port():
-    async def job():
-        port = free_udp_port()
-        peer = Peer(1201, port)
-        peer.add()
-        daemon, beside = source(port, [channel()]), source(port, [channel()])
-        async with serving(peer), aclosing(daemon.batches(None)) as stream:
-            await anext(stream)
-            (probe,) = await beside.probe(1.0)
-            assert probe.verdict == "good"
-            assert values([await anext(stream)]) == {"z/T": 21.5}
-            with pytest.raises(
-                SourceUnavailable, match=r"cannot be used \(Address already in use\); check that interface"
-            ):
-                await collect(source(port, [channel()]), lambda got: False)
-
-    run(job())
+async def test_probe_works_beside_a_daemon_that_has_the_port():
+    port = free_udp_port()
+    peer = Peer(1201, port)
+    peer.add()
+    daemon, beside = source(port, [channel()]), source(port, [channel()])
+    async with serving(peer), aclosing(daemon.batches(None)) as stream:
+        await anext(stream)
+        (probe,) = await beside.probe(1.0)
+        assert probe.verdict == "good"
+        assert values([await anext(stream)]) == {"z/T": 21.5}
+        with pytest.raises(SourceUnavailable, match=r"cannot be used \(Address already in use\); check that interface"):
+            await collect(source(port, [channel()]), lambda got: False)
 
 
-def test_scan_lists_devices_and_their_numbers():
-    async def job():
-        port = free_udp_port()
-        one, other, empty = Peer(1201, port, 1), Peer(1300, port, 2, longest=206), Peer(1400, port, 3)
-        one.add()
-        one.add("binary-input,4", "active")
-        for number in range(1, 31):
-            other.add(f"analog-value,{number}", float(number), "kilowatts")
-        async with serving(one, other, empty):
-            bms = source(port, [])
-            return await bms.scan(Scan(seconds=0.5)), await bms.scan(Scan((1202, 1399), seconds=0.5))
-
-    everything, some = run(job())
+async def test_scan_lists_devices_and_their_numbers():
+    port = free_udp_port()
+    one, other, empty = Peer(1201, port, 1), Peer(1300, port, 2, longest=206), Peer(1400, port, 3)
+    one.add()
+    one.add("binary-input,4", "active")
+    for number in range(1, 31):
+        other.add(f"analog-value,{number}", float(number), "kilowatts")
+    async with serving(one, other, empty):
+        bms = source(port, [])
+        everything, some = await bms.scan(Scan(seconds=0.5)), await bms.scan(Scan((1202, 1399), seconds=0.5))
     rows = [dict(zip(everything.rows[0], row, strict=True)) for row in everything.rows[1:]]
     assert [row["device"] for row in rows] == ["1201"] * 2 + ["1300"] * 30
     assert rows[0]["object"] == "analog-input,1"
@@ -553,12 +496,9 @@ def test_scan_lists_devices_and_their_numbers():
     assert {row[0] for row in some.rows[1:]} == {"1300"}
 
 
-def test_a_scan_needs_somebody_to_ask():
-    async def job():
-        await source(free_udp_port(), [], interface="127.0.0.1").scan(Scan())
-
+async def test_a_scan_needs_somebody_to_ask():
     with pytest.raises(SourceConfigError, match="a scan asks everybody: give interface its prefix"):
-        run(job())
+        await source(free_udp_port(), [], interface="127.0.0.1").scan(Scan())
 
 
 def test_without_the_library_or_a_way_to_find_devices_check_says_so(monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from pathlib import Path
 
 import pytest
@@ -47,21 +46,19 @@ def test_a_file_that_is_gone_is_said(tmp_path: Path) -> None:
         GrowingFile(tmp_path / "log.csv").piece()
 
 
-def test_a_followed_source_delivers_what_is_appended_and_ends_when_it_is_closed(tmp_path: Path) -> None:
+async def test_a_followed_source_delivers_what_is_appended_and_ends_when_it_is_closed(tmp_path: Path) -> None:
     first, last = tmp_path / "old.csv", tmp_path / "log.csv"
     first.write_bytes(HEAD + row(0, 20))
     last.write_bytes(HEAD + row(1, 21))
     source = recording("logger", [first, last], [{"id": "room/T", "column": "T"}], "time", follow=True)
 
-    async def run() -> list[float]:
-        values: list[float] = []
-        async for batch in source.batches(None):
-            values += [reading.value for reading in batch.readings]
-            if len(values) == 2:
-                with last.open("ab") as file:
-                    file.write(row(2, 22) + row(3, 23))
-            if len(values) == 4:
-                await source.close()
-        return values
-
-    assert asyncio.run(run()) == [20, 21, 22, 23]
+    values: list[float] = []
+    async for batch in source.batches(None):
+        values += [reading.value for reading in batch.readings]
+        if len(values) == 2:
+            with last.open("ab") as file:
+                file.write(row(2, 22) + row(3, 23))
+        if len(values) == 4:
+            await source.close()
+    found = values
+    assert found == [20, 21, 22, 23]

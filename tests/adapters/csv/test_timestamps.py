@@ -3,8 +3,6 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from adapters.csv.cells import Status
 from adapters.csv.times import parse_timestamps, to_utc
@@ -82,12 +80,6 @@ def test_an_unreadable_or_implausible_timestamp_is_bad(pattern, text, zone):
     times, status = utc_of([text], pattern, zone)
     assert status.tolist() == [Status.BAD_TIMESTAMP]
     assert np.isnan(times[0])
-
-
-@given(st.lists(st.text(max_size=30) | st.datetimes().map(str)), st.sampled_from(["iso8601", "epoch", "%Y-%m-%d"]))
-def test_no_text_can_crash_the_parser(texts, pattern):
-    times, status = utc_of(texts, pattern, BERLIN)
-    assert np.array_equal(np.isfinite(times), status == Status.GOOD)
 
 
 @pytest.mark.parametrize("pattern", ["iso", "%H:%M:%S", "%d.%m.", "%Q", "%", "", "%Y-%m-%d %m"])

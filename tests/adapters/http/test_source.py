@@ -160,23 +160,20 @@ def test_a_value_that_does_not_move_is_stuck(monkeypatch: pytest.MonkeyPatch) ->
     ]
 
 
-def test_its_batches_say_that_something_came_and_its_probe_where_to_look() -> None:
-    async def run() -> None:
-        posted_to = source(ROOF)
-        batches = posted_to.batches(None)
-        coming = asyncio.ensure_future(anext(batches))
-        posted_to.receive([Posted("nobody", 5.0)], None, NOW)
-        await asyncio.sleep(0)
-        assert not coming.done()
-        posted_to.receive([Posted("roof", 5.0)], None, NOW)
-        assert (await coming) == ([], -inf)
-        await batches.aclose()
-        (probe,) = await posted_to.probe(1.0)
-        assert "GET /zones/office" in probe.verdict
-        assert posted_to.check() == []
-        await posted_to.close()
-
-    asyncio.run(run())
+async def test_its_batches_say_that_something_came_and_its_probe_where_to_look() -> None:
+    posted_to = source(ROOF)
+    batches = posted_to.batches(None)
+    coming = asyncio.ensure_future(anext(batches))
+    posted_to.receive([Posted("nobody", 5.0)], None, NOW)
+    await asyncio.sleep(0)
+    assert not coming.done()
+    posted_to.receive([Posted("roof", 5.0)], None, NOW)
+    assert (await coming) == ([], -inf)
+    await batches.aclose()
+    (probe,) = await posted_to.probe(1.0)
+    assert "GET /zones/office" in probe.verdict
+    assert posted_to.check() == []
+    await posted_to.close()
 
 
 def test_json_of_the_documentation_is_what_senml_reads() -> None:

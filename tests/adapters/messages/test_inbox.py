@@ -28,69 +28,57 @@ def taken(inbox: Inbox) -> list[str]:
     return [one.key for one in inbox.waiting()]
 
 
-def test_a_flood_of_bytes_drops_its_own_oldest_samples() -> None:
-    async def run() -> None:
-        inbox = Inbox(["flood", "calm"], 1000)
-        inbox.put("calm", came("calm"))
-        for _ in range(1000):
-            inbox.put("flood", came("flood", bytes(LONGEST_PAYLOAD)))
-        found = list(inbox.waiting())
-        assert sum(one.incoming.size for one in found if one.key == "flood") == MOST_BYTES_OF_ONE
-        assert [(one.key, one.dropped) for one in found if one.dropped] == [("flood", 984)]
-        assert [one.key for one in found].count("calm") == 1
-
-    asyncio.run(run())
+async def test_a_flood_of_bytes_drops_its_own_oldest_samples() -> None:
+    inbox = Inbox(["flood", "calm"], 1000)
+    inbox.put("calm", came("calm"))
+    for _ in range(1000):
+        inbox.put("flood", came("flood", bytes(LONGEST_PAYLOAD)))
+    found = list(inbox.waiting())
+    assert sum(one.incoming.size for one in found if one.key == "flood") == MOST_BYTES_OF_ONE
+    assert [(one.key, one.dropped) for one in found if one.dropped] == [("flood", 984)]
+    assert [one.key for one in found].count("calm") == 1
 
 
-def test_floods_on_many_keys_have_a_bound_together_and_drop_where_most_waits() -> None:
-    async def run() -> None:
-        keys = [f"flood-{number}" for number in range(100)]
-        inbox = Inbox(["calm", *keys], 1000)
-        inbox.put("calm", came("calm"))
-        for _ in range(16):
-            for key in keys:
-                inbox.put(key, came(key, bytes(LONGEST_PAYLOAD)))
-        found = list(inbox.waiting())
-        assert sum(one.incoming.size for one in found) <= MOST_BYTES
-        assert {one.key for one in found} == {"calm", *keys}
-        assert next(one for one in found if one.key == "calm").dropped == 0
-
-    asyncio.run(run())
+async def test_floods_on_many_keys_have_a_bound_together_and_drop_where_most_waits() -> None:
+    keys = [f"flood-{number}" for number in range(100)]
+    inbox = Inbox(["calm", *keys], 1000)
+    inbox.put("calm", came("calm"))
+    for _ in range(16):
+        for key in keys:
+            inbox.put(key, came(key, bytes(LONGEST_PAYLOAD)))
+    found = list(inbox.waiting())
+    assert sum(one.incoming.size for one in found) <= MOST_BYTES
+    assert {one.key for one in found} == {"calm", *keys}
+    assert next(one for one in found if one.key == "calm").dropped == 0
 
 
-def test_a_sample_waits_for_one_of_each_flood_at_most() -> None:
-    async def run() -> None:
-        inbox = Inbox(["a", "b", "calm"], 1000)
-        for _ in range(500):
-            inbox.put("a", came("a", bytes(2000)))
-            inbox.put("b", came("b", bytes(2000)))
-        for _ in range(100):
-            assert inbox.take() is not None
-        inbox.put("calm", came("calm"))
-        assert "calm" in [one.key for one in (inbox.take(), inbox.take(), inbox.take()) if one is not None]
-        rest = taken(inbox)
-        assert len(rest) == 1000 - 100 - 2
-        assert abs(rest.count("a") - rest.count("b")) <= 2, "both floods have the same share"
-
-    asyncio.run(run())
+async def test_a_sample_waits_for_one_of_each_flood_at_most() -> None:
+    inbox = Inbox(["a", "b", "calm"], 1000)
+    for _ in range(500):
+        inbox.put("a", came("a", bytes(2000)))
+        inbox.put("b", came("b", bytes(2000)))
+    for _ in range(100):
+        assert inbox.take() is not None
+    inbox.put("calm", came("calm"))
+    assert "calm" in [one.key for one in (inbox.take(), inbox.take(), inbox.take()) if one is not None]
+    rest = taken(inbox)
+    assert len(rest) == 1000 - 100 - 2
+    assert abs(rest.count("a") - rest.count("b")) <= 2, "both floods have the same share"
 
 
-def test_those_of_one_key_stay_in_order_and_a_key_that_is_given_up_is_forgotten() -> None:
-    async def run() -> None:
-        inbox = Inbox(["a", "b"], 1000)
-        for number in range(50):
-            inbox.put("a", came("a", str(number).encode()))
-            inbox.put("b", came("b"))
-        inbox.listen_to(["a"])
-        assert [one.incoming.payload for one in inbox.waiting()] == [str(number).encode() for number in range(50)]
-        assert inbox.take() is None
-        assert not await inbox.wait(0.01)
-        inbox.put("a", came("a"))
-        assert await inbox.wait(60.0)
-        assert await inbox.wait(60.0), "it is still there"
-        assert taken(inbox) == ["a"]
-
-    asyncio.run(run())
+async def test_those_of_one_key_stay_in_order_and_a_key_that_is_given_up_is_forgotten() -> None:
+    inbox = Inbox(["a", "b"], 1000)
+    for number in range(50):
+        inbox.put("a", came("a", str(number).encode()))
+        inbox.put("b", came("b"))
+    inbox.listen_to(["a"])
+    assert [one.incoming.payload for one in inbox.waiting()] == [str(number).encode() for number in range(50)]
+    assert inbox.take() is None
+    assert not await inbox.wait(0.01)
+    inbox.put("a", came("a"))
+    assert await inbox.wait(60.0)
+    assert await inbox.wait(60.0), "it is still there"
+    assert taken(inbox) == ["a"]
 
 
 def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pytest.MonkeyPatch) -> None:

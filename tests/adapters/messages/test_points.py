@@ -9,7 +9,7 @@ from support.sources import bound, source_table
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
 from adapters.messages.points import Channels, MessageChannel, probed
-from adapters.reading import Quality, Reading
+from adapters.reading import Fault, Quality, Reading
 
 NOW = 1_772_000_000.0
 AHEAD = 7200.0
@@ -130,3 +130,14 @@ def test_probe_does_not_tell_the_age_of_a_retained_value_with_a_relative_time() 
     )
     assert found.time is None
     assert "its age is not known" in found.hints[0]
+
+
+def test_records_of_a_pack_are_put_in_order() -> None:
+    pack = f'[{{"n": "T", "t": {NOW - 40}, "v": 60}}, {{"n": "T", "t": {NOW - 100}, "v": 0}}]'
+    found = readings(channels(SENML | COUNTER), came(NOW, pack))
+    assert [(reading.time, reading.value) for reading in found] == [(NOW - 40, 1.0)]
+
+
+def test_a_place_whose_value_was_deleted_has_none() -> None:
+    (reading,) = readings(channels(PLAIN), Incoming(TOPIC, None, 0, None, NOW))
+    assert (reading.time, reading.fault) == (NOW, Fault.NOT_AVAILABLE)

@@ -1,6 +1,3 @@
-from hypothesis import given
-from hypothesis import strategies as st
-
 from adapters.modbus.plan import Limits, Point, halves, plan, spanning
 
 
@@ -46,20 +43,3 @@ def test_channels_on_the_same_registers_share_them():
 def test_halves_leave_out_what_lies_between():
     first, second = halves(spanning([holding(0), holding(1), holding(8), holding(9, 2)]))
     assert spans([first, second]) == [(1, "holding", 0, 2), (1, "holding", 8, 3)]
-
-
-points = st.builds(
-    Point, st.integers(1, 2), st.sampled_from(["holding", "coil"]), st.integers(0, 300), st.sampled_from([1, 2, 4])
-)
-
-
-@given(st.lists(points, min_size=1), st.integers(4, 125), st.integers(0, 20), st.booleans())
-def test_every_point_is_read_once_and_whole(points, registers, gap, batch):
-    requests = plan(points, Limits(batch, registers, gap))
-    assert sorted(point for request in requests for point in request.points) == sorted(set(points))
-    for request in requests:
-        assert request.size <= registers * (16 if request.table == "coil" else 1)
-        for point in request.points:
-            assert point[:2] == request[:2]
-            assert request.address <= point.address
-            assert point.address + point.size <= request.address + request.size

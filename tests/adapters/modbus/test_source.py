@@ -39,27 +39,24 @@ async def rounds(bms, count, per_round=1):
 @pytest.mark.parametrize(
     ("transport", "framer"), [("tcp", FramerType.SOCKET), ("rtu-over-tcp", FramerType.RTU)], ids=["tcp", "rtu over tcp"]
 )
-def test_all_tables_are_read_over_either_framing(transport, framer):
-    async def job():
-        async with serving(
-            plant(holding=[215, 0x41AC, 0], input=[7, 0, 500], coil=[0b100], discrete=[0b10]), framer
-        ) as site:
-            channels = [
-                channel("tenths", 0, scale=0.1),
-                channel("float", 1, "float32"),
-                channel("input", 2, "uint16", table="input"),
-                channel("coil", 2, "bool", table="coil"),
-                channel("discrete", 0, "bool", table="discrete"),
-                channel("bit", 0, "bool", bit=1),
-            ]
-            before = time.time()
-            batches = await rounds(source(site.port, channels, transport=transport), 1, 4)
-            for batch in batches:
-                assert before <= batch.now <= time.time()
-                assert {reading.time for reading in batch.readings} == {batch.now}
-            return values(batches), site.asked
-
-    found, asked = run(job())
+async def test_all_tables_are_read_over_either_framing(transport, framer):
+    async with serving(
+        plant(holding=[215, 0x41AC, 0], input=[7, 0, 500], coil=[0b100], discrete=[0b10]), framer
+    ) as site:
+        channels = [
+            channel("tenths", 0, scale=0.1),
+            channel("float", 1, "float32"),
+            channel("input", 2, "uint16", table="input"),
+            channel("coil", 2, "bool", table="coil"),
+            channel("discrete", 0, "bool", table="discrete"),
+            channel("bit", 0, "bool", bit=1),
+        ]
+        before = time.time()
+        batches = await rounds(source(site.port, channels, transport=transport), 1, 4)
+        for batch in batches:
+            assert before <= batch.now <= time.time()
+            assert {reading.time for reading in batch.readings} == {batch.now}
+        found, asked = values(batches), site.asked
     assert found == {
         "z/tenths": 21.5,
         "z/float": 21.5,
@@ -84,33 +81,30 @@ def test_a_poll_reads_in_batches_or_one_by_one():
     assert run(job(batch=False)) == [(0, 1), (1, 1), (2, 1), (9, 1), (30, 1)]
 
 
-def test_a_refused_register_loses_its_channel_only_and_is_found_once(caplog):
-    async def job():
-        site = plant(holding=list(range(100, 120)))
-        site.refused.add((1, "holding", 5))
-        async with serving(site):
-            bms = source(site.port, [channel(f"c{k}", k) for k in range(8)])
-            async with aclosing(bms.batches(None)) as stream:
-                batches = []
-                while len(values(batches)) < 8:
-                    batches.append(await anext(stream))
-                first = list(site.requests())
-                site.asked.clear()
-                for _ in range(6):
-                    batches.append(await anext(stream))
-                return values(batches), first, site.requests()
-
-    found, first, later = run(job())
+async def test_a_refused_register_loses_its_channel_only_and_is_found_once(caplog):
+    site = plant(holding=list(range(100, 120)))
+    site.refused.add((1, "holding", 5))
+    async with serving(site):
+        bms = source(site.port, [channel(f"c{k}", k) for k in range(8)])
+        async with aclosing(bms.batches(None)) as stream:
+            batches = []
+            while len(values(batches)) < 8:
+                batches.append(await anext(stream))
+            first = list(site.requests())
+            site.asked.clear()
+            for _ in range(6):
+                batches.append(await anext(stream))
+            found, first, later = values(batches), first, site.requests()
     assert found == {f"z/c{k}": Fault.REFUSED_BY_DEVICE if k == 5 else 100.0 + k for k in range(8)}
     assert first == [(0, 8), (0, 4), (4, 4), (4, 2), (4, 1), (5, 1), (6, 2)]
     assert all(not address <= 5 < address + count for address, count in later), "the culprit is remembered"
     assert caplog.text.count("refuses z/c5 (unit 1 holding 5): exception 2 (illegal data address)") == 1
 
 
-def test_a_refused_register_is_asked_for_again_now_and_then(monkeypatch, caplog):
+async def test_a_refused_register_is_asked_for_again_now_and_then(monkeypatch, caplog):
     monkeypatch.setattr(adapters.modbus.source, "REFUSAL", 0.2)
 
-    async def job():
+    with caplog.at_level("INFO"):
         site = plant(holding=[1, 2, 3])
         site.refused.add((1, "holding", 1))
         async with serving(site):
@@ -123,40 +117,35 @@ def test_a_refused_register_is_asked_for_again_now_and_then(monkeypatch, caplog)
                 async with asyncio.timeout(180):
                     while values(batches)["z/c1"] != 2.0:
                         batches.append(await anext(stream))
-                return site.requests()[-1]
-
-    with caplog.at_level("INFO"):
-        assert run(job()) == (0, 3), "one request again"
+                found = site.requests()[-1]
+        assert found == (0, 3), "one request again"
     assert "gives z/c1 (unit 1 holding 1) again" in caplog.text
 
 
 @pytest.mark.parametrize("exception", [ExcCodes.DEVICE_FAILURE, ExcCodes.MEMORY_PARITY_ERROR])
-def test_a_failure_that_passes_costs_seconds_and_one_that_lasts_is_left_alone(exception, monkeypatch, caplog):
+async def test_a_failure_that_passes_costs_seconds_and_one_that_lasts_is_left_alone(exception, monkeypatch, caplog):
     """Exception 4 for 2.5 s had blinded a zone for ten minutes."""
     monkeypatch.setattr(adapters.modbus.source, "FAILURE", 0.05)
 
-    async def job():
-        site = plant(holding=[1, 2, 3])
-        site.failing[1, "holding", 1] = exception
-        site.refused.add((1, "holding", 2))
-        async with serving(site):
-            bms = source(site.port, [channel(f"c{k}", k) for k in range(3)])
-            async with aclosing(bms.batches(None)) as stream:
-                batches = []
-                async with asyncio.timeout(180):
-                    while len(values(batches)) < 3:
-                        batches.append(await anext(stream))
-                    failures = 0
-                    while failures < 4:
-                        batches.append(await anext(stream))
-                        failures += any(reading.channel == "z/c1" for reading in batches[-1].readings)
-                    pause = bms._refusals[1, "holding", 1, 1].pause
-                    site.failing.clear()
-                    while values(batches)["z/c1"] != 2.0:
-                        batches.append(await anext(stream))
-                return pause, values(batches), [asked for asked in site.requests() if asked == (2, 1)]
-
-    pause, found, lasting = run(job())
+    site = plant(holding=[1, 2, 3])
+    site.failing[1, "holding", 1] = exception
+    site.refused.add((1, "holding", 2))
+    async with serving(site):
+        bms = source(site.port, [channel(f"c{k}", k) for k in range(3)])
+        async with aclosing(bms.batches(None)) as stream:
+            batches = []
+            async with asyncio.timeout(180):
+                while len(values(batches)) < 3:
+                    batches.append(await anext(stream))
+                failures = 0
+                while failures < 4:
+                    batches.append(await anext(stream))
+                    failures += any(reading.channel == "z/c1" for reading in batches[-1].readings)
+                pause = bms._refusals[1, "holding", 1, 1].pause
+                site.failing.clear()
+                while values(batches)["z/c1"] != 2.0:
+                    batches.append(await anext(stream))
+            pause, found, lasting = pause, values(batches), [asked for asked in site.requests() if asked == (2, 1)]
     assert pause > 0.3, "it grows"
     assert found == {"z/c0": 1.0, "z/c1": 2.0, "z/c2": Fault.REFUSED_BY_DEVICE}
     assert len(lasting) == 1, "what is not there is not asked for meanwhile"
@@ -165,7 +154,7 @@ def test_a_failure_that_passes_costs_seconds_and_one_that_lasts_is_left_alone(ex
 
 
 @pytest.mark.parametrize(("table", "code"), [("holding", 4), ("input", 3), ("holding", 1), ("coil", 2)])
-def test_an_answer_with_another_function_code_is_none(table, code):
+async def test_an_answer_with_another_function_code_is_none(table, code):
     """Registers of another table would be taken for a temperature."""
 
     async def answer(reader, writer):
@@ -176,65 +165,54 @@ def test_an_answer_with_another_function_code_is_none(table, code):
                 pdu = bytes([request[6], code]) + content
                 writer.write(request[:4] + struct.pack(">H", len(pdu)) + pdu)
 
-    async def job():
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
-        async with server:
-            port = server.sockets[0].getsockname()[1]
-            kind = "bool" if table == "coil" else "int16"
-            bms = source(port, [channel("c", 0, kind, table=table)], timeout=0.5)
-            (probe,) = await bms.probe(1)
-            with pytest.raises(SourceUnavailable, match="silent"):
-                await exhaust(bms.batches(None))
-            return probe
-
-    probe = run(job())
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with server:
+        port = server.sockets[0].getsockname()[1]
+        kind = "bool" if table == "coil" else "int16"
+        bms = source(port, [channel("c", 0, kind, table=table)], timeout=0.5)
+        (probe,) = await bms.probe(1)
+        with pytest.raises(SourceUnavailable, match="silent"):
+            await exhaust(bms.batches(None))
     assert probe.value is None
     assert f"function code {code} instead of" in probe.verdict
 
 
 @pytest.mark.parametrize("pdu", [bytes([3, 255, 0, 1]), bytes([0x83]), bytes([3]), bytes([0x55, 1])])
-def test_an_answer_that_breaks_the_protocol_is_told_as_that(pdu, caplog):
+async def test_an_answer_that_breaks_the_protocol_is_told_as_that(pdu, caplog):
     async def answer(reader, writer):
         with contextlib.suppress(OSError, asyncio.IncompleteReadError), contextlib.closing(writer):
             while True:
                 request = await reader.readexactly(12)
                 writer.write(request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu)
 
-    async def job():
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
-        async with server:
-            (probe,) = await source(server.sockets[0].getsockname()[1], [channel("c", 0)], timeout=0.5).probe(1)
-            return probe
-
-    assert "cable" not in (verdict := run(job()).verdict)
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with server:
+        (probe,) = await source(server.sockets[0].getsockname()[1], [channel("c", 0)], timeout=0.5).probe(1)
+        found = probe
+    assert "cable" not in (verdict := found.verdict)
     assert "no Modbus" in verdict
     assert "data_received" not in caplog.text, "an answer that cannot be read is no fault of the connection"
 
 
-def test_a_hole_between_the_registers_costs_no_channel():
-    async def job():
-        site = plant(holding=list(range(20)))
-        site.refused.update({(1, "holding", 4), (1, "holding", 5)})
-        async with serving(site):
-            bms = source(site.port, [channel("a", 3), channel("b", 6)])
-            return values(await collect(bms, lambda batches: len(values(batches)) == 2))
-
-    assert run(job()) == {"z/a": 3.0, "z/b": 6.0}
+async def test_a_hole_between_the_registers_costs_no_channel():
+    site = plant(holding=list(range(20)))
+    site.refused.update({(1, "holding", 4), (1, "holding", 5)})
+    async with serving(site):
+        bms = source(site.port, [channel("a", 3), channel("b", 6)])
+        found = values(await collect(bms, lambda batches: len(values(batches)) == 2))
+    assert found == {"z/a": 3.0, "z/b": 6.0}
 
 
-def test_an_end_of_the_table_is_found_by_splitting():
-    async def job():
-        async with serving(plant(holding=[10, 11, 12])) as site:
-            bms = source(site.port, [channel(f"c{k}", k) for k in range(5)])
-            return values(await collect(bms, lambda batches: len(values(batches)) == 5))
-
-    found = run(job())
+async def test_an_end_of_the_table_is_found_by_splitting():
+    async with serving(plant(holding=[10, 11, 12])) as site:
+        bms = source(site.port, [channel(f"c{k}", k) for k in range(5)])
+        found = values(await collect(bms, lambda batches: len(values(batches)) == 5))
     assert [found[f"z/c{k}"] for k in range(3)] == [10.0, 11.0, 12.0]
     assert found["z/c3"] is found["z/c4"] is Fault.REFUSED_BY_DEVICE
 
 
-def test_a_silent_unit_does_not_hold_up_the_others(caplog):
-    async def job():
+async def test_a_silent_unit_does_not_hold_up_the_others(caplog):
+    with caplog.at_level("INFO"):
         site = plant({1: [21], 2: [22], 3: [23]})
         site.silent.add(2)
         async with serving(site):
@@ -246,68 +224,56 @@ def test_a_silent_unit_does_not_hold_up_the_others(caplog):
                 async with asyncio.timeout(180):
                     while "z/c2" not in values(batches):
                         batches.append(await anext(stream))
-            return values(batches), asked
-
-    with caplog.at_level("INFO"):
-        found, asked = run(job())
+            found, asked = values(batches), asked
     assert found == {"z/c1": 21.0, "z/c2": 22.0, "z/c3": 23.0}
     assert asked <= 10, "it is left alone for a while that grows"
     assert caplog.text.count("unit 2 is silent: no answer within 0.2 s") == 1
     assert "unit 2 answers again" in caplog.text
 
 
-def test_a_busy_unit_is_silent_and_not_taken_apart():
-    async def job():
-        site = plant({1: [21, 5], 2: [22, 6]})
-        site.exceptions[1] = ExcCodes.DEVICE_BUSY
-        async with serving(site):
-            channels = [channel(f"c{unit}{k}", k, unit_id=unit) for unit in (1, 2) for k in (0, 1)]
-            bms = source(site.port, channels)
-            await rounds(bms, 3)
-            return set(site.requests(1))
-
-    assert run(job()) == {(0, 2)}
+async def test_a_busy_unit_is_silent_and_not_taken_apart():
+    site = plant({1: [21, 5], 2: [22, 6]})
+    site.exceptions[1] = ExcCodes.DEVICE_BUSY
+    async with serving(site):
+        channels = [channel(f"c{unit}{k}", k, unit_id=unit) for unit in (1, 2) for k in (0, 1)]
+        bms = source(site.port, channels)
+        await rounds(bms, 3)
+        found = set(site.requests(1))
+    assert found == {(0, 2)}
 
 
-def test_a_device_that_accepts_and_stays_silent_is_unavailable():
-    async def job():
-        site = plant(holding=[1])
-        site.silent.add(1)
-        async with serving(site):
+async def test_a_device_that_accepts_and_stays_silent_is_unavailable():
+    site = plant(holding=[1])
+    site.silent.add(1)
+    async with serving(site):
+        with pytest.raises(SourceUnavailable, match=r"bms: 127.0.0.1:\d+ is connected but silent; check unit_id"):
             await rounds(source(site.port, [channel("c", 0)]), 1)
 
-    with pytest.raises(SourceUnavailable, match=r"sources.bms: 127.0.0.1:\d+ is connected but silent; check unit_id"):
-        run(job())
+
+async def test_a_port_that_nobody_serves_is_unavailable_in_one_sentence():
+    async with serving(plant(holding=[1])) as site:
+        port = site.port
+    for ask in (lambda bms: rounds(bms, 1), lambda bms: bms.probe(1.0)):
+        with pytest.raises(SourceUnavailable, match=r"bms: no connection to 127.0.0.1:\d+; check that the device"):
+            await ask(source(port, [channel("c", 0)]))
 
 
-def test_a_port_that_nobody_serves_is_unavailable_in_one_sentence():
-    async def job():
-        async with serving(plant(holding=[1])) as site:
-            port = site.port
-        await rounds(source(port, [channel("c", 0)]), 1)
-
-    with pytest.raises(SourceUnavailable, match=r"sources.bms: no connection to 127.0.0.1:\d+; check that the device"):
-        run(job())
-
-
-def test_a_dropped_connection_is_unavailable_and_the_next_call_goes_on():
-    async def job():
-        async with serving(plant(holding=[1, 2])) as site:
-            bms = source(site.port, [channel("a", 0), channel("b", 1)])
-            stream = bms.batches(None)
-            assert values([await anext(stream)]) == {"z/a": 1.0, "z/b": 2.0}
-            site.drop()
-            with pytest.raises(SourceUnavailable, match="has closed the connection; check that the device is on"):
-                await exhaust(stream)
-            again = await rounds(bms, 1)
-            await bms.close()
-            await bms.close()
-            return values(again), site.connections
-
-    assert run(job()) == ({"z/a": 1.0, "z/b": 2.0}, 2)
+async def test_a_dropped_connection_is_unavailable_and_the_next_call_goes_on():
+    async with serving(plant(holding=[1, 2])) as site:
+        bms = source(site.port, [channel("a", 0), channel("b", 1)])
+        stream = bms.batches(None)
+        assert values([await anext(stream)]) == {"z/a": 1.0, "z/b": 2.0}
+        site.drop()
+        with pytest.raises(SourceUnavailable, match="has closed the connection; check that the device is on"):
+            await exhaust(stream)
+        again = await rounds(bms, 1)
+        await bms.close()
+        await bms.close()
+        found = values(again), site.connections
+    assert found == ({"z/a": 1.0, "z/b": 2.0}, 2)
 
 
-def test_garbage_on_the_line_is_survived():
+async def test_garbage_on_the_line_is_survived():
     """A device that answers with something that is not Modbus at all."""
 
     hung_up = asyncio.Event()
@@ -319,84 +285,67 @@ def test_garbage_on_the_line_is_survived():
         await writer.wait_closed()
         hung_up.set()
 
-    async def job():
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
-        async with server:
-            port = server.sockets[0].getsockname()[1]
-            with pytest.raises(SourceUnavailable):
-                await rounds(source(port, [channel("c", 0)]), 1)
-            await hung_up.wait()
-
-    run(job())
+    server = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with server:
+        port = server.sockets[0].getsockname()[1]
+        with pytest.raises(SourceUnavailable):
+            await rounds(source(port, [channel("c", 0)]), 1)
+        await hung_up.wait()
 
 
-def test_values_that_cannot_be_used_have_a_fault():
-    async def job():
-        async with serving(plant(holding=[0x8000, 0x7FC0, 0, 900])) as site:
-            channels = [
-                channel("absent", 0, not_available=[0x8000], unit="degC"),
-                channel("nan", 1, "float32", unit="degC"),
-                channel("hot", 3, unit="degC"),
-            ]
-            return values(await rounds(source(site.port, channels), 1))
-
-    assert run(job()) == {"z/absent": Fault.NOT_AVAILABLE, "z/nan": Fault.NOT_FINITE, "z/hot": Fault.OUT_OF_RANGE}
+async def test_values_that_cannot_be_used_have_a_fault():
+    async with serving(plant(holding=[0x8000, 0x7FC0, 0, 900])) as site:
+        channels = [
+            channel("absent", 0, not_available=[0x8000], unit="degC"),
+            channel("nan", 1, "float32", unit="degC"),
+            channel("hot", 3, unit="degC"),
+        ]
+        found = values(await rounds(source(site.port, channels), 1))
+    assert found == {"z/absent": Fault.NOT_AVAILABLE, "z/nan": Fault.NOT_FINITE, "z/hot": Fault.OUT_OF_RANGE}
 
 
-def test_a_stuck_value_becomes_uncertain_and_then_bad():
-    async def job():
-        async with serving(plant(holding=[21, 22])) as site:
-            bms = source(site.port, [channel("stuck", 0, stuck_after=1.0), channel("free", 1)])
-            batches = await collect(
-                bms, lambda batches: any(reading.fault is Fault.STUCK for reading in batches[-1].readings)
-            )
-            seen = [reading for batch in batches for reading in batch.readings]
-            return [
-                list(dict.fromkeys(r.quality for r in seen if r.channel == f"z/{name}")) for name in ("stuck", "free")
-            ]
-
-    assert run(job()) == [[Quality.GOOD, Quality.UNCERTAIN, Quality.BAD], [Quality.GOOD]]
+async def test_a_stuck_value_becomes_uncertain_and_then_bad():
+    async with serving(plant(holding=[21, 22])) as site:
+        bms = source(site.port, [channel("stuck", 0, stuck_after=1.0), channel("free", 1)])
+        batches = await collect(
+            bms, lambda batches: any(reading.fault is Fault.STUCK for reading in batches[-1].readings)
+        )
+        seen = [reading for batch in batches for reading in batch.readings]
+        found = [list(dict.fromkeys(r.quality for r in seen if r.channel == f"z/{name}")) for name in ("stuck", "free")]
+    assert found == [[Quality.GOOD, Quality.UNCERTAIN, Quality.BAD], [Quality.GOOD]]
 
 
-def test_a_counter_becomes_power():
-    async def job():
-        site = plant(holding=[65530])
-        async with serving(site):
-            meter = channel("meter", 0, "uint16", unit="Wh", to="W", valid=(-1e12, 1e12))
-            bms = source(site.port, [meter], poll=0.2)
-            async with aclosing(bms.batches(None)) as stream:
-                first = await anext(stream)
-                site.registers[1, "holding"][0] = 4
-                second = await anext(stream)
-            return first, second
-
-    first, second = run(job())
+async def test_a_counter_becomes_power():
+    site = plant(holding=[65530])
+    async with serving(site):
+        meter = channel("meter", 0, "uint16", unit="Wh", to="W", valid=(-1e12, 1e12))
+        bms = source(site.port, [meter], poll=0.2)
+        async with aclosing(bms.batches(None)) as stream:
+            first = await anext(stream)
+            site.registers[1, "holding"][0] = 4
+            second = await anext(stream)
     assert first.readings == []
     (reading,) = second.readings
     assert reading.value == pytest.approx(10 * 3600 / (second.now - first.now))
 
 
-def test_requests_keep_their_pause():
-    async def job():
-        async with serving(plant(holding=list(range(10)))) as site:
-            channels = [channel(f"c{k}", k) for k in range(4)]
-            bms = source(site.port, channels, batch=False, pause=0.1)
-            return await rounds(bms, 1, 4)
-
-    arrivals = [batch.now for batch in run(job())]
+async def test_requests_keep_their_pause():
+    async with serving(plant(holding=list(range(10)))) as site:
+        channels = [channel(f"c{k}", k) for k in range(4)]
+        bms = source(site.port, channels, batch=False, pause=0.1)
+        found = await rounds(bms, 1, 4)
+    arrivals = [batch.now for batch in found]
     assert arrivals[-1] - arrivals[0] >= 0.29
 
 
-def test_a_request_is_repeated_before_it_is_given_up():
-    async def job():
-        site = plant({1: [5], 2: [6]})
-        site.silent.add(1)
-        async with serving(site):
-            bms = source(site.port, [channel("a", 0, unit_id=1), channel("b", 0, unit_id=2)], timeout=0.1, retries=2)
-            await rounds(bms, 1)
-            return len(site.requests(1))
-
-    assert run(job()) == 3
+async def test_a_request_is_repeated_before_it_is_given_up():
+    site = plant({1: [5], 2: [6]})
+    site.silent.add(1)
+    async with serving(site):
+        bms = source(site.port, [channel("a", 0, unit_id=1), channel("b", 0, unit_id=2)], timeout=0.1, retries=2)
+        await rounds(bms, 1)
+        found = len(site.requests(1))
+    assert found == 3
 
 
 def test_polls_keep_their_rhythm_and_late_ones_are_counted(caplog, monkeypatch):
@@ -429,25 +378,22 @@ def test_polls_keep_their_rhythm_and_late_ones_are_counted(caplog, monkeypatch):
     assert caplog.text.count("poll less often or read in batches") == 1
 
 
-def test_a_probe_shows_registers_values_and_what_else_they_might_be():
-    async def job():
-        site = plant({1: [0x0000, 0x41AC, 215, 0x8000, 50], 2: [1]})
-        site.refused.add((1, "holding", 4))
-        site.silent.add(2)
-        async with serving(site):
-            channels = [
-                channel("swapped", 0, "float32", unit="degC"),
-                channel("tenths", 2, scale=0.1, unit="degC"),
-                channel("absent", 3, not_available=[0x8000], unit="degC"),
-                channel("refused", 4),
-                channel("silent", 0, unit_id=2),
-                channel("silent_too", 1, unit_id=2),
-            ]
-            meter = channel("meter", 2, "uint16", unit="kWh", to="W", scale=0.1)
-            found = await source(site.port, [*channels, meter], timeout=0.2).probe(1.0)
-            return found, len(site.requests(2))
-
-    probes, asked = run(job())
+async def test_a_probe_shows_registers_values_and_what_else_they_might_be():
+    site = plant({1: [0x0000, 0x41AC, 215, 0x8000, 50], 2: [1]})
+    site.refused.add((1, "holding", 4))
+    site.silent.add(2)
+    async with serving(site):
+        channels = [
+            channel("swapped", 0, "float32", unit="degC"),
+            channel("tenths", 2, scale=0.1, unit="degC"),
+            channel("absent", 3, not_available=[0x8000], unit="degC"),
+            channel("refused", 4),
+            channel("silent", 0, unit_id=2),
+            channel("silent_too", 1, unit_id=2),
+        ]
+        meter = channel("meter", 2, "uint16", unit="kWh", to="W", scale=0.1)
+        found = await source(site.port, [*channels, meter], timeout=0.2).probe(1.0)
+        probes, asked = found, len(site.requests(2))
     swapped, tenths, absent, refused, silent, silent_too, meter = probes
     assert (swapped.raw, swapped.place) == ("0x0000 0x41ac", "unit 1 holding 0 float32 ABCD")
     assert swapped.verdict.startswith("doubtful: nearly but not quite 0")
@@ -460,31 +406,15 @@ def test_a_probe_shows_registers_values_and_what_else_they_might_be():
     assert meter.hints == ("the counter stands at 21.5", "it moved by 0 within 1.0 s")
 
 
-def test_a_probe_marks_the_order_that_would_be_plausible():
-    async def job():
-        async with serving(plant(holding=[0xA041, 0x00CC])) as site:
-            return await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
-
-    (probe,) = run(job())
+async def test_a_probe_marks_the_order_that_would_be_plausible():
+    async with serving(plant(holding=[0xA041, 0x00CC])) as site:
+        (probe,) = await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
     assert probe.verdict == "doubtful: nearly but not quite 0, as numbers with swapped registers are"
     assert [hint for hint in probe.hints if "plausible" in hint] == ["BADC would be 20.0996, which is plausible"]
 
 
-def test_a_probe_of_a_value_out_of_range_says_the_range_and_the_other_orders():
-    async def job():
-        async with serving(plant(holding=[0x4B41, 0xC0AC])) as site:
-            return await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
-
-    (probe,) = run(job())
+async def test_a_probe_of_a_value_out_of_range_says_the_range_and_the_other_orders():
+    async with serving(plant(holding=[0x4B41, 0xC0AC])) as site:
+        (probe,) = await source(site.port, [channel("T", 0, "float32", unit="degC")]).probe(1.0)
     assert probe.verdict == "implausible: not within -60 to 80"
     assert len(probe.hints) == 3
-
-
-def test_a_probe_of_a_device_that_is_not_there_is_one_sentence():
-    async def job():
-        async with serving(plant(holding=[1])) as site:
-            port = site.port
-        await source(port, [channel("c", 0)]).probe(1.0)
-
-    with pytest.raises(SourceUnavailable, match="no connection to"):
-        run(job())

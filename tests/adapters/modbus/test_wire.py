@@ -24,7 +24,7 @@ def meter(device, parity="none"):
     return source(502, channels, transport="rtu", host=None, serial=line, timeout=0.5)
 
 
-def test_a_serial_line_carries_the_frames_of_the_specification():
+async def test_a_serial_line_carries_the_frames_of_the_specification():
     controller, device = os.openpty()
     tty.setraw(device)
     received = []
@@ -37,15 +37,13 @@ def test_a_serial_line_carries_the_frames_of_the_specification():
     thread = threading.Thread(target=answer)
     thread.start()
 
-    async def job():
-        bms = meter(os.ttyname(device))
-        stream = bms.batches(None)
-        batch = await anext(stream)
-        await stream.aclose()
-        return [reading.value for reading in batch.readings]
-
+    bms = meter(os.ttyname(device))
+    stream = bms.batches(None)
+    batch = await anext(stream)
+    await stream.aclose()
+    found = [reading.value for reading in batch.readings]
     try:
-        assert asyncio.run(job()) == [0xAE41, 0x5652, 0x4340]
+        assert found == [0xAE41, 0x5652, 0x4340]
         thread.join()
         assert received == [REQUEST]
     finally:
@@ -53,12 +51,9 @@ def test_a_serial_line_carries_the_frames_of_the_specification():
         os.close(device)
 
 
-def test_a_serial_port_that_is_not_there_is_one_sentence():
-    async def job():
-        await anext(meter("/dev/no-such-port").batches(None))
-
+async def test_a_serial_port_that_is_not_there_is_one_sentence():
     with pytest.raises(SourceUnavailable, match=r"sources.bms: .*/dev/no-such-port.* check the cable, the name of the"):
-        asyncio.run(job())
+        await anext(meter("/dev/no-such-port").batches(None))
 
 
 def test_a_port_that_does_not_know_the_settings_is_one_sentence():
@@ -76,15 +71,12 @@ def test_a_port_that_does_not_know_the_settings_is_one_sentence():
         os.close(device)
 
 
-def test_a_missing_serial_library_is_said_before_anything_is_opened(monkeypatch):
+async def test_a_missing_serial_library_is_said_before_anything_is_opened(monkeypatch):
     monkeypatch.setattr("adapters.modbus.source.find_spec", lambda name: None)
     bms = meter("/dev/ttyUSB0")
     assert bms.check() == [
         "sources.bms: a serial port needs pyserial; install it with: pip install 'thermogate[serial]'"
     ]
 
-    async def job():
-        await anext(bms.batches(None))
-
     with pytest.raises(SourceConfigError, match="needs pyserial"):
-        asyncio.run(job())
+        await anext(bms.batches(None))

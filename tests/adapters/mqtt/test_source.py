@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import pytest
 from support.broker import Mosquitto, Party, broker, flood, program
 from support.sources import bound, source_table
-from support.waiting import between, until
+from support.waiting import until
 from support.zenoh_plant import certificates, listening
 
 import adapters.mqtt.broker
@@ -68,226 +67,115 @@ def iso(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat()
 
 
-@pytest.mark.parametrize("version", VERSIONS)
-@pytest.mark.parametrize(
-    ("form", "payload"),
-    [
-        ({}, "21.5"),
-        ({"format": "json", "value": "/temperature"}, '{"temperature": 21.5, "battery": 80}'),
-        ({"format": "senml", "record": "T"}, '[{"n": "T", "v": 21.5}]'),
-    ],
-    ids=["plain", "json", "senml"],
-)
-def test_every_format_arrives(running: Mosquitto, party: Party, form: Channel, payload: str, version: str) -> None:
-    async def run() -> None:
-        begun = time.time()
-        async with listening(source(running.port, T | form, version=version)) as heard:
-            await heard.until(heard.values, lambda: party.put(TOPIC, payload))
-            assert set(heard.values()) == {21.5}
-            assert between(begun, heard.readings[-1].time, time.time())
-            assert heard.readings[-1].quality is Quality.GOOD
-            assert between(begun - 1.0, heard.batches[-1].now, time.time() - 1.0)
-
-    asyncio.run(run())
-
-
-def test_what_is_malformed_is_counted_by_kind_and_logged_once(
-    running: Mosquitto, party: Party, caplog: pytest.LogCaptureFixture
-) -> None:
-    sent = ["warm", "nan", "", "\u200b", "999", b"\xff\xfe", b"9" * (10 * 2**20), "21.5"]
-
-    async def run() -> None:
-        async with listening(source(running.port)) as heard:
-            await heard.until(lambda: heard.batches)
-            for payload in sent * 2:
-                party.put(TOPIC, payload, qos=1)
-            await heard.until(lambda: len(heard.readings) == 2 * len(sent))
-            # In the order in which they were sent, 10 MB among them.
-            expected = ["non_numeric", "not_finite", "not_available", "non_numeric", "out_of_range"]
-            assert heard.faults() == 2 * [*expected, "non_numeric", "non_numeric"]
-            assert heard.values() == [21.5, 21.5]
-            assert heard.failures == []
-
-    asyncio.run(run())
-    assert caplog.text.count("room/T (topic home/room/T): the payload") == 2, "non_numeric and not_available, once each"
-
-
-def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:
+async def test_a_retained_value_is_uncertain_and_gives_way_to_what_is_new(running: Mosquitto, party: Party) -> None:
     meter = {"id": "room/u", "topic": "home/meter", "unit": "J", "to": "W"}
     party.put(TOPIC, "18", retain=True, qos=1)
     party.put("home/meter", "1000", retain=True, qos=1)
 
-    async def run() -> None:
-        watched = source(running.port, T, meter)
-        async with listening(watched) as heard:
-            await heard.until(heard.readings.__len__)
-            assert [(one.value, one.quality) for one in heard.readings] == [(18.0, Quality.UNCERTAIN)]
-            # The counter's retained value has no known time, so the first power is made of two later ones.
-            party.put("home/meter", "1001", qos=1)
-            await asyncio.sleep(0.01)
-            party.put("home/meter", "1002", qos=1)
-            party.put(TOPIC, "21", qos=1)
-            await heard.until(lambda: len(heard.readings) == 3)
-            assert [one.quality for one in heard.readings if one.channel == "room/u"] == [Quality.GOOD]
-            assert heard.values() == [18.0, 21.0]
-            party_port = running.port
-        # After a reconnect the broker sends it again; by then it is known to be old.
-        async with listening(watched) as again:
-            await again.until(lambda: again.batches)
-            with Party(party_port) as other:
-                other.put(TOPIC, "22", qos=1)
-            await again.until(again.values)
-            assert again.values() == [22.0]
-
-    asyncio.run(run())
+    watched = source(running.port, T, meter)
+    async with listening(watched) as heard:
+        await heard.until(heard.readings.__len__)
+        assert [(one.value, one.quality) for one in heard.readings] == [(18.0, Quality.UNCERTAIN)]
+        # The counter's retained value has no known time, so the first power is made of two later ones.
+        party.put("home/meter", "1001", qos=1)
+        await asyncio.sleep(0.01)
+        party.put("home/meter", "1002", qos=1)
+        party.put(TOPIC, "21", qos=1)
+        await heard.until(lambda: len(heard.readings) == 3)
+        assert [one.quality for one in heard.readings if one.channel == "room/u"] == [Quality.GOOD]
+        assert heard.values() == [18.0, 21.0]
+        party_port = running.port
+    # After a reconnect the broker sends it again; by then it is known to be old.
+    async with listening(watched) as again:
+        await again.until(lambda: again.batches)
+        with Party(party_port) as other:
+            other.put(TOPIC, "22", qos=1)
+        await again.until(again.values)
+        assert again.values() == [22.0]
 
 
-def test_a_retained_value_with_a_time_is_as_old_as_it_says(running: Mosquitto, party: Party) -> None:
+async def test_a_retained_value_with_a_time_is_as_old_as_it_says(running: Mosquitto, party: Party) -> None:
     when = time.time() - 7200
     party.put(TOPIC, json.dumps({"value": 18, "time": iso(when)}), retain=True, qos=1)
 
-    async def run() -> None:
-        async with listening(source(running.port, DATED)) as heard:
-            await heard.until(heard.values)
-            assert heard.readings[0].time == pytest.approx(when, abs=0.001)
-            assert heard.readings[0].quality is Quality.GOOD
-
-    asyncio.run(run())
+    async with listening(source(running.port, DATED)) as heard:
+        await heard.until(heard.values)
+        assert heard.readings[0].time == pytest.approx(when, abs=0.001)
+        assert heard.readings[0].quality is Quality.GOOD
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
+async def test_what_has_a_time_waits_at_the_broker_and_what_has_none_does_not(
     running: Mosquitto, party: Party, version: str
 ) -> None:
-    async def run() -> None:
-        watched = source(running.port, DATED, HEAT, version=version)
-        async with listening(watched) as heard:
-            await heard.until(lambda: heard.batches)
-        missed = time.time() - 30
-        for k in range(50):
-            party.put(TOPIC, json.dumps({"value": k, "time": iso(missed + k / 10)}), qos=1)
-            party.put("home/other", str(k), qos=1)
-        async with listening(watched) as again:
-            await again.until(lambda: len(again.values()) >= 50)
-            assert again.values() == list(range(50))
-            assert [one.time for one in again.readings] == pytest.approx(
-                [missed + k / 10 for k in range(50)], abs=0.001
+    watched = source(running.port, DATED, HEAT, version=version)
+    async with listening(watched) as heard:
+        await heard.until(lambda: heard.batches)
+    missed = time.time() - 30
+    for k in range(50):
+        party.put(TOPIC, json.dumps({"value": k, "time": iso(missed + k / 10)}), qos=1)
+        party.put("home/other", str(k), qos=1)
+    async with listening(watched) as again:
+        await again.until(lambda: len(again.values()) >= 50)
+        assert again.values() == list(range(50))
+        assert [one.time for one in again.readings] == pytest.approx([missed + k / 10 for k in range(50)], abs=0.001)
+        assert again.values("room/u") == [], "it would be dated wrongly"
+
+
+async def test_where_the_arrival_is_asked_for_all_the_same_it_waits_too(running: Mosquitto, party: Party) -> None:
+    watched = source(running.port, T, qos=1)
+    async with listening(watched) as heard:
+        await heard.until(lambda: heard.batches)
+    party.put(TOPIC, "19", qos=1)
+    async with listening(watched) as again:
+        await again.until(again.values)
+        assert again.values() == [19.0]
+
+
+async def test_without_a_session_nothing_waits(running: Mosquitto, party: Party) -> None:
+    watched = source(running.port, DATED, session=0)
+    async with listening(watched) as heard:
+        await heard.until(lambda: heard.batches)
+    party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time())}), qos=1)
+    async with listening(watched) as again:
+        await again.until(lambda: again.batches)
+        party.put(TOPIC, json.dumps({"value": 2, "time": iso(time.time())}), qos=1)
+        await again.until(again.values)
+        assert again.values() == [2.0]
+
+
+async def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
+    with broker(tmp_path) as restarting, Party(restarting.port) as party:
+        async with listening(source(restarting.port)) as heard:
+            await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
+            restarting.stop()
+            await heard.until(lambda: heard.failures)
+            assert heard.failures[0].startswith(
+                f"sources.bms: the connection to mqtt://127.0.0.1:{restarting.port} is lost ("
             )
-            assert again.values("room/u") == [], "it would be dated wrongly"
-
-    asyncio.run(run())
-
-
-def test_where_the_arrival_is_asked_for_all_the_same_it_waits_too(running: Mosquitto, party: Party) -> None:
-    async def run() -> None:
-        watched = source(running.port, T, qos=1)
-        async with listening(watched) as heard:
-            await heard.until(lambda: heard.batches)
-        party.put(TOPIC, "19", qos=1)
-        async with listening(watched) as again:
-            await again.until(again.values)
-            assert again.values() == [19.0]
-
-    asyncio.run(run())
+            await heard.until(lambda: any("no MQTT broker answers" in failure for failure in heard.failures))
+            restarting.start()
+            await heard.until(lambda: 21.0 in heard.values(), lambda: party.put(TOPIC, "21"))
 
 
-def test_without_a_session_nothing_waits(running: Mosquitto, party: Party) -> None:
-    async def run() -> None:
-        watched = source(running.port, DATED, session=0)
-        async with listening(watched) as heard:
-            await heard.until(lambda: heard.batches)
-        party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time())}), qos=1)
-        async with listening(watched) as again:
-            await again.until(lambda: again.batches)
-            party.put(TOPIC, json.dumps({"value": 2, "time": iso(time.time())}), qos=1)
-            await again.until(again.values)
-            assert again.values() == [2.0]
-
-    asyncio.run(run())
-
-
-def test_a_broker_that_restarts_is_come_back_to(tmp_path: Path) -> None:
-    async def run() -> None:
-        with broker(tmp_path) as restarting, Party(restarting.port) as party:
-            async with listening(source(restarting.port)) as heard:
-                await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
-                restarting.stop()
-                await heard.until(lambda: heard.failures)
-                assert heard.failures[0].startswith(
-                    f"sources.bms: the connection to mqtt://127.0.0.1:{restarting.port} is lost ("
-                )
-                await heard.until(lambda: any("no MQTT broker answers" in failure for failure in heard.failures))
-                restarting.start()
-                await heard.until(lambda: 21.0 in heard.values(), lambda: party.put(TOPIC, "21"))
-
-    asyncio.run(run())
-
-
-def test_a_flood_on_one_topic_costs_no_other_topic_and_no_other_source(running: Mosquitto, party: Party) -> None:
+async def test_a_flood_on_one_topic_costs_no_other_topic_and_no_other_source(running: Mosquitto, party: Party) -> None:
     calm, many = 50, 20_000
 
-    async def run() -> None:
-        first = source(running.port, T, HEAT)
-        async with listening(first) as heard, listening(source(running.port, T, name="other")) as other:
-            await heard.until(lambda: heard.batches and other.batches)
-            flooding = asyncio.create_task(asyncio.to_thread(flood, running.port, "home/other", map(str, range(many))))
-            for k in range(calm):
-                party.put(TOPIC, str(k / 10))
-                await asyncio.sleep(0.01)
-            await flooding
-            party.put("home/other", "-1", qos=1)
-            await heard.until(lambda: -1.0 in heard.values("room/u"))
-            await heard.until(lambda: len(other.values()) == calm)
-            assert other.values() == [k / 10 for k in range(calm)]
-            # What the broker itself does not get rid of fast enough to this client, it drops.
-            assert heard.values() == sorted(set(heard.values()))
-            assert heard.failures == other.failures == []
-
-    asyncio.run(run())
-
-
-def test_what_comes_faster_than_it_is_taken_is_dropped_from_the_oldest_on(
-    running: Mosquitto, party: Party, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def run() -> None:
-        watched = source(running.port, T, queue=10)
-        stream = watched.batches(None)
-        with suppress(TimeoutError):
-            await anext(stream)
-        link: Any = watched._link
-        for k in range(1000):
-            party.put(TOPIC, str(k / 100), qos=1)
-        # Nobody takes anything meanwhile.
-        await until(lambda: link._inbox._queues[TOPIC].dropped == 990)
-        batch = await anext(stream)
-        assert [reading.fault for reading in batch.readings[:1]] == ["overrun"]
-        assert [reading.value for reading in batch.readings[1:]] == [k / 100 for k in range(990, 1000)]
-        assert watched.dropped == 990
-        await stream.aclose()  # type: ignore[attr-defined]
-
-    asyncio.run(run())
-    assert "samples of home/room/T come faster than they can be taken" in caplog.text
-
-
-def test_other_channels_over_the_same_connection(running: Mosquitto, party: Party) -> None:
-    async def run() -> None:
-        watched = source(running.port, T)
-        async with listening(watched) as heard:
-            await heard.until(heard.values, lambda: party.put(TOPIC, "20"))
-            link = watched._link
-            watched.rebind([bound(watched._table, **OTHER)])
-            await heard.until(lambda: heard.values("room/other"), lambda: party.put("home/other", "1"))
-            before = len(heard.values())
-            party.put(TOPIC, "21", qos=1)
-            count = len(heard.values("room/other"))
-            await heard.until(
-                lambda: len(heard.values("room/other")) > count + 3, lambda: party.put("home/other", "1", qos=1)
-            )
-            assert len(heard.values()) == before
-            assert watched._link is link
-            assert heard.failures == []
-
-    asyncio.run(run())
+    first = source(running.port, T, HEAT)
+    async with listening(first) as heard, listening(source(running.port, T, name="other")) as other:
+        await heard.until(lambda: heard.batches and other.batches)
+        flooding = asyncio.create_task(asyncio.to_thread(flood, running.port, "home/other", map(str, range(many))))
+        for k in range(calm):
+            party.put(TOPIC, str(k / 10))
+            await asyncio.sleep(0.01)
+        await flooding
+        party.put("home/other", "-1", qos=1)
+        await heard.until(lambda: -1.0 in heard.values("room/u"))
+        await heard.until(lambda: len(other.values()) == calm)
+        assert other.values() == [k / 10 for k in range(calm)]
+        # What the broker itself does not get rid of fast enough to this client, it drops.
+        assert heard.values() == sorted(set(heard.values()))
+        assert heard.failures == other.failures == []
 
 
 class Unconfirmed:
@@ -321,136 +209,86 @@ class Unconfirmed:
         await asyncio.Event().wait()
 
 
-def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_change_of_subscriptions_that_fails_opens_the_connection_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     client = Unconfirmed()
     monkeypatch.setattr(adapters.mqtt.source, "connected", client.connected)
 
-    async def run() -> None:
-        watched = source(1, T)
-        known, more, still_more = (
-            bound(watched._table, **one) for one in (T, OTHER, {"id": "room/u", "topic": "home/meter"})
-        )
-        async with listening(watched) as heard:
-            await heard.until(lambda: heard.batches)
-            watched.rebind([known, more])
-            await heard.until(lambda: heard.failures)
-            assert "Operation timed out" in heard.failures[0]
-            await heard.until(lambda: len(client.asked) == 2)
-            watched.rebind([known, more, still_more])
-            await heard.until(lambda: len(client.asked[1]) == 3)
-            assert len(heard.failures) == 1
-        assert client.asked == [[TOPIC, "home/other"], [TOPIC, "home/other", "home/meter"]]
-        assert client.left == [set(), set()], "no task outlives its connection, failed or cancelled"
-
-    asyncio.run(run())
-
-
-def test_what_is_silent_is_said(
-    running: Mosquitto, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(adapters.mqtt.source, "QUIET", 0.0)
-
-    async def run() -> None:
-        async with listening(source(running.port)) as heard:
-            await heard.until(lambda: "nothing has come for" in caplog.text)
-
-    with caplog.at_level(logging.INFO):
-        asyncio.run(run())
-    assert "sources.bms: connected (mqtt://127.0.0.1" in caplog.text
-    assert (
-        "nothing has come for room/T (topic home/room/T) so far; check its topic with thermogate probe" in caplog.text
+    watched = source(1, T)
+    known, more, still_more = (
+        bound(watched._table, **one) for one in (T, OTHER, {"id": "room/u", "topic": "home/meter"})
     )
+    async with listening(watched) as heard:
+        await heard.until(lambda: heard.batches)
+        watched.rebind([known, more])
+        await heard.until(lambda: heard.failures)
+        assert "Operation timed out" in heard.failures[0]
+        await heard.until(lambda: len(client.asked) == 2)
+        watched.rebind([known, more, still_more])
+        await heard.until(lambda: len(client.asked[1]) == 3)
+        assert len(heard.failures) == 1
+    assert client.asked == [[TOPIC, "home/other"], [TOPIC, "home/other", "home/meter"]]
+    assert client.left == [set(), set()], "no task outlives its connection, failed or cancelled"
 
 
-def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, party: Party) -> None:
-    async def run() -> None:
-        missing = {"id": "room/u", "topic": "home/heater"}
-        wrong = {"id": "room/w", "topic": "home/other", "format": "json", "value": "/temp"}
-        party.put(TOPIC, "20.5", retain=True, qos=1)
-        party.put("home/other", '{"temperature": 19.5, "linkquality": 80}', retain=True, qos=1)
-        probes = await source(running.port, T, missing, wrong).probe(1.0)
-        assert [probe.verdict for probe in probes] == [
-            "good",
-            "nothing came within 1 s, and nothing was retained; check topic, and that it is published",
-            'refused: the payload has nothing at "/temp"; look at value',
-        ]
-        assert (probes[0].value, probes[0].time, probes[0].place) == (20.5, None, "home/room/T plain")
-        assert probes[0].hints == ("retained: the broker had kept it, and its age is not known",)
-        assert probes[1].hints[0] == "heard meanwhile: home/other with /temperature 19.5, /linkquality 80"
-        assert "heard meanwhile: home/room/T with 20.5" in probes[1].hints
-        assert probes[2].hints == ("numbers in it: /temperature 19.5, /linkquality 80",)
-
-    asyncio.run(run())
+async def test_probe_shows_what_is_there_and_what_is_elsewhere(running: Mosquitto, party: Party) -> None:
+    missing = {"id": "room/u", "topic": "home/heater"}
+    wrong = {"id": "room/w", "topic": "home/other", "format": "json", "value": "/temp"}
+    party.put(TOPIC, "20.5", retain=True, qos=1)
+    party.put("home/other", '{"temperature": 19.5, "linkquality": 80}', retain=True, qos=1)
+    probes = await source(running.port, T, missing, wrong).probe(1.0)
+    assert [probe.verdict for probe in probes] == [
+        "good",
+        "nothing came within 1 s, and nothing was retained; check topic, and that it is published",
+        'refused: the payload has nothing at "/temp"; look at value',
+    ]
+    assert (probes[0].value, probes[0].time, probes[0].place) == (20.5, None, "home/room/T plain")
+    assert probes[0].hints == ("retained: the broker had kept it, and its age is not known",)
+    assert probes[1].hints[0] == "heard meanwhile: home/other with /temperature 19.5, /linkquality 80"
+    assert "heard meanwhile: home/room/T with 20.5" in probes[1].hints
+    assert probes[2].hints == ("numbers in it: /temperature 19.5, /linkquality 80",)
 
 
-def test_probe_doubts_what_is_unusual_and_shows_what_else_is_there(running: Mosquitto, party: Party) -> None:
-    frost = T | {"usual": (5.0, 40.0)}
-    wrong = frost | {"id": "room/w", "topic": "home/other", "format": "json", "value": "/battery"}
-
-    async def run() -> None:
-        party.put(TOPIC, "1.8", retain=True, qos=1)
-        party.put("home/other", '{"battery": 90, "temperature": 19.5}', retain=True, qos=1)
-        cold, battery = await source(running.port, frost, wrong).probe(5.0)
-        assert (cold.value, cold.verdict) == (1.8, "doubtful: usually 5 to 40 here; if it is right, give valid")
-        assert battery.verdict == "implausible: not within -60 to 80"
-        assert battery.hints[-1] == "numbers in it: /battery 90, /temperature 19.5"
-
-    asyncio.run(run())
-
-
-def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, party: Party) -> None:
-    async def run() -> None:
-        party.put(TOPIC, "20.5", retain=True, qos=1)
-        party.put("home/other", '{"temperature": 19.5, "state": {"battery": 80}}', retain=True, qos=1)
-        party.put("home/meter", "on", retain=True, qos=1)
-        # What Thermogate publishes itself is nothing to learn from.
-        party.put("thermogate/site/room/forecast", '{"mean": 21.0}', retain=True, qos=1)
-        party.put("homeassistant/sensor/thermogate_site_room/mean/config", '{"precision": 1}', retain=True, qos=1)
-        assert isinstance(searching(running.port), Scannable)
-        found = await searching(running.port).scan(Scan(seconds=1.0))
-        assert found.rows == [
-            ("topic", "pointer", "number", "came"),
-            ("home/other", "/temperature", "19.5", "retained"),
-            ("home/other", "/state/battery", "80", "retained"),
-            (TOPIC, "-", "20.5", "retained"),
-        ]
-        assert found.remarks == ["topics without a number: 1 (home/meter)"]
-
-    asyncio.run(run())
+async def test_a_scan_lists_every_topic_and_its_numbers(running: Mosquitto, party: Party) -> None:
+    party.put(TOPIC, "20.5", retain=True, qos=1)
+    party.put("home/other", '{"temperature": 19.5, "state": {"battery": 80}}', retain=True, qos=1)
+    party.put("home/meter", "on", retain=True, qos=1)
+    # What Thermogate publishes itself is nothing to learn from.
+    party.put("thermogate/site/room/forecast", '{"mean": 21.0}', retain=True, qos=1)
+    party.put("homeassistant/sensor/thermogate_site_room/mean/config", '{"precision": 1}', retain=True, qos=1)
+    assert isinstance(searching(running.port), Scannable)
+    found = await searching(running.port).scan(Scan(seconds=1.0))
+    assert found.rows == [
+        ("topic", "pointer", "number", "came"),
+        ("home/other", "/temperature", "19.5", "retained"),
+        ("home/other", "/state/battery", "80", "retained"),
+        (TOPIC, "-", "20.5", "retained"),
+    ]
+    assert found.remarks == ["topics without a number: 1 (home/meter)"]
 
 
-def test_a_scan_of_a_silent_broker_says_so(tmp_path: Path) -> None:
-    async def run() -> None:
-        with broker(tmp_path) as silent:
-            found = await searching(silent.port).scan(Scan(seconds=0.5))
-            assert found.rows == [("topic", "pointer", "number", "came")]
-            assert found.remarks == ["nothing came within 0.5 s, and nothing was retained; listen for longer"]
-
-    asyncio.run(run())
+async def test_a_scan_of_a_silent_broker_says_so(tmp_path: Path) -> None:
+    with broker(tmp_path) as silent:
+        found = await searching(silent.port).scan(Scan(seconds=0.5))
+        assert found.rows == [("topic", "pointer", "number", "came")]
+        assert found.remarks == ["nothing came within 0.5 s, and nothing was retained; listen for longer"]
 
 
-def test_the_status_of_the_source_is_told_where_it_is_wanted(running: Mosquitto) -> None:
-    async def run() -> None:
-        with Party(running.port, "home/thermogate") as watching:
-            async with listening(source(running.port, T, status_topic="home/thermogate")) as heard:
-                await heard.until(lambda: watching.newest().get("home/thermogate") == b"online")
-            await until(lambda: watching.newest()["home/thermogate"] == b"offline")
-            watching.put("home/thermogate", "", retain=True, qos=1)
-
-    asyncio.run(run())
+async def test_the_status_of_the_source_is_told_where_it_is_wanted(running: Mosquitto) -> None:
+    with Party(running.port, "home/thermogate") as watching:
+        async with listening(source(running.port, T, status_topic="home/thermogate")) as heard:
+            await heard.until(lambda: watching.newest().get("home/thermogate") == b"online")
+        await until(lambda: watching.newest()["home/thermogate"] == b"offline")
+        watching.put("home/thermogate", "", retain=True, qos=1)
 
 
-def test_another_client_of_the_same_name_is_among_the_reasons(running: Mosquitto) -> None:
-    async def run() -> None:
-        async with listening(source(running.port, client_id="twin")) as heard:
-            await heard.until(lambda: heard.batches)
-            async with listening(source(running.port, client_id="twin")):
-                await heard.until(lambda: heard.failures)
-            assert heard.failures[0].endswith(
-                'check that the broker is on, and that no other client has the client_id "twin"'
-            )
-
-    asyncio.run(run())
+async def test_another_client_of_the_same_name_is_among_the_reasons(running: Mosquitto) -> None:
+    async with listening(source(running.port, client_id="twin")) as heard:
+        await heard.until(lambda: heard.batches)
+        async with listening(source(running.port, client_id="twin")):
+            await heard.until(lambda: heard.failures)
+        assert heard.failures[0].endswith(
+            'check that the broker is on, and that no other client has the client_id "twin"'
+        )
 
 
 @pytest.fixture(scope="module")
@@ -467,22 +305,19 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Mosquitt
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_tls_with_user_and_password(guarded: tuple[Mosquitto, Path], version: str) -> None:
+async def test_tls_with_user_and_password(guarded: tuple[Mosquitto, Path], version: str) -> None:
     running, folder = guarded
 
     def known(client: Any) -> None:
         client.username_pw_set("bms", "s3cret")
         client.tls_set(str(folder / "ca.pem"))
 
-    async def run() -> None:
-        tls = {"ca": folder / "ca.pem"}
-        watched = source(running.port, tls=tls, user="bms", password_file=folder / "right", version=version)
-        with Party(running.port, connect=known) as party:
-            async with listening(watched) as heard:
-                await heard.until(heard.values, lambda: party.put(TOPIC, "21.5"))
-                assert heard.failures == []
-
-    asyncio.run(run())
+    tls = {"ca": folder / "ca.pem"}
+    watched = source(running.port, tls=tls, user="bms", password_file=folder / "right", version=version)
+    with Party(running.port, connect=known) as party:
+        async with listening(watched) as heard:
+            await heard.until(heard.values, lambda: party.put(TOPIC, "21.5"))
+            assert heard.failures == []
 
 
 @pytest.mark.parametrize("version", VERSIONS)
@@ -495,23 +330,20 @@ def test_tls_with_user_and_password(guarded: tuple[Mosquitto, Path], version: st
     ],
     ids=["password", "authority", "no TLS"],
 )
-def test_what_the_broker_refuses_is_a_sentence(
+async def test_what_the_broker_refuses_is_a_sentence(
     guarded: tuple[Mosquitto, Path], settings: dict[str, Any], sentence: str, version: str
 ) -> None:
     running, folder = guarded
     given = {"tls": {"ca": folder / "ca.pem"}, "user": "bms", "password_file": "right", "version": version} | settings
     given["password_file"] = folder / given["password_file"]
 
-    async def run() -> None:
-        with pytest.raises(SourceUnavailable, match=r"^sources\.bms: ") as refused:
-            await anext(source(running.port, **given).batches(None))
-        assert sentence in str(refused.value)
-        assert "\n" not in str(refused.value)
-
-    asyncio.run(run())
+    with pytest.raises(SourceUnavailable, match=r"^sources\.bms: ") as refused:
+        await anext(source(running.port, **given).batches(None))
+    assert sentence in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
-def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "junk").write_text("no certificate", encoding="utf-8")
     tls = {"ca": tmp_path / "junk"}
     wrong = source(1, tls=tls, user="bms", password_file=tmp_path / "missing").check()
@@ -523,20 +355,5 @@ def test_what_is_wrong_without_connecting(tmp_path: Path, monkeypatch: pytest.Mo
     sentence = "sources.bms: MQTT needs the package aiomqtt; install it with pip install 'thermogate[mqtt]'"
     assert source(1).check() == [sentence]
 
-    async def run() -> None:
-        with pytest.raises(SourceConfigError, match="needs the package aiomqtt"):
-            await anext(source(1).batches(None))
-
-    asyncio.run(run())
-
-
-def test_the_order_of_times_is_that_of_the_intake(running: Mosquitto, party: Party) -> None:
-    async def run() -> None:
-        watched, begun = source(running.port, DATED, times=["arrival"]), time.time()
-        async with listening(watched) as heard:
-            await heard.until(
-                heard.values, lambda: party.put(TOPIC, json.dumps({"value": 1, "time": iso(time.time() - 1000)}))
-            )
-            assert between(begun, heard.readings[0].time, time.time())
-
-    asyncio.run(run())
+    with pytest.raises(SourceConfigError, match="needs the package aiomqtt"):
+        await anext(source(1).batches(None))

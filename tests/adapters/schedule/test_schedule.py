@@ -1,6 +1,5 @@
 """A weekly schedule: what it has when, how it is written, and that forecasts know it."""
 
-import asyncio
 from datetime import datetime
 
 import numpy as np
@@ -63,20 +62,18 @@ def test_a_mistake_is_one_sentence_with_its_place(changes, sentence):
     assert sentence in found
 
 
-def test_the_source_delivers_what_the_schedule_has_now():
+async def test_the_source_delivers_what_the_schedule_has_now():
     source = table().build("hours", [])
 
-    async def first():
-        async for batch in source.batches(None):
-            await source.close()
-            return batch
-
     assert isinstance(source, ScheduleSource)
-    assert asyncio.run(first()).readings == []
+    async for batch in source.batches(None):
+        await source.close()
+        found = batch
+    assert found.readings == []
     assert source.check() == []
 
 
-def test_a_zone_takes_its_set_points_from_it(tmp_path):
+async def test_a_zone_takes_its_set_points_from_it(tmp_path):
     (tmp_path / "site.toml").write_text(
         """
 [site]
@@ -108,10 +105,7 @@ u_heat = { source = "posted", unit = "W" }
     times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
     assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])
 
-    async def first():
-        async for batch in config.build_source("hours").batches(None):
-            return batch.readings
-
-    ((channel, _, value, *_),) = asyncio.run(first())
+    async for batch in config.build_source("hours").batches(None):
+        ((channel, _, value, *_),) = batch.readings
     assert channel == "room/setpoint"
     assert value in (pytest.approx(50 / 3), pytest.approx(190 / 9))

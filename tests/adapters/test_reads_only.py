@@ -1,0 +1,83 @@
+"""No code of a bus that only reads names a verb that writes, or could make one up."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pymodbus.client.mixin import ModbusClientMixin
+
+ROOT = Path(__file__).parents[2]
+ADAPTERS = ROOT / "adapters"
+
+KNOWING = {"pymodbus": {"modbus/client.py"}, "bacpypes3": {"bacnet/client.py", "bacnet/stack.py"}}
+
+
+def others(kind: str) -> set[str]:
+    """What the library of a bus can ask for beside reading."""
+    if kind == "modbus":
+        reads = {"read_coils", "read_discrete_inputs", "read_holding_registers", "read_input_registers"}
+        return {name for name in vars(ModbusClientMixin) if not name.startswith("__")} - reads
+    pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
+    from bacpypes3.apdu import confirmed_request_types, unconfirmed_request_types
+    from support.bacnet_plant import READS
+
+    requests = {kind.__name__ for kind in (*confirmed_request_types.values(), *unconfirmed_request_types.values())}
+    return requests - READS - {"IAmRequest", "UnconfirmedCOVNotificationRequest"}
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imported(path: Path) -> Iterator[str]:
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module or ""
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def names(tree: ast.Module) -> Iterator[str]:
+    """Every name that a module uses, imports, calls as an attribute, or writes as a text."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+        elif isinstance(node, ast.ImportFrom | ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+@pytest.mark.parametrize("library", KNOWING)
+def test_few_modules_know_the_library_of_a_bus(library: str) -> None:
+    # The simulated building is devices, and devices may know everything.
+    paths = [
+        path
+        for package in ("adapters", "service", "replay", "thermogate")
+        for path in sorted((ROOT / package).rglob("*.py"))
+        if ROOT / "replay" / "bms" not in path.parents
+    ]
+    assert len(paths) > 100
+    knowing = [path for path in paths if any(name.startswith(library) for name in imported(path))]
+    assert {path.relative_to(ADAPTERS).as_posix() for path in knowing} == KNOWING[library]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for kind in ("modbus", "bacnet") for path in sorted((ADAPTERS / kind).glob("*.py"))],
+    ids=lambda path: path.stem,
+)
+def test_no_module_names_a_verb_that_writes(path: Path) -> None:
+    forbidden, tree = others(path.parent.name), tree_of(path)
+    assert forbidden & {"write_register", "WritePropertyRequest"}
+    named = {name for name in names(tree) if name.isidentifier()}
+    assert not named & forbidden
+    assert not any("write" in name.lower() for name in named)
+    called = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+    assert not called & {"eval", "exec", "vars"}, "a verb could be made up"
+    assert path.parent.name == "bacnet" or "getattr" not in called
