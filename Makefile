@@ -12,7 +12,7 @@ help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
 
 run: $(VENV)/.ready  ## a living building read over Modbus by the daemon: forecasts on REST and Zenoh, a live page
-	$(BIN)/thermogate demo --live
+	$(BIN)/thermogate demo
 
 test:  ## lint, types and every test
 	$(MAKE) -j2 lint kernels

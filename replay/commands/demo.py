@@ -1,4 +1,4 @@
-"""`thermogate demo`: the daemon on a simulated home, recorded or living."""
+"""`thermogate demo`: the daemon on a simulated building that lives in this process."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from functools import partial
 from pathlib import Path
 
 from replay.commands.simulate_bms import LARGEST_PACE, SMALLEST_PACE
-from service.cli.arguments import AddCommand, load_config, positive, whole
-from service.errors import ConfigError
+from service.cli.arguments import AddCommand, load_config, number, positive, whole
 
-_DEMO_PACE = 600.0
 _HTTP_PORT, _ZENOH_PORT = 8080, 7447
 
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
-    demo = add("demo", _demo, "Run the daemon on a simulated two-zone home, streamed faster than real time.")
+    demo = add(
+        "demo", _demo, "Run the daemon on a simulated building that lives in its own time and that you can disturb."
+    )
     demo.add_argument(
         "--directory", type=Path, metavar="DIR", help="keep files and state here (default: a temporary folder)"
     )
@@ -31,13 +31,11 @@ def add_to(add: AddCommand) -> None:
         help="HTTP port, 0 for any free one (default 8080)",
     )
     demo.add_argument(
-        "--pace", type=positive, metavar="X", help="multiple of real time (default 1800; live 600, at most 3600)"
-    )
-    demo.add_argument("--days", type=whole(1, 3660), metavar="N", help="length of the simulated period (default 56)")
-    demo.add_argument(
-        "--live",
-        action="store_true",
-        help="a building that lives in its own time, and can be disturbed, instead of a recording",
+        "--pace",
+        type=number(SMALLEST_PACE, LARGEST_PACE),
+        default=600.0,
+        metavar="X",
+        help="multiple of real time, at most 3600 (default 600)",
     )
     demo.add_argument(
         "--duration", type=positive, metavar="SECONDS", help="stop after so many seconds (default: never)"
@@ -47,33 +45,17 @@ def add_to(add: AddCommand) -> None:
 def _demo(arguments: argparse.Namespace) -> int:
     kept = arguments.directory
     with nullcontext(kept) if kept else tempfile.TemporaryDirectory(prefix="thermogate-demo-") as directory:
-        return (_live if arguments.live else _recorded)(Path(directory), arguments)
-
-
-def _recorded(directory: Path, arguments: argparse.Namespace) -> int:
-    """The demo with a recording."""
-    from replay.simulated.home import write_demo
-    from service.cli.show import demo_requests
-    from service.daemon.run import run_daemon
-
-    days, pace = arguments.days or 56, arguments.pace or 1800.0
-    config = load_config(arguments, write_demo(directory, days=days, port=arguments.port, pace=pace))
-    print("\n".join(demo_requests(config)), flush=True)
-    return run_daemon(config, duration=arguments.duration)
+        return _live(Path(directory), arguments)
 
 
 def _live(directory: Path, arguments: argparse.Namespace) -> int:
-    """The demo with a living building in this process, in its own time, which has lived for a fortnight already."""
+    """The daemon beside a building that has lived for a fortnight already."""
     from replay.bms.background import in_background
     from replay.bms.logged import LIVED_DAYS, Demo, live
     from service.cli.show import demo_requests
     from service.daemon.run import run_daemon
 
-    pace = arguments.pace or _DEMO_PACE
-    if arguments.days is not None:
-        raise ConfigError(["--days is the length of a recording; a --live building has no end, use --duration"])
-    if not SMALLEST_PACE <= pace <= LARGEST_PACE:
-        raise ConfigError([f"--pace {pace:g}: a --live building lives at {SMALLEST_PACE:g} to {LARGEST_PACE:g}"])
+    pace = arguments.pace
     changes, said = _ports(arguments.port)
     demo = Demo(directory, pace=pace, overrides=tuple(changes))
     with in_background(partial(live, demo)) as (path, control):

@@ -36,8 +36,8 @@ def write_recording(directory: Path, recording: Recording, loss: HeatLoss) -> Pa
             f"{room.name}_{name}_W": cells(values[:, index], 2)
             for name, values in (*recording.truth._asdict().items(), ("gain", recording.truth.gain))
         }
-    write_table(directory / RECORDING, columns, list(columns.values()))
-    write_table(directory / TRUTH, truth, list(truth.values()))
+    write_table(directory / RECORDING, columns)
+    write_table(directory / TRUTH, truth)
     (directory / HEAT_LOSS).write_text(json.dumps(_as_json(building, loss), indent=2) + "\n", encoding="utf-8")
     path = directory / CONFIGURATION
     path.write_text(_HEAD.format(what=building.what) + tomli_w.dumps(_configuration(building)), encoding="utf-8")

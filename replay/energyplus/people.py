@@ -10,9 +10,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.localtime import DAY, HOUR, weekday
-from replay.simulated.ecolar import WEEKDAYS
-from replay.simulated.events import Habit, habitual
-from replay.simulated.home import EVERY_DAY, WEEKEND
+from replay.simulated.events import EVERY_DAY, WEEKDAYS, WEEKEND, Habit, habitual
 
 _STREAM = 0xE9
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator.arrays import Array
 from estimator.network.network import Parameter
@@ -29,7 +28,7 @@ from replay.recorded.raw_telemetry import (
     with_outage,
 )
 from replay.recorded.tables import cells, local_stamps, write_table
-from replay.simulated.events import Habit, SquareWave, habitual, square_wave
+from replay.simulated.events import WEEKDAYS, Habit, SquareWave, habitual, square_wave
 from replay.simulated.heating import Heated, Loads, Panel, simulate_heated
 from replay.simulated.simulate import dynamics, simulate
 from replay.simulated.weather import KONSTANZ, Weather, solar_time, weather
@@ -73,7 +72,6 @@ PROCESS_NOISE_SD = 0.004  # K per node and minute
 ADJACENT_ROOM = tite().with_solar("T_i", Parameter("A_w", "m2", 0.1, 30.0))
 ADJACENT_THETA = {"C_i": 4.0e5, "C_e": 2.6e6, "g_ie": 130.0, "g_e_out": 32.0, "A_w": 1.05}
 
-WEEKDAYS = (0, 1, 2, 3, 4)
 STAFF = (
     Habit(WEEKDAYS, (7.0, 18.0), 2.5, (20 * 60, 3 * HOUR), (90.0, 400.0), 0.7),
     Habit(WEEKDAYS, (7.0, 18.0), 1.5, (30 * 60, 4 * HOUR), (150.0, 1200.0), 0.5),
@@ -111,51 +109,25 @@ def write_standin(path: Path, period: Period, seed: int = 2) -> Path:
 
 
 def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
-    """Ecolar Home from UTC second `start` to before `end`."""
+    """Ecolar Home from UTC second `start` to before `end`; sun through the façade adds to what people bring."""
     times = np.arange(start, end, GRID_STEP)
     local = wall_clock(times, ZONE)
     sky = weather(times, KONSTANZ, seed)
+    adjacent = _adjacent_room(sky)
     rng = np.random.default_rng([seed, 0xEC0])
+    network = ecolar()
     forced = np.column_stack([square_wave(EXPERIMENT, len(times), GRID_STEP, rng) > 0 for _ in PANELS])
-    return simulate_zone(
-        times,
-        sky,
-        _adjacent_room(sky),
+    loads = Loads(
         set_point=_set_points(local, rng),
         forced=forced,
-        gain=habitual(STAFF, local, rng),
+        gain=habitual(STAFF, local, rng) + facade_aperture(times) * sky.irradiance,
         opening=habitual(DOORS, local, rng),
-        rng=rng,
-    )
-
-
-def simulate_zone(
-    times: Seconds,
-    sky: Weather,
-    adjacent: Array,
-    *,
-    set_point: Array,
-    forced: npt.NDArray[np.bool_],
-    gain: Array,
-    opening: Array,
-    rng: np.random.Generator,
-) -> ZonePeriod:
-    """The 6R4C zone at `times` (K,) beside a room of `adjacent` degC; sun through the façade adds to `gain`.
-
-    The other arguments are as in `heating.Loads`.
-    """
-    network = ecolar()
-    loads = Loads(
-        set_point=set_point,
-        forced=forced,
-        gain=gain + facade_aperture(times) * sky.irradiance,
-        opening=opening,
         noise=PROCESS_NOISE_SD * rng.standard_normal((len(times), len(network.nodes))),
     )
-    boundaries = np.column_stack([sky.outdoor, adjacent])
     outside_wall = _between(20.0, sky.outdoor[0], THETA["g_air_wo"], THETA["g_wo_out"])
     adjacent_wall = _between(20.0, adjacent[0], THETA["g_air_wi"], THETA["g_wi_adj"])
     start = np.array([20.0, outside_wall, adjacent_wall, 20.0])
+    boundaries = np.column_stack([sky.outdoor, adjacent])
     heated = simulate_heated(network, dynamics(network, THETA, GRID_STEP), boundaries, loads, PANELS, x0=start)
     return ZonePeriod(times, sky.outdoor, adjacent, heated)
 
@@ -186,7 +158,7 @@ def write_raw(path: Path, period: ZonePeriod, faults: Faults, seed: int) -> Path
     columns = [local_stamps(wall_clock(times, ZONE)[rows])]
     columns += [cells(with_missing(values, faults.missing, rng)[rows], 1) for values in temperatures]
     columns += [cells(with_missing(values, faults.missing, rng)[rows], 3) for values in kilowatts.T]
-    return write_table(path, COLUMNS, columns)
+    return write_table(path, dict(zip(COLUMNS, columns, strict=True)))
 
 
 def _between(inside: float, outside: float, inner: float, outer: float) -> float:

@@ -9,6 +9,10 @@ import numpy as np
 from estimator.arrays import Array
 from replay.localtime import DAY, HOUR, Seconds, weekday
 
+WEEKDAYS, WEEKEND = (0, 1, 2, 3, 4), (5, 6)
+"""0 = Monday."""
+EVERY_DAY = (*WEEKDAYS, *WEEKEND)
+
 
 class SquareWave(NamedTuple):
     """A flow of `amplitude` W that starts by chance and lasts a uniformly drawn time.

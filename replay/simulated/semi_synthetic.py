@@ -15,7 +15,6 @@ from estimator.network.network import Network
 from estimator.network.presets import building_67
 from replay.errors import ReplayError, WeatherFileError
 from replay.localtime import DAY, Seconds, midnight
-from replay.recorded.tables import cells, utc_stamps, write_table
 from replay.simulated.events import HEATER, UNMEASURED_GAIN, square_wave
 from replay.simulated.simulate import simulate
 from replay.simulated.weather import KONSTANZ, Weather, weather
@@ -105,26 +104,11 @@ def _heat_capacity(network: Network) -> float:
     return sum(network.parameter(name).nominal or 0.0 for name in network.capacitances.values())
 
 
-def write_csv(recording: Recording, path: Path) -> Path:
-    """Write the recording with `timestamp` (RFC 3339, Z), the channels, T_i_true [degC] and q_unmeasured [W]."""
-    columns = recording.columns
-    table = {
-        "timestamp": utc_stamps(recording.times),
-        "T_i": cells(columns["T_i"], 4),
-        "T_out": cells(columns["T_out"], 3),
-        "u_heat": cells(columns["u_heat"], 0),
-        "I_sol": cells(columns["I_sol"], 3),
-        "T_i_true": cells(recording.truth.states[:, 0], 4),
-        "q_unmeasured": cells(recording.truth.unmeasured_gain, 0),
-    }
-    return write_table(path, table, list(table.values()))
-
-
 def _weather(path: Path | None, seed: int) -> tuple[Seconds, Weather]:
     if path is not None:
         return read_weather(path)
     times = midnight(2024, 4, 10, "UTC") + PERIOD * np.arange(FULL_DAYS * DAY // PERIOD)
-    # Rounded as the file is written, so that a replay of the file sees the very inputs that drove the building.
+    # Rounded as weather files are.
     return times, Weather(*(np.round(values, 3) for values in weather(times, KONSTANZ, seed)))
 
 

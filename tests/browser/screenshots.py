@@ -42,7 +42,7 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     port = free_port()
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service", "demo", "--live", "--port", str(port), "--directory", folder]
+        command = [sys.executable, "-m", "service", "demo", "--port", str(port), "--directory", folder]
         # Zenoh's port belongs to whatever else runs here.
         command += ["--set", "zenoh.enabled=false"]
         demo = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -73,7 +73,7 @@ def main() -> int:
     arguments = parser.parse_args()
     port, looks = free_port(), []
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service", "demo", "--live", "--port", str(port), "--directory", folder]
+        command = [sys.executable, "-m", "service", "demo", "--port", str(port), "--directory", folder]
         demo = subprocess.Popen(
             # Zenoh's port belongs to whatever else runs here.
             [*command, "--pace", f"{arguments.pace:g}", "--set", "zenoh.enabled=false"],

@@ -82,7 +82,7 @@ def test_no_fault_of_a_room_harms_one_that_does_not_touch_it(kind: str, plant: t
 
 
 def test_the_live_demo_serves_and_stops(tmp_path: Path) -> None:
-    command = [str(THERMOGATE), "demo", "--live", "--port", "0", "--directory", str(tmp_path)]
+    command = [str(THERMOGATE), "demo", "--port", "0", "--directory", str(tmp_path)]
     settings = ["--set", "zenoh.enabled=false"]
     process = subprocess.Popen([*command, *settings], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None

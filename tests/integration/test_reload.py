@@ -15,7 +15,7 @@ import pytest
 import tomli_w
 from support.harness import Daemon, reload, thermogate
 
-from replay.simulated.home import write_demo
+from replay.lab.measuring.scenario import Scenario, write
 
 SPEED = 20_000
 
@@ -28,11 +28,14 @@ class Home:
     """A simulated home, its configuration as a table that can be changed, and the file that has it."""
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir()
-        self.path = write_demo(folder, days=2, port=0, pace=SPEED)
+        self.path = write(Scenario(2, 300, "titeth", 600.0 / SPEED, 2 * 288), folder)
         self.table = tomllib.loads(self.path.read_text())
+        (source,) = self.table["sources"].values()
+        # A source for each zone.
+        self.table["sources"] = {zone["id"]: source for zone in self.table["zones"]}
         for zone in self.table["zones"]:
-            zone.setdefault("estimator_options", {})["particles"] = 300
+            for channel in zone["channels"].values():
+                channel["source"] = zone["id"]
         self.write()
 
     def write(self) -> None:
@@ -116,7 +119,7 @@ def test_what_stands_against_a_reload_is_said_and_nothing_changes(tmp_path: Path
     with Daemon(home.path, home.path.with_name("log")) as daemon:
         daemon.wait(lambda zones: zones[first]["samples"] >= 5)
         home.table["zones"].pop()
-        zone(home.table, first)["period"] = "10min"
+        zone(home.table, first)["period"] = "20min"
         home.write()
         reload(daemon, f"not reloaded: zone '{first}': its network, period, estimator")
         home.path.write_text("[site]\nid = 7\n[[zones]]")
@@ -126,7 +129,7 @@ def test_what_stands_against_a_reload_is_said_and_nothing_changes(tmp_path: Path
         reload(daemon, "cannot be read")
         assert set(daemon.wait(lambda zones: True)) == {first, second}
         home.table["site"]["checkpoint_every"] = "7min"
-        zone(home.table, first)["period"] = "5min"
+        zone(home.table, first)["period"] = "10min"
         home.write()
         reload(daemon, "not reloaded: site.checkpoint_every: this takes effect with the next start only")
         assert daemon.terminate() == 0

@@ -13,9 +13,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from replay.localtime import DAY, HOUR, midnight, wall_clock
-from replay.simulated.ecolar import WEEKDAYS
-from replay.simulated.events import Habit, habitual
-from replay.simulated.home import EVERY_DAY, WEEKEND
+from replay.simulated.events import EVERY_DAY, WEEKDAYS, WEEKEND, Habit, habitual
 from replay.simulated.weather import KONSTANZ, weather
 
 ZONE = "Europe/Berlin"

@@ -65,14 +65,13 @@ def write(scenario: Scenario, folder: Path, zenoh_port: int | None = None) -> Pa
             f"choose one with no channels but {', '.join(recording.columns)}, such as building-67 or titeth"
         )
     rows = scenario.rows
-    header, columns = ["timestamp"], [utc_stamps(recording.times[:rows])]
+    columns = {"timestamp": utc_stamps(recording.times[:rows])}
     for index, zone in enumerate(zone_ids(scenario.zones)):
         # Every zone lives in another stretch of the same months.
         begin = index * 20 % (len(recording.times) - rows + 1)
         for channel in house.channels:
-            header.append(f"{zone} {channel}")
-            columns.append(cells(recording.columns[channel][begin : begin + rows], 4))
-    write_table(folder / "fleet.csv", header, columns)
+            columns[f"{zone} {channel}"] = cells(recording.columns[channel][begin : begin + rows], 4)
+    write_table(folder / "fleet.csv", columns)
     path = folder / "fleet.toml"
     path.write_text(tomli_w.dumps(_configuration(scenario, house, zenoh_port)), encoding="utf-8")
     return path

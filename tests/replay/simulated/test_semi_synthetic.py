@@ -1,5 +1,3 @@
-import csv
-import gzip
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,6 @@ from replay.simulated.semi_synthetic import (
     Recording,
     generate,
     read_weather,
-    write_csv,
 )
 from replay.simulated.simulate import dynamics
 
@@ -97,19 +94,6 @@ def test_label_marks_the_interval_that_ends_at_the_step() -> None:
     assert truth.disturbance_dominated.any()
     assert not truth.disturbance_dominated[0]
     np.testing.assert_array_equal(truth.disturbance_dominated[1:], truth.unmeasured_gain[:-1] > 0)
-
-
-def test_written_file_has_the_promised_columns_and_numbers(tmp_path: Path) -> None:
-    recording = generate(None, days=2, seed=5)
-    path = write_csv(recording, tmp_path / "b67.csv.gz")
-    with gzip.open(path, "rt") as file:
-        rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["timestamp", "T_i", "T_out", "u_heat", "I_sol", "T_i_true", "q_unmeasured"]
-    assert rows[0]["timestamp"] == "2024-04-10T00:00:00Z"
-    assert len(rows) == len(recording.times)
-    for name in ("T_out", "u_heat", "I_sol"):
-        np.testing.assert_array_equal([float(row[name]) for row in rows], recording.columns[name])
-    np.testing.assert_allclose([float(row["T_i_true"]) for row in rows], recording.truth.states[:, 0], atol=6e-5)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -99,9 +100,7 @@ def test_help(command: list[str], capsys: Capture) -> None:
         (["demo", "--port", "65536"], "'65536' is not a whole number from 0 to 65535"),
         (["demo", "--pace", "0"], "'0' is not"),
         (["demo", "--pace", "fast"], "'fast' is not"),
-        (["demo", "--days", "0"], "'0' is not a whole number"),
-        (["demo", "--live", "--days", "3"], "--days is the length of a recording"),
-        (["demo", "--live", "--pace", "9000"], "--pace 9000: a --live building lives at 0.01 to 3600"),
+        (["demo", "--pace", "9000"], "'9000' is not a number from 0.01 to 3600"),
         (["simulate-bms", "--zones", "0"], "'0' is not a whole number from 1 to 80"),
         (["simulate-bms", "--zenoh", "nowhere"], "is not an endpoint"),
         (["demo", "--duration", "inf"], "'inf' is not a number above 0"),
@@ -294,48 +293,53 @@ def test_replay_refuses_what_makes_no_sense(
     assert calls == []
 
 
-def write_stand_in_home(directory: Path, **_: object) -> Path:
-    directory.mkdir(exist_ok=True)
-    return write(directory, sound(directory))
+@pytest.fixture
+def building(monkeypatch: pytest.MonkeyPatch) -> list[Call]:
+    """The demo's building, which only writes its configuration."""
+
+    @contextmanager
+    def answer(plant: Any) -> Iterator[tuple[Path, str]]:
+        (demo,) = plant.args
+        demo.directory.mkdir(exist_ok=True)
+        yield write(demo.directory, sound(demo.directory)), "http://127.0.0.1:5021"
+
+    return stand_in(monkeypatch, "replay.bms.background", "in_background", answer)
 
 
-def test_demo_in_a_temporary_folder(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    homes = stand_in(monkeypatch, "replay.simulated.home", "write_demo", write_stand_in_home)
+def test_demo_in_a_temporary_folder(building: list[Call], monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     runs = daemon(monkeypatch)
 
     assert main(["demo"]) == 0
 
-    (((directory,), _),) = homes
-    assert not directory.exists()
+    (((plant,), _),) = building
+    assert not plant.args[0].directory.exists()
+    assert plant.args[0].pace == 600.0
     (((_,), options),) = runs
     assert options == {"duration": None}
     shown = capsys.readouterr().out
     assert "http://127.0.0.1:8080/docs" in shown
-    assert sum(line.startswith("  curl ") for line in shown.splitlines()) == 3
+    assert sum(line.startswith("  curl ") for line in shown.splitlines()) == 5
 
 
-def test_demo_passes_everything_on_and_keeps_a_given_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    homes = stand_in(monkeypatch, "replay.simulated.home", "write_demo", write_stand_in_home)
-    runs = daemon(monkeypatch)
-    home = tmp_path / "home"
+def test_demo_passes_everything_on_and_keeps_a_given_folder(
+    building: list[Call], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs, home = daemon(monkeypatch), tmp_path / "home"
+    given = ["--directory", str(home), "--port", "0", "--pace", "60", "--duration", "2.5"]
 
-    code = main(
-        [
-            *("demo", "--directory", str(home), "--port", "0", "--pace", "60", "--days", "3", "--duration", "2.5"),
-            *("--set", "zones.living.period=10min"),
-        ]
-    )
+    assert main(["demo", *given, "--set", "zones.living.period=10min"]) == 0
 
-    assert code == 0
-    assert homes == [((home,), {"port": 0, "pace": 60.0, "days": 3})]
+    (((plant,), _),) = building
+    (demo,) = plant.args
+    assert (demo.directory, demo.pace, demo.overrides[0]) == (home, 60.0, "http.port=0")
     (((loaded,), options),) = runs
     assert options == {"duration": 2.5}
     assert loaded.zones[0].period == 600
     assert home.exists()
 
 
+@pytest.mark.usefixtures("building")
 def test_demo_on_any_free_port_points_to_the_log(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
-    stand_in(monkeypatch, "replay.simulated.home", "write_demo", write_stand_in_home)
     daemon(monkeypatch)
 
     assert main(["demo", "--set", "http.port=0"]) == 0
