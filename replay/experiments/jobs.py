@@ -16,22 +16,19 @@ import numpy.typing as npt
 import estimator
 
 Arrays = dict[str, npt.NDArray[Any]]
-Tick = Callable[[int], None]
-"""Told how many more steps are done."""
 
 
 class Job(NamedTuple):
-    """One run: `work(payload, tick)` gives named arrays and depends on nothing else.
+    """One run: `work(payload)` gives named arrays and depends on nothing else.
 
     `work` is a function of a module, so that another process finds it; `payload` is made of numbers, strings, arrays
-    and tuples, mappings or dataclasses of them. `steps` is how far the run will tick.
+    and tuples, mappings or dataclasses of them.
     """
 
     label: str
     seed: int
-    work: Callable[[Any, Tick], Arrays]
+    work: Callable[[Any], Arrays]
     payload: Any
-    steps: int
 
     @property
     def name(self) -> str:

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.network.assembly import assemble, topology
-from estimator.network.discretise import discretise
 from estimator.network.network import Network
+from estimator.offline.open_loop import simulate_open_loop
 from replay.localtime import DAY, HOUR, Seconds, wall_clock
 from replay.scores.intervals import Mask, rmse
 
@@ -63,29 +62,11 @@ def open_loop_errors(
     starts, row k of `inputs` (K, n_u) holds over [t_k, t_(k+1)), `reference` (K,) is what the output is compared with.
     The first row of a window is where it starts, so it is not scored.
     """
-    errors = [
-        rmse(
-            simulate_window(network, theta, period, window, initial, inputs)[1:]
-            - reference[window.begin + 1 : window.end]
-        )
-        for window in windows
-    ]
+    errors = []
+    for begin, end in windows:
+        simulated = simulate_open_loop(network, theta, initial[begin], inputs[begin:end], period)
+        errors.append(rmse(simulated[1:, 0] - reference[begin + 1 : end]))
     return np.array(errors)
-
-
-def simulate_window(
-    network: Network, theta: Array, period: float, window: Window, initial: Array, inputs: Array
-) -> Array:
-    """The first output (end - begin,) [degC] of the model over a window, arguments as in `open_loop_errors`."""
-    model = discretise(assemble(network, theta[:, None]), period)
-    transition, drive = model.transition[0], inputs[window.begin : window.end] @ model.input[0].T
-    measured = topology(network).measured[0]
-    state = initial[window.begin]
-    outputs = np.empty(window.end - window.begin)
-    for k, step in enumerate(drive):
-        outputs[k] = state[measured]
-        state = transition @ state + step
-    return outputs
 
 
 def _runs(mask: Mask) -> list[Window]:

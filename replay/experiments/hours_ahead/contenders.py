@@ -88,15 +88,15 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
     Raises OptionsError where the estimator refuses its options.
     """
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
-    label, rows = f"{recording.name} {contender.label}", len(series.times)
+    label = f"{recording.name} {contender.label}"
     if contender.name in NAIVE:
-        yield Job(label, seeds[0], run_naive, NaiveRun(contender.name, series, period, leads), rows)
+        yield Job(label, seeds[0], run_naive, NaiveRun(contender.name, series, period, leads))
     elif contender.name in DIRECT:
-        yield Job(label, seeds[0], run_direct, DirectRun(contender.name, series, period, leads, seeds[0]), rows)
+        yield Job(label, seeds[0], run_direct, DirectRun(contender.name, series, period, leads, seeds[0]))
     else:
         registry.resolve(contender.name, recording.network, period, contender.options)
         for seed in seeds if contender.seeded else seeds[:1]:
             run = FilterRun(
                 contender.name, contender.options, recording.network, period, series, seed, recording.whereabouts
             )
-            yield Job(label, seed, run_hours, HoursRun(run, leads), rows)
+            yield Job(label, seed, run_hours, HoursRun(run, leads))

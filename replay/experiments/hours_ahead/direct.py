@@ -17,7 +17,7 @@ from estimator.arrays import Array
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.forecasts import last_measured, no_forecasts, normal
 from replay.experiments.hours_ahead.horizons import issued
-from replay.experiments.jobs import Arrays, Tick
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
 from replay.localtime import DAY, HOUR
 
@@ -55,7 +55,7 @@ class DirectRun(NamedTuple):
     seed: int
 
 
-def run_direct(run: DirectRun, tick: Tick) -> Arrays:
+def run_direct(run: DirectRun) -> Arrays:
     """The arrays of `Forecasts`."""
     series, made = run.series, no_forecasts(len(run.series.times), len(run.leads))
     a_day = max(1, round(DAY / run.period))
@@ -70,7 +70,6 @@ def run_direct(run: DirectRun, tick: Tick) -> Arrays:
         made.mean[target, place] = mean[kept]
         bounds = normal(mean[kept], sd[kept], y)
         made.lower[target, place], made.upper[target, place], made.crps[target, place] = bounds
-        tick(len(series.times) // len(run.leads))
     return made._asdict()
 
 

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from estimator.arrays import Array
 from replay.experiments.hours_ahead.horizons import issued
-from replay.experiments.jobs import Arrays, Tick
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import Series
 from replay.localtime import DAY
 
@@ -45,7 +45,7 @@ def no_forecasts(rows: int, horizons: int) -> Forecasts:
     return Forecasts(*(np.full((rows, horizons), np.nan) for _ in Forecasts._fields))
 
 
-def run_naive(run: NaiveRun, tick: Tick) -> Arrays:
+def run_naive(run: NaiveRun) -> Arrays:
     """The arrays of `Forecasts`: that nothing changes, or that the next day is like the last.
 
     Where nothing was measured at the time in question, the last value measured before it stands in. Yesterday stands
@@ -63,7 +63,6 @@ def run_naive(run: NaiveRun, tick: Tick) -> Arrays:
             last[origin] if run.name == PERSISTENCE else np.where(known[target], last[day_before[target]], last[origin])
         )
     made.crps[:] = np.abs(made.mean - y[:, None])
-    tick(len(y))
     return made._asdict()
 
 

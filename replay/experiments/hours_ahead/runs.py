@@ -19,7 +19,7 @@ from estimator.types import Estimator, Mixture
 from estimator.verification.scores import crps
 from replay.experiments.hours_ahead.forecasts import no_forecasts
 from replay.experiments.hours_ahead.horizons import issued
-from replay.experiments.jobs import Arrays, Tick
+from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import FilterRun, Series, Step, steps
 from replay.localtime import DAY
 from replay.scores import LEVEL
@@ -38,7 +38,7 @@ class HoursRun(NamedTuple):
     leads: tuple[int, ...]
 
 
-def run_hours(run: HoursRun, tick: Tick) -> Arrays:
+def run_hours(run: HoursRun) -> Arrays:
     """The arrays of `Forecasts` (K, H), and of what is learned the .025, .5 and .975 quantiles `gain` (K, 3) [W];
     `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at `heat_loss_rows` (D,);
     `seconds` (); of a bank also `members` (E,), and `weights` (n, E, L) at `weight_rows` (n,) and `weight_leads` (L,).
@@ -51,7 +51,6 @@ def run_hours(run: HoursRun, tick: Tick) -> Arrays:
     for step in steps(estimator, series, seed, known):
         keeper.take(step)
         keeper.learn(step)
-        tick(1)
     return keeper.arrays() | {"seconds": np.array(time.perf_counter() - began)}
 
 

@@ -16,7 +16,7 @@ from estimator.heat.known import KnownHeat
 from estimator.loop import Carried, Loop
 from estimator.network.network import Network
 from estimator.types import Estimator, Mixture, Posterior
-from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.jobs import Arrays, Job
 from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
 from service.config.fitting import known_heat
@@ -87,7 +87,7 @@ class Trace(NamedTuple):
 
 def filter_job(label: str, run: FilterRun) -> Job:
     """The job of `run`."""
-    return Job(label, run.seed, run_filter, run, len(run.series.times))
+    return Job(label, run.seed, run_filter, run)
 
 
 class Step(NamedTuple):
@@ -109,7 +109,7 @@ class Step(NamedTuple):
         return self.carried.standing.state
 
 
-def run_filter(run: FilterRun, tick: Tick) -> Arrays:
+def run_filter(run: FilterRun) -> Arrays:
     """The arrays of a `Trace`."""
     if run.estimator == FLOOR:
         options = run.options
@@ -119,7 +119,7 @@ def run_filter(run: FilterRun, tick: Tick) -> Arrays:
         options = registry.as_mapping(resolved)
         estimator = registry.construct(run.estimator, run.network, run.period, resolved)
     known = known_heat(estimator.network, run.period, run.whereabouts)
-    return trace(estimator, run.series, run.seed, options.get("measurement_sd"), tick, known)._asdict()
+    return trace(estimator, run.series, run.seed, options.get("measurement_sd"), known)._asdict()
 
 
 def steps(
@@ -140,7 +140,6 @@ def trace(
     series: Series,
     seed: int,
     measurement_sd: object,
-    tick: Tick,
     known: KnownHeat | None = None,
 ) -> Trace:
     """What the `steps` of `estimator` over `series` leave; `measurement_sd` is its option of that name, if any.
@@ -164,7 +163,6 @@ def trace(
         _keep(kept, k, step.posterior)
         ended = time.perf_counter()
         kept.seconds[k], began = ended - began, ended
-        tick(1)
     return kept
 
 

@@ -10,11 +10,8 @@ import numpy as np
 
 from estimator.network.network import Network
 from estimator.offline.least_squares import Segment, fit_open_loop
-from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.filtering import Series
-
-STEPS_A_START = 4000
-"""What one start counts on the progress bar, in samples of a filter."""
 
 
 class LeastSquaresRun(NamedTuple):
@@ -30,10 +27,10 @@ class LeastSquaresRun(NamedTuple):
 def least_squares_job(label: str, run: LeastSquaresRun) -> Job:
     """The job of `run`; its arrays are `theta` (n_theta,), `rmse` [K], `at_bound` (names), and, over segments,
     `initial_states` (n_segments, n_x)."""
-    return Job(label, run.seed, fit, run, run.starts * STEPS_A_START)
+    return Job(label, run.seed, fit, run)
 
 
-def fit(run: LeastSquaresRun, tick: Tick) -> Arrays:
+def fit(run: LeastSquaresRun) -> Arrays:
     """The arrays of the fit."""
     result = fit_open_loop(
         run.network,
@@ -41,7 +38,6 @@ def fit(run: LeastSquaresRun, tick: Tick) -> Arrays:
         run.segments,
         starts=run.starts,
         seed=run.seed,
-        progress=lambda _: tick(STEPS_A_START),
     )
     return {
         "theta": result.theta,

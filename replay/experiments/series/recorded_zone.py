@@ -13,10 +13,11 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.series.filtering import Series
-from replay.experiments.series.recorded import samples_of
 from replay.localtime import Seconds
 from replay.recorded.stored import stored_samples
 from replay.scores.windows import Window
+from service.config.fitting import make_alignment
+from service.config.recording import recorded
 from service.config.site import Config, ZoneConfig
 from service.records.sample import Sample
 
@@ -41,6 +42,17 @@ class ZoneRecord(NamedTuple):
         begin, end = window
         columns = {channel: values[begin:end] for channel, values in self.columns.items()}
         return ZoneRecord(self.times[begin:end], self.period, columns)
+
+
+async def samples_of(config: Config, zone: ZoneConfig) -> list[Sample]:
+    """Every sample of `zone`, complete or not; ServiceError where a recording cannot be read."""
+    alignment, samples = make_alignment(zone), []
+    async for part in recorded(config, [zone.id], None, None):
+        if part.zone == zone.id:
+            samples += (
+                alignment.end(part.source) if part.now is None else alignment.add(part.source, part.readings, part.now)
+            )
+    return samples
 
 
 def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:

@@ -9,9 +9,9 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.network.network import Network
-from estimator.offline.least_squares import Segment, Start, fit_open_loop
+from estimator.offline.least_squares import Segment, fit_open_loop
 from estimator.offline.open_loop import OpenLoop
-from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.following import follow, frozen, simulate
 from replay.experiments.series.recorded_zone import ZoneRecord
 from replay.localtime import HOUR
@@ -25,8 +25,6 @@ KNOWN = 2 / 3
 LAG_HORIZON = 6 * HOUR
 NIGHT, DAY = (20.0, 6.0), (7.0, 17.0)
 """Local hours of the paper's windows."""
-
-_STEPS_A_START = 100
 
 
 class TopologyRun(NamedTuple):
@@ -61,23 +59,19 @@ class TopologyScores(NamedTuple):
 def fit_job(label: str, run: TopologyRun) -> Job:
     """The job of `run`: arrays `theta` (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names), `converged`
     (of the best start), `starts` (their RMSEs) and `held_out_rmse`."""
-    return Job(label, 0, fit, run, (run.starts + _fewer(run.starts) + 1) * _STEPS_A_START)
+    return Job(label, 0, fit, run)
 
 
-def fit(run: TopologyRun, tick: Tick) -> Arrays:
+def fit(run: TopologyRun) -> Arrays:
     """Fit to the whole, then to the known part alone, whose parameters are tried on the rest.
 
     On the rest only the temperatures of the hidden nodes at the beginning are fitted: nobody could know them.
     """
-
-    def count(_: Start) -> None:
-        tick(_STEPS_A_START)
-
-    best = fit_open_loop(run.network, run.period, run.whole, starts=run.starts, progress=count)
+    best = fit_open_loop(run.network, run.period, run.whole, starts=run.starts)
     held_out = np.nan
     if run.known and run.rest:
-        part = fit_open_loop(run.network, run.period, run.known, starts=_fewer(run.starts), progress=count)
-        held_out = fit_open_loop(frozen(run.network, part.theta), run.period, run.rest, starts=1, progress=count).rmse
+        part = fit_open_loop(run.network, run.period, run.known, starts=_fewer(run.starts))
+        held_out = fit_open_loop(frozen(run.network, part.theta), run.period, run.rest, starts=1).rmse
     return {
         "theta": best.theta,
         "initial_states": best.initial_states,

@@ -13,7 +13,7 @@ from estimator.arrays import Array
 from estimator.network.network import Network
 from estimator.network.presets import network as preset
 from replay.errors import ReplayError
-from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Run, Study
@@ -67,7 +67,7 @@ def contenders(particles: Sequence[int]) -> list[Contender]:
     ]
 
 
-def measure(run: CostRun, tick: Tick) -> Arrays:
+def measure(run: CostRun) -> Arrays:
     """`seconds` (K - 1,) of each sample as the daemon takes it, and `state_bytes` of the state between samples."""
     estimator = registry.build(run.estimator, run.network, run.period, run.options)
     outputs, inputs, tails = run.outputs, run.inputs, np.array([0.025, 0.5, 0.975])
@@ -78,7 +78,6 @@ def measure(run: CostRun, tick: Tick) -> Arrays:
         state = estimator.predict(estimator.update(state, outputs[k]).state, inputs[k])
         estimator.quantiles(estimator.predictive(state), tails, 0)
         seconds[k - 1] = time.perf_counter() - began
-        tick(1)
     held = sum(np.asarray(part).nbytes for part in state)
     return {"seconds": seconds, "state_bytes": np.array(held)}
 
@@ -101,7 +100,7 @@ def prepare(request: Request) -> Study:
         for one in entered:
             outputs, inputs = series.outputs[: one.samples], series.inputs[: one.samples]
             run = CostRun(one.estimator, one.options, network, PERIOD, outputs, inputs, seed, here)
-            job = Job(f"{network.name} {one.label}", seed, measure, run, one.samples - 1)
+            job = Job(f"{network.name} {one.label}", seed, measure, run)
             runs.append(Run(network.name, one.label, job))
     return Study(tuple(runs), lambda run, arrays: _figures(arrays), lambda results: _report(results, here))
 

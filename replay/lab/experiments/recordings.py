@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import date
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -115,46 +116,56 @@ def read_columns(path: Path, *names: str) -> list[Array]:
     return table
 
 
-def _with_sun(network: Network) -> Network:
-    return network.with_solar("T_i", presets.SOLAR_APERTURE).validate()
+class Published(NamedTuple):
+    """A real room in a file of its own without gaps: by channel the column and what it is multiplied with."""
+
+    file: str
+    what: str
+    period: int
+    network: Network
+    channels: Mapping[str, tuple[str, float]]
+    rows: slice = slice(None)
 
 
-def _of_columns(name: str, what: str, network: Network, period: int, columns: Mapping[str, Array]) -> Recording:
-    """A recording of a real room from its channels (K,) by name, without gaps."""
-    inputs = [columns[channel] for channel in network.inputs]
-    return Recording(name, what, True, network, period, unbroken_series(columns["T_i"], inputs, period))
+_BY_SUN = presets.titethria().with_solar("T_i", presets.SOLAR_APERTURE).validate()
+PUBLISHED = {
+    "FlexHouse": Published(
+        FLEXHOUSE,
+        "a light-weight office at Risø heated by a binary sequence; TiTeThRia with a free solar aperture",
+        300,
+        _BY_SUN,
+        {"T_i": ("yTi", 1.0), "T_out": ("Ta", 1.0), "u_heat": ("Ph", 1000.0), "I_sol": ("Ps", 1000.0)},
+    ),
+    "darkgreybox demo": Published(
+        DARKGREYBOX,
+        "a large building without a measurement of the sun; TiTeThRia with the bounds of the preset",
+        HOUR,
+        presets.titethria().validate(),
+        {"T_i": ("Ti", 1.0), "T_out": ("Ta", 1.0), "u_heat": ("Ph", 1000.0)},
+    ),
+    "armadillo": Published(
+        ARMADILLO,
+        "a small test house; TiTeThRia with a free solar aperture",
+        1800,
+        _BY_SUN,
+        {"T_i": ("T_int", 1.0), "T_out": ("T_ext", 1.0), "u_heat": ("P_hea", 1.0), "I_sol": ("I_sol", 1.0)},
+        # The last row is dropped, as in what its authors published.
+        slice(-1),
+    ),
+}
 
 
-def _flexhouse(folder: Path | None) -> Recording | None:
-    path = folder and folder / FLEXHOUSE
+def _published(name: str, folder: Path | None) -> Recording | None:
+    one = PUBLISHED[name]
+    path = folder and folder / one.file
     if path is None or not path.exists():
         return None
-    outdoor, sun, heat, indoor = read_columns(path, "Ta", "Ps", "Ph", "yTi")
-    columns = {"T_i": indoor, "T_out": outdoor, "u_heat": 1000.0 * heat, "I_sol": 1000.0 * sun}
-    what = "a light-weight office at Risø heated by a binary sequence; TiTeThRia with a free solar aperture"
-    return _of_columns("FlexHouse", what, _with_sun(presets.titethria()), 300, columns)
-
-
-def _darkgreybox(folder: Path | None) -> Recording | None:
-    path = folder and folder / DARKGREYBOX
-    if path is None or not path.exists():
-        return None
-    heat, indoor, outdoor = read_columns(path, "Ph", "Ti", "Ta")
-    columns = {"T_i": indoor, "T_out": outdoor, "u_heat": 1000.0 * heat}
-    what = "a large building without a measurement of the sun; TiTeThRia with the bounds of the preset"
-    return _of_columns("darkgreybox demo", what, presets.titethria().validate(), HOUR, columns)
-
-
-def _armadillo(folder: Path | None) -> Recording | None:
-    path = folder and folder / ARMADILLO
-    if path is None or not path.exists():
-        return None
-    # The last row is dropped, as in what its authors published.
-    read = (values[:-1] for values in read_columns(path, "T_ext", "P_hea", "I_sol", "T_int"))
-    outdoor, heat, sun, indoor = read
-    columns = {"T_i": indoor, "T_out": outdoor, "u_heat": heat, "I_sol": sun}
-    what = "a small test house; TiTeThRia with a free solar aperture"
-    return _of_columns("armadillo", what, _with_sun(presets.titethria()), 1800, columns)
+    read = read_columns(path, *(column for column, _ in one.channels.values()))
+    scaled = zip(one.channels, (factor for _, factor in one.channels.values()), read, strict=True)
+    columns = {channel: factor * values[one.rows] for channel, factor, values in scaled}
+    inputs = [columns[channel] for channel in one.network.inputs]
+    series = unbroken_series(columns["T_i"], inputs, one.period)
+    return Recording(name, one.what, True, one.network, one.period, series)
 
 
 def _building_67(folder: Path | None) -> Recording:
@@ -198,9 +209,7 @@ def _energyplus(name: str, room: str, heating: str, weather: str, location: Loca
 
 
 RECORDINGS: Mapping[str, Reader] = {
-    "FlexHouse": _flexhouse,
-    "darkgreybox demo": _darkgreybox,
-    "armadillo": _armadillo,
+    **{name: partial(_published, name) for name in PUBLISHED},
     **{name: partial(rooms.read_room, name) for name in rooms.ROOMS},
     "building 67": _building_67,
     "Ecolar spring": partial(_ecolar, "spring"),

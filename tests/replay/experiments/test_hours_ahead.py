@@ -34,8 +34,7 @@ from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.hours_ahead.runs import HoursRun, run_hours
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
-from replay.experiments.series.recorded import samples_of
-from replay.experiments.series.recorded_zone import bridged, read_zone
+from replay.experiments.series.recorded_zone import bridged, read_zone, samples_of
 from replay.lab.experiments.recordings import ARMADILLO, DARKGREYBOX, FLEXHOUSE, RECORDINGS
 from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.localtime import DAY, HOUR
@@ -82,7 +81,7 @@ def test_the_first_days_are_three_or_the_first_half_of_a_short_record() -> None:
 
 
 def naive(name: str, record: Series, *leads: int) -> np.ndarray:
-    return run_naive(NaiveRun(name, record, 6 * HOUR, leads), lambda steps: None)["mean"]
+    return run_naive(NaiveRun(name, record, 6 * HOUR, leads))["mean"]
 
 
 def test_persistence_and_yesterday_are_exact() -> None:
@@ -129,7 +128,7 @@ def test_the_regressors_are_those_of_a_textbook() -> None:
 
 
 def direct(name: str, record: Series) -> Forecasts:
-    arrays = run_direct(DirectRun(name, record, HOUR, (1, 6), 1), lambda steps: None)
+    arrays = run_direct(DirectRun(name, record, HOUR, (1, 6), 1))
     return Forecasts(*(arrays[field] for field in Forecasts._fields))
 
 
@@ -180,7 +179,7 @@ def test_a_run_is_what_a_naive_loop_finds(estimator: str, options: dict[str, obj
     network, record = building_67(), simulated_case(building_67(), Request(days=2), 1).series
     leads = leads_of(PERIOD)
     run = HoursRun(FilterRun(estimator, options, network, PERIOD, record, 3), tuple(leads.values()))
-    arrays = run_hours(run, lambda steps: None)
+    arrays = run_hours(run)
     found = Forecasts(*(arrays[name] for name in Forecasts._fields))
 
     model = registry.build(estimator, network, PERIOD, options)
@@ -220,7 +219,7 @@ def test_a_network_with_known_heat_is_driven_as_in_the_daemon() -> None:
     network = with_known_heat(automatic(["T_i", "T_out", "u_heat"]), habits=True)
     record, where, leads = lived_in(3), Whereabouts(time_zone="Europe/Berlin"), (1, 6)
     options = {"members": {"habits": {"estimator": "mkf", "preset": "habits"}}}
-    made = run_hours(HoursRun(FilterRun("bank", options, network, HOUR, record, 3, where), leads), lambda steps: None)
+    made = run_hours(HoursRun(FilterRun("bank", options, network, HOUR, record, 3, where), leads))
 
     heat = known_heat(network, HOUR, where)
     assert heat is not None

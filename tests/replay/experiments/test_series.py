@@ -8,15 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.gaussian.floor import floor
 from estimator.network.presets import building_67
-from replay.errors import ReplayError
+from replay.experiments.hours_ahead.recordings import of_zone
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import REGIMES, FilterRun, Trace, run_filter
-from replay.experiments.series.recorded import series_of
-from replay.lab.experiments.ecolar.nights import state_at
 from replay.lab.experiments.semi_synthetic.case import simulated_case
-from replay.lab.experiments.semi_synthetic.figures import DOMINATED, figures, key, since_change, true_parameters
+from replay.lab.experiments.semi_synthetic.figures import DOMINATED, figures, key, since_change
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
 from service.cli.main import main
 from service.config.load import load
@@ -32,9 +29,9 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     config = load(ECOLAR, settings)
     zone = config.zones[0]
-    series = series_of(config, zone)
+    series = of_zone(config, zone).series
     run = FilterRun("rbpf", zone.estimator_options, zone.network, zone.period, series, 3)
-    trace = Trace(**run_filter(run, lambda steps: None))
+    trace = Trace(**run_filter(run))
     assert len(rows) == len(series.times)
     assert sum(series.starts) == len({row["segment"] for row in rows}) > 1
     for name in ("mean", "lower", "upper", "gate"):
@@ -43,34 +40,11 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
     assert {REGIMES[place] for place in trace.regime if place >= 0} <= set(REGIMES)
 
 
-def test_a_recording_can_be_cut_and_an_empty_one_is_refused() -> None:
-    config = load(ECOLAR)
-    zone = config.zones[0]
-    day = series_of(config, zone, days=1)
-    assert day.times[-1] - day.times[0] < 86_400
-    assert day.starts[0]
-    assert (np.diff(day.times)[~day.starts[1:]] == zone.period).all()
-    with pytest.raises(ReplayError, match="complete samples in the recording"):
-        series_of(config, zone, days=0)
-
-
-def test_the_state_before_a_night_is_that_of_the_kalman_filter() -> None:
-    network, case = building_67(), simulated_case(building_67(), Request(days=1), 1)
-    series, theta = case.series, true_parameters(network)
-    reference = floor(network, PERIOD, process_sd=0.03, measurement_sd=0.15)
-    state = reference.start(1, series.outputs[0], series.inputs[0])
-    for k in range(50):
-        state = reference.predict(state, series.inputs[k - 1]) if k else state
-        state = reference.update(state, series.outputs[k]).state
-    found = state_at(network, theta, PERIOD, series, 49, 0.15)
-    np.testing.assert_allclose(found, state.mean, rtol=1e-9)
-
-
 def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None:
     network, case = building_67(), simulated_case(building_67(), Request(days=12), 4)
     options = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}
     run = FilterRun("floor", options, network, PERIOD, case.series, 4)
-    scores = figures(network, case, Trace(**run_filter(run, lambda steps: None)))
+    scores = figures(network, case, Trace(**run_filter(run)))
     assert [scores[f"H2 {name}"] for name in ("solar", "heater", "outside")] == [0.0, 0.0, 0.0]
     assert np.isnan(scores["parasitic-learning index"]), "nothing moves, so there is no index"
     # The gain is ignored here: quiet steps are covered, disturbed ones are not.
@@ -87,7 +61,7 @@ def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None
 def test_the_filtered_convention_leaves_out_a_noise_that_is_known(estimator: str, options: dict[str, object]) -> None:
     series = simulated_case(building_67(), Request(days=1), 1).series
     run = FilterRun(estimator, options, building_67(), PERIOD, series, 1)
-    trace = Trace(**run_filter(run, lambda steps: None))
+    trace = Trace(**run_filter(run))
     assert np.isfinite(trace.mean[1:]).all()
     if estimator == "arx":
         assert np.isnan(trace.filtered_mean).all()

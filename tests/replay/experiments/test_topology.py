@@ -74,7 +74,7 @@ def test_the_true_network_is_found_and_scores_nothing() -> None:
     windows = [Window(0, 200), Window(210, 384)]
     known, rest = split(data, windows, "T_i")
     run = TopologyRun(network, 900, *(segments(data, part, network) for part in (windows, known, rest)), starts=2)
-    fitted = fit(run, lambda steps: None)
+    fitted = fit(run)
     np.testing.assert_allclose(fitted["theta"], list(TRUTH.values()), rtol=0.02)
     found = score(network, data, windows, fitted, "Europe/Berlin")
     assert max(found.train_rmse, found.full_mae, found.held_out_rmse) < 2e-3

@@ -10,7 +10,6 @@ import numpy as np
 from estimator.arrays import Array
 from replay.energyplus.plant import Plant
 from replay.energyplus.recording import THERMOMETER
-from replay.experiments.jobs import Tick
 from replay.lab.experiments.control.cases import STEPS_A_DAY, Scene, lived, stuck_steps
 from replay.localtime import Seconds
 from replay.scores.intervals import Mask
@@ -54,7 +53,7 @@ class Controller(Protocol):
         """What has happened in the step that began at `moment`."""
 
 
-def close(scene: Scene, controller: Controller, tick: Tick) -> Lived:
+def close(scene: Scene, controller: Controller) -> Lived:
     """The life of `scene` under `controller`."""
     life, stuck = scene.life(), stuck_steps(scene)
     errors = _errors(scene)
@@ -72,7 +71,6 @@ def close(scene: Scene, controller: Controller, tick: Tick) -> Lived:
             heating = after.truth.heating
             controller.saw(moment, heating, now.outdoor, after.facade)
             rows.append((moment.time, local, now.air, shown, heating, now.outdoor, after.facade, planned))
-            tick(1)
     return Lived(*(np.array(column) for column in zip(*rows, strict=True)))
 
 

@@ -15,7 +15,6 @@ from scipy.linalg import toeplitz
 from scipy.optimize import linprog
 
 from estimator.arrays import Array
-from replay.experiments.jobs import Tick
 from replay.lab.experiments.control.cases import WARMEST, Scene, price
 from replay.lab.experiments.control.controllers import DECISION, EVERY, HORIZON, Thermostat, lowest
 from replay.lab.experiments.control.customer import mpc
@@ -53,7 +52,7 @@ class Replayed:
         """Nothing is learned."""
 
 
-def responses(scene: Scene, before: Lived, tick: Tick) -> Responses:
+def responses(scene: Scene, before: Lived) -> Responses:
     """Measured on the plant by pulses on top of the life `before`, one every _REMEMBERED steps of a plan."""
     rooms = len(scene.of.rooms)
     apart = _REMEMBERED * EVERY
@@ -63,12 +62,12 @@ def responses(scene: Scene, before: Lived, tick: Tick) -> Responses:
     kelvin = np.zeros((rooms, rooms, _REMEMBERED))
     # A heater at its limit could not give a pulse.
     free = np.minimum(before.heating, [(1.0 - _PULSE) * room.heater for room in scene.of.rooms])
-    base = close(scene, Replayed(before._replace(heating=free), np.zeros_like(free)), tick)
+    base = close(scene, Replayed(before._replace(heating=free), np.zeros_like(free)))
     for room, one in enumerate(scene.of.rooms):
         extra = np.zeros_like(free)
         for start in starts:
             extra[start : start + EVERY, room] = _PULSE * one.heater
-        pulsed = close(scene, Replayed(base, extra), tick)
+        pulsed = close(scene, Replayed(base, extra))
         moved = (pulsed.air - base.air) / (_PULSE * one.heater)
         seen = [moved[start + EVERY : start + apart + 1 : EVERY] for start in starts]
         length = min(map(len, seen))
@@ -148,18 +147,13 @@ def planned(moved: Array, free: Array, low: Array, prices: Array, rated: list[fl
     return np.asarray(solved.x[:count], dtype=np.float64).reshape(len(rated), steps)
 
 
-def foreseen(scene: Scene, margin: float, tick: Tick) -> Lived:
+def foreseen(scene: Scene, margin: float) -> Lived:
     """The life of `scene` under perfect knowledge: the last of PASSES passes."""
-    lived = close(scene, Thermostat(scene, margin), tick)
-    response = responses(scene, lived, tick)
+    lived = close(scene, Thermostat(scene, margin))
+    response = responses(scene, lived)
     for _ in range(PASSES):
-        lived = close(scene, Foreseeing(scene, lived, response, margin), tick)
+        lived = close(scene, Foreseeing(scene, lived, response, margin))
     return lived
-
-
-def lives(scene: Scene) -> int:
-    """How often `foreseen` lives the scene."""
-    return 2 + len(scene.of.rooms) + PASSES
 
 
 def _by_plan_step(heating: Array) -> Array:

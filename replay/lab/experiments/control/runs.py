@@ -14,14 +14,14 @@ import replay
 import service
 from estimator.offline.least_squares import Segment
 from replay.energyplus.plant import STEP
-from replay.experiments.jobs import Arrays, Job, Tick
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.following import frozen
 from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.lab.experiments.control import customer
 from replay.lab.experiments.control.cases import CASES, STEPS_A_DAY, Scene
 from replay.lab.experiments.control.controllers import EARLY, MakeSite, Planner, Thermostat
 from replay.lab.experiments.control.loop import Lived, close, weather_of
-from replay.lab.experiments.control.perfect import foreseen, lives
+from replay.lab.experiments.control.perfect import foreseen
 from replay.lab.experiments.control.scores import scores
 from replay.lab.experiments.control.site import Site, networks_of
 from service.records.sample import Sample
@@ -51,28 +51,27 @@ def control_job(run: ControlRun) -> Job:
     """The job of `run`; its arrays are those of `Lived` and, as `scores` (7,), of `Scores`."""
     scene = run.scene
     label = f"{scene.building} {scene.case} {run.controller} {run.margin:+.2f} K {run.early / 60:.0f} min"
-    count = lives(scene) if run.controller == PERFECT else 1
-    return Job(label, scene.seed, run_control, run._replace(code=_sources()), count * scene.steps)
+    return Job(label, scene.seed, run_control, run._replace(code=_sources()))
 
 
-def run_control(run: ControlRun, tick: Tick) -> Arrays:
+def run_control(run: ControlRun) -> Arrays:
     """The arrays of `control_job`."""
-    lived = _lived(run, tick)
+    lived = _lived(run)
     return {**lived._asdict(), "scores": np.array(scores(run.scene, lived))}
 
 
-def _lived(run: ControlRun, tick: Tick) -> Lived:
+def _lived(run: ControlRun) -> Lived:
     scene = run.scene
     if run.controller == THERMOSTAT:
-        return close(scene, Thermostat(scene, run.margin, run.early), tick)
+        return close(scene, Thermostat(scene, run.margin, run.early))
     if run.controller == PERFECT:
-        return foreseen(scene, run.margin, tick)
+        return foreseen(scene, run.margin)
     trusting, begins = run.controller != THERMOGATE, scene.controlled_from
     make = _online(run, "ekf" if run.controller == EKF else run.estimator)
     if run.controller == LEAST_SQUARES:
         make, begins = _least_squares(run)
     with Planner(scene, make, weather_of(scene), begins=begins, trusting=trusting, margin=run.margin) as planner:
-        return close(scene, planner, tick)
+        return close(scene, planner)
 
 
 def _online(run: ControlRun, estimator: str) -> MakeSite:
@@ -92,7 +91,7 @@ def _least_squares(run: ControlRun) -> tuple[MakeSite, int]:
                 np.array([getattr(sample, field) for sample in samples[name]]) for field in ("inputs", "outputs")
             )
             segments = _unbroken(inputs, outputs)
-            theta = fit(LeastSquaresRun(network, STEP, segments, _STARTS, scene.seed), lambda steps: None)["theta"]
+            theta = fit(LeastSquaresRun(network, STEP, segments, _STARTS, scene.seed))["theta"]
             networks[name] = frozen(network, theta)
         return Site(scene.of, networks, "ekf", {}, scene.seed)
 

@@ -11,13 +11,13 @@ import numpy as np
 
 from estimator.network.presets import network as preset
 from replay.errors import ReplayError
+from replay.experiments.hours_ahead.recordings import of_zone
 from replay.experiments.jobs import Arrays
 from replay.experiments.progress import steps
 from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
 from replay.experiments.series.networks import network_of
-from replay.experiments.series.recorded import series_of
 from replay.experiments.study import Figures, Results, Run, Study
 from replay.lab.experiments import published
 from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, night_job
@@ -256,8 +256,13 @@ def _read(request: Request, folder: Path) -> list[tuple[str, Series]]:
     read = []
     for name, path in steps(files, "reading"):
         config = configuration(path, folder)
-        read.append((name, series_of(config, config.zones[0], request.days)))
+        read.append((name, _series(config, request.days)))
     return read
+
+
+def _series(config: Config, days: int | None) -> Series:
+    recording = of_zone(config, config.zones[0])
+    return (recording if days is None else recording.first_days(days)).series
 
 
 def configuration(log: Path, folder: Path) -> Config:

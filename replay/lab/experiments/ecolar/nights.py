@@ -11,16 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.network.assembly import assemble
-from estimator.network.discretise import discretise
+from estimator.gaussian.floor import floor
 from estimator.network.network import Network
-from estimator.network.starting import initial_temperatures
-from replay.experiments.jobs import Arrays, Job, Tick
+from estimator.offline.open_loop import simulate_open_loop
+from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.filtering import FilterRun, Series, run_filter
-from replay.experiments.series.least_squares import STEPS_A_START, LeastSquaresRun, fit
+from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.localtime import DAY
 from replay.scores import Window, daily_windows, rmse
-from replay.scores.windows import simulate_window
 
 NIGHT = (20.0, 6.0)
 """Local hours."""
@@ -43,28 +41,27 @@ def night_job(label: str, run: NightRun) -> Job:
 
     "final" are the parameters after the whole period, "evening" those learned by the night's beginning.
     """
-    return Job(label, run.run.seed, score_nights, run, _ticks(run))
+    return Job(label, run.run.seed, score_nights, run)
 
 
-def score_nights(job: NightRun, tick: Tick) -> Arrays:
+def score_nights(job: NightRun) -> Arrays:
     """The arrays of the run and of its nights."""
     run, series = job.run, job.series
     windows = nights(series, run.period, job.zone)
     if isinstance(run, FilterRun):
-        arrays = run_filter(run, tick)
+        arrays = run_filter(run)
         final = arrays["theta"][-1]
         by_evening = [arrays["theta"][window.begin] for window in windows]
     else:
-        arrays = fit(run, tick)
+        arrays = fit(run)
         final = arrays["theta"]
         by_evening = []
 
     def error(theta: Array, night: Window) -> float:
         rows = slice(*night)
         state = state_at(run.network, theta, run.period, series, night.begin, job.measurement_sd)
-        whole = Window(0, night.end - night.begin)
-        simulated = simulate_window(run.network, theta, run.period, whole, state[None], series.inputs[rows])
-        return rmse(simulated[1:] - series.outputs[rows, 0][1:])
+        simulated = simulate_open_loop(run.network, theta, state, series.inputs[rows], run.period)
+        return rmse((simulated - series.outputs[rows])[1:, 0])
 
     return arrays | {
         "nights_final": np.array([error(final, window) for window in windows]),
@@ -81,22 +78,10 @@ def state_at(network: Network, theta: Array, period: float, series: Series, row:
     """State (n_x,) at `row` of a Kalman filter with `theta` (n_theta,) over up to a day of the segment before it."""
     begins = np.flatnonzero(series.starts[: row + 1])
     first = max(int(begins[-1]), row - int(DAY // period))
-    model = discretise(assemble(network, theta[:, None]), period)
-    transition, drive = model.transition[0], series.inputs[first:row] @ model.input[0].T
-    state, sds = initial_temperatures(network, series.outputs[first], series.inputs[first])
-    covariance = np.diag(sds**2)
-    measured = [network.nodes.index(node) for node in network.measured]
-    noise = np.eye(len(state)) * STATE_NOISE_SD**2
+    known = {parameter.name: float(value) for parameter, value in zip(network.parameters, theta, strict=True)}
+    model = floor(network, period, process_sd=STATE_NOISE_SD, measurement_sd=measurement_sd, theta=known)
+    state = model.start(0, series.outputs[first], series.inputs[first])
     for k in range(first, row + 1):
-        if k > first:
-            state = transition @ state + drive[k - 1 - first]
-            covariance = transition @ covariance @ transition.T + noise
-        for node, y in zip(measured, series.outputs[k], strict=True):
-            gain = covariance[:, node] / (covariance[node, node] + measurement_sd**2)
-            state = state + gain * (y - state[node])
-            covariance = covariance - np.outer(gain, covariance[node])
-    return state
-
-
-def _ticks(run: NightRun) -> int:
-    return len(run.series.times) if isinstance(run.run, FilterRun) else run.run.starts * STEPS_A_START
+        state = model.predict(state, series.inputs[k - 1]) if k > first else state
+        state = model.update(state, series.outputs[k]).state
+    return state.mean

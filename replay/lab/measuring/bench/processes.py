@@ -16,7 +16,7 @@ import httpx
 import numpy as np
 
 from replay.errors import MeasurementError
-from replay.experiments.series.recorded import samples_of
+from replay.experiments.series.recorded_zone import samples_of
 from replay.lab.measuring import fleet as load
 from replay.lab.measuring.bench.section import Details, Section, Sizes, Target, median, spread, text, timed
 from replay.lab.measuring.daemon import COMMAND, DaemonProcess, resident_bytes

@@ -53,8 +53,7 @@ def scored(arrays: Arrays) -> Scores:
 
 
 def lived(controller: str, **settings: object) -> Arrays:
-    ticks: list[int] = []
-    return run_control(ControlRun(SHORT, controller, **settings), ticks.append)  # type: ignore[arg-type]
+    return run_control(ControlRun(SHORT, controller, **settings))  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")
@@ -84,9 +83,9 @@ def test_where_the_trust_does_not_reach_the_thermostat_heats(runs: Mapping[str, 
 
 @needs_energyplus
 def test_a_thermometer_that_is_stuck_is_not_believed() -> None:
-    scene, ticks = SHORT._replace(case=STUCK, days=3, controlled=2), list[int]()
+    scene = SHORT._replace(case=STUCK, days=3, controlled=2)
     thermostat, thermogate = (
-        scored(run_control(ControlRun(scene, name, estimator="ekf"), ticks.append)) for name in (THERMOSTAT, THERMOGATE)
+        scored(run_control(ControlRun(scene, name, estimator="ekf"))) for name in (THERMOSTAT, THERMOGATE)
     )
     assert thermostat.discomfort > 100.0, "who believes it heats all day, or not at all"
     assert thermogate.discomfort < 0.5 * thermostat.discomfort
