@@ -76,8 +76,8 @@ kill-loop: $(VENV)/.ready  ## the daemon killed KILLS=500 times at random moment
 fleet-kill-loop: $(VENV)/.fleet  ## a fleet of 2,000 rooms whose machines are killed 50 times under load, and held to what it had told; FLEET_KILLS='--kills 5 --zones 60' changes it
 	$(BIN)/python tests/integration/fleet_kill_loop.py --out var/fleet-kill-loop.json $(FLEET_KILLS)
 
-load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon; FLEET='--zones 100' changes it
-	$(BIN)/python -m replay.lab.measuring.fleet $(FLEET)
+load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon: the part of `make bench` alone
+	$(BIN)/python -m replay.lab.measuring.bench --only fleet --out var/fleet.json
 
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt

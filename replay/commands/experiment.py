@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from replay.experiments.catalogue import EXPERIMENTS
@@ -78,22 +80,9 @@ def _experiment(arguments: argparse.Namespace) -> int:
     from replay.experiments.running import RUNS, run_experiment
 
     out: Path = arguments.out or _DEFAULT_OUT / arguments.name
-    request = Request(
-        data=tuple(arguments.data),
-        seeds=arguments.seeds,
-        days=arguments.days,
-        particles=arguments.particles,
-        network=arguments.network,
-        config=arguments.config,
-        state=arguments.state,
-        zone=arguments.zone,
-        time_zone=arguments.time_zone,
-        overrides=tuple(arguments.overrides),
-        building=tuple(arguments.building),
-        case=tuple(arguments.case),
-        contender=tuple(arguments.contender),
-        recording=tuple(arguments.recording),
-    )
+    given: dict[str, Any] = {field.name: getattr(arguments, field.name) for field in fields(Request)}
+    given |= {name: tuple(value) for name, value in given.items() if isinstance(value, list)}
+    request = Request(**given)
     watched = sys.stderr.isatty()
     if watched:
         print(f"preparing {arguments.name}", file=sys.stderr)

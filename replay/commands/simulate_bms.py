@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
 
 from service.cli.arguments import AddCommand, number, whole
@@ -76,7 +77,12 @@ def add_to(add: AddCommand) -> None:
         "--seed", type=whole(0, 2**63 - 1), default=1, metavar="N", help="of building, weather and people (default 1)"
     )
     parser.add_argument(
-        "--devices", type=whole(0, _MOST_METERS), default=0, metavar="N", help="further devices for load (default 0)"
+        "--devices",
+        type=whole(0, _MOST_METERS),
+        default=0,
+        dest="meters",
+        metavar="N",
+        help="further devices for load (default 0)",
     )
     parser.add_argument(
         "--registers",
@@ -95,7 +101,11 @@ def add_to(add: AddCommand) -> None:
         "may be given several times",
     )
     parser.add_argument(
-        "--write-config", type=Path, metavar="PATH", help="write the configuration that reads this building"
+        "--write-config",
+        type=Path,
+        dest="config",
+        metavar="PATH",
+        help="write the configuration that reads this building",
     )
     parser.add_argument(
         "--over",
@@ -103,7 +113,9 @@ def add_to(add: AddCommand) -> None:
         default="modbus",
         help="what the written configuration reads the building over (default modbus)",
     )
-    parser.add_argument("--write-map", type=Path, metavar="PATH", help="write the register map as CSV")
+    parser.add_argument(
+        "--write-map", type=Path, dest="register_map", metavar="PATH", help="write the register map as CSV"
+    )
 
 
 def _simulate_bms(arguments: argparse.Namespace) -> int:
@@ -111,7 +123,7 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
     from replay.bms.serving import BmsOptions, simulate_bms
     from service.errors import ConfigError
 
-    if arguments.overrides and arguments.write_config is None:
+    if arguments.overrides and arguments.config is None:
         raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
     if arguments.over == "bacnet" and arguments.bacnet is None:
         raise ConfigError(["--over bacnet reads the BACnet devices; give --bacnet with their port too"])
@@ -119,38 +131,21 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
         for name in names:
             if plant != arguments.plant and getattr(arguments, name) is not None:
                 raise ConfigError([f"--{name} belongs to --plant {plant}; leave it out, or choose that plant"])
-    return simulate_bms(
-        BmsOptions(
-            plant=arguments.plant,
-            zones=arguments.zones or 4,
-            building=arguments.building or "house",
-            weather=arguments.weather or "denver",
-            port=arguments.port,
-            control_port=arguments.control_port,
-            zenoh=None if arguments.zenoh == "off" else arguments.zenoh,
-            bacnet=arguments.bacnet,
-            over=arguments.over,
-            pace=arguments.pace,
-            seed=arguments.seed,
-            meters=arguments.devices,
-            registers=arguments.registers,
-            faults=[parse_spec(text) for text in arguments.faults],
-            config=arguments.write_config,
-            register_map=arguments.write_map,
-            overrides=arguments.overrides,
-        )
-    )
+    own = [name for names in _ONLY.values() for name in names]
+    given = {name: value for name, value in vars(arguments).items() if name in {one.name for one in fields(BmsOptions)}}
+    given = {name: value for name, value in given.items() if name not in own or value is not None}
+    return simulate_bms(BmsOptions(**given | {"faults": [parse_spec(text) for text in arguments.faults]}))
 
 
 def _bacnet(text: str) -> int | None:
     return None if text == "off" else whole(0, 65535)(text)
 
 
-def _endpoint(text: str) -> str:
+def _endpoint(text: str) -> str | None:
     from adapters.fields.values import loopback_endpoint
 
     if text == "off":
-        return text
+        return None
     try:
         return loopback_endpoint(text)
     except ValueError as error:

@@ -28,29 +28,9 @@ _WATTS_PER_PERSON = 120.0
 Model = dict[str, dict[str, dict[str, Any]]]
 
 
-def heater(room: str) -> str:
-    """The name of a room's heater in the model."""
-    return f"{room} heater"
-
-
-def people(room: str) -> str:
-    """The name of a room's people in the model."""
-    return f"{room} people"
-
-
-def equipment(room: str) -> str:
-    """The name of a room's equipment in the model."""
-    return f"{room} equipment"
-
-
-def lights(room: str) -> str:
-    """The name of a room's lights in the model."""
-    return f"{room} lights"
-
-
-def windows(room: str) -> str:
-    """The name of what comes in through a room's open windows in the model."""
-    return f"{room} windows"
+def part(room: str, what: str) -> str:
+    """The name in the model of what the plant drives in a room: its "heater", "people", "lights" and so on."""
+    return f"{room} {what}"
 
 
 def surface(room: str, side: Side) -> str:
@@ -91,7 +71,6 @@ def model_of(building: Building, begin: date) -> Model:
             }
         },
         "RunPeriod": {"period": _period(begin)},
-        "OutputControl:Files": {"files": dict.fromkeys(_FILES, "No")},
         "Schedule:Constant": {
             _ALWAYS: {"hourly_value": 1.0},
             _ACTIVITY: {"hourly_value": _WATTS_PER_PERSON},
@@ -254,54 +233,25 @@ def _add_loads(model: Model, room: Room, air_changes: float) -> None:
 
 def _loads(room: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
     scheduled = {"schedule_name": _ALWAYS}
-    yield "OtherEquipment", heater(room), scheduled | {"design_level": 1.0, "fraction_radiant": HEATER_RADIANT}
-    yield "ElectricEquipment", equipment(room), scheduled | {"design_level": 1.0, "fraction_radiant": 0.3}
-    yield "Lights", lights(room), scheduled | {"lighting_level": 1.0, "fraction_radiant": 0.4, "fraction_visible": 0.2}
+    yield "OtherEquipment", part(room, "heater"), scheduled | {"design_level": 1.0, "fraction_radiant": HEATER_RADIANT}
+    yield "ElectricEquipment", part(room, "equipment"), scheduled | {"design_level": 1.0, "fraction_radiant": 0.3}
+    yield (
+        "Lights",
+        part(room, "lights"),
+        scheduled | {"lighting_level": 1.0, "fraction_radiant": 0.4, "fraction_visible": 0.2},
+    )
     yield (
         "People",
-        people(room),
+        part(room, "people"),
         {
             "number_of_people_schedule_name": _ALWAYS,
             "number_of_people": 1.0,
             "activity_level_schedule_name": _ACTIVITY,
         },
     )
-    yield "ZoneVentilation:DesignFlowRate", windows(room), scheduled | {"design_flow_rate": 1.0}
+    yield "ZoneVentilation:DesignFlowRate", part(room, "windows"), scheduled | {"design_flow_rate": 1.0}
 
 
 _BLAST = (0.606, 0.03636, 0.1177)
 """Infiltration: constant, per K inside over outside and per m/s of wind (the coefficients of BLAST)."""
 _BLAST_AT_DESIGN = _BLAST[0] + 20.0 * _BLAST[1] + 3.4 * _BLAST[2]
-
-_FILES = (
-    "output_csv",
-    "output_mtr",
-    "output_eso",
-    "output_eio",
-    "output_tabular",
-    "output_sqlite",
-    "output_json",
-    "output_audit",
-    "output_space_sizing",
-    "output_zone_sizing",
-    "output_system_sizing",
-    "output_dxf",
-    "output_bnd",
-    "output_rdd",
-    "output_mdd",
-    "output_mtd",
-    "output_end",
-    "output_shd",
-    "output_dfs",
-    "output_glhe",
-    "output_edd",
-    "output_dbg",
-    "output_perflog",
-    "output_sln",
-    "output_sci",
-    "output_wrl",
-    "output_screen",
-    "output_extshd",
-    "output_tarcog",
-    "output_plant_component_sizing",
-)

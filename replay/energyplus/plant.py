@@ -246,10 +246,10 @@ def _actuators(building: Building) -> list[Actuator]:
         actuator
         for room in building.rooms
         for actuator in (
-            Actuator("OtherEquipment", "Power Level", epjson.heater(room.name)),
-            Actuator("People", "Number of People", epjson.people(room.name)),
-            Actuator("ElectricEquipment", "Electricity Rate", epjson.equipment(room.name)),
-            Actuator("Lights", "Electricity Rate", epjson.lights(room.name)),
-            Actuator("Zone Ventilation", "Air Exchange Flow Rate", epjson.windows(room.name)),
+            Actuator("OtherEquipment", "Power Level", epjson.part(room.name, "heater")),
+            Actuator("People", "Number of People", epjson.part(room.name, "people")),
+            Actuator("ElectricEquipment", "Electricity Rate", epjson.part(room.name, "equipment")),
+            Actuator("Lights", "Electricity Rate", epjson.part(room.name, "lights")),
+            Actuator("Zone Ventilation", "Air Exchange Flow Rate", epjson.part(room.name, "windows")),
         )
     ]

@@ -25,6 +25,21 @@ class Run(NamedTuple):
     job: Job
 
 
+class Contender(NamedTuple):
+    """An estimator with its options; `label` is its name in tables, `held` parameters stay at their nominal values."""
+
+    label: str
+    estimator: str
+    options: Mapping[str, object]
+    held: tuple[str, ...] = ()
+
+    def with_particles(self, count: int | None) -> Contender:
+        """With `count` particles where it is an RBPF; None leaves it as it is."""
+        if count is None or self.estimator != "rbpf":
+            return self
+        return self._replace(options={**self.options, "particles": count})
+
+
 class Results:
     """The figures of every run, by recording and contender over seeds."""
 

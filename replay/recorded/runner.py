@@ -12,7 +12,7 @@ import csv
 import json
 import math
 import resource
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from importlib.metadata import version
@@ -34,6 +34,7 @@ from service.errors import ServiceError
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.record import values
 from service.records.sample import Sample
+from service.records.skill import HorizonSkill, IssuedSkill
 from service.records.update import Update
 from service.zone.alignment import Alignment
 
@@ -150,8 +151,8 @@ class Run:
             "last": written_time(rows[-1].time) if rows else None,
             **_scores(rows, table.levels[0]),
             "after_first_day": _scores(rows[len(first_day) :], table.levels[0]),
-            "skill": _skill(trace),
-            "skill_as_issued": _skill_as_issued(trace),
+            "skill": _skill(() if trace.skill is None else trace.skill.longest),
+            "skill_as_issued": _skill(() if trace.skill is None else trace.skill.windows[-1].as_issued),
             "faults": self.faults,
             "parameters": {}
             if posterior is None
@@ -179,15 +180,8 @@ class Run:
         }
 
 
-def _skill(trace: Trace) -> dict[str, dict[str, float | None]]:
-    """What the forecasts of the last 30 days were worth, by lead."""
-    found = () if trace.skill is None else trace.skill.longest
-    return {format_duration(one.lead): _finite(asdict(one)) for one in found}
-
-
-def _skill_as_issued(trace: Trace) -> dict[str, dict[str, float | None]]:
-    """The same of the forecasts as they were issued."""
-    found = () if trace.skill is None else trace.skill.windows[-1].as_issued
+def _skill(found: Sequence[HorizonSkill | IssuedSkill]) -> dict[str, dict[str, float | None]]:
+    """What forecasts of the last 30 days were worth, by lead."""
     return {format_duration(one.lead): _finite(asdict(one)) for one in found}
 
 

@@ -7,7 +7,7 @@ the same samples and settings give the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -28,6 +28,7 @@ from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.series import GAIN
 from service.store.checkpoint import Checkpoint
+from service.store.interface import SampleJournal
 from service.store.reading import read_state
 from service.zone import snapshot
 
@@ -38,7 +39,7 @@ class Stored(Protocol):
     """State that can be read: that of a folder, or that of a fleet's site."""
 
     @property
-    def journal(self) -> ReadableJournal:
+    def journal(self) -> SampleJournal:
         """Samples and history."""
         ...
 
@@ -48,26 +49,6 @@ class Stored(Protocol):
 
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
-        ...
-
-
-class ReadableJournal(Protocol):
-    """What is read of a journal."""
-
-    def samples_ahead(self, zone: str, after: int) -> int:
-        """How many samples of `zone` are later than `after`."""
-        ...
-
-    def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
-        """The samples of `zone` later than `time` (None: all), in order."""
-        ...
-
-    def last_sample_time(self, zone: str) -> int | None:
-        """Time of the newest stored sample of `zone`."""
-        ...
-
-    def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first."""
         ...
 
 

@@ -126,9 +126,9 @@ def simulate_period(start: int, end: int, seed: int) -> ZonePeriod:
     )
     outside_wall = _between(20.0, sky.outdoor[0], THETA["g_air_wo"], THETA["g_wo_out"])
     adjacent_wall = _between(20.0, adjacent[0], THETA["g_air_wi"], THETA["g_wi_adj"])
-    start = np.array([20.0, outside_wall, adjacent_wall, 20.0])
+    first = np.array([20.0, outside_wall, adjacent_wall, 20.0])
     boundaries = np.column_stack([sky.outdoor, adjacent])
-    heated = simulate_heated(network, dynamics(network, THETA, GRID_STEP), boundaries, loads, PANELS, x0=start)
+    heated = simulate_heated(network, dynamics(network, THETA, GRID_STEP), boundaries, loads, PANELS, x0=first)
     return ZonePeriod(times, sky.outdoor, adjacent, heated)
 
 

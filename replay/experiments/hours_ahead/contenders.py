@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from importlib.util import find_spec
-from typing import NamedTuple
 
 from estimator import registry
 from replay.errors import ReplayError
@@ -18,6 +17,7 @@ from replay.experiments.jobs import Job
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun
 from replay.experiments.series.networks import zone_of
+from replay.experiments.study import Contender
 
 NAIVE = (PERSISTENCE, YESTERDAY)
 BANK = "bank"
@@ -28,17 +28,9 @@ _USUAL = (
 )
 
 
-class Contender(NamedTuple):
-    """A way to forecast, and its options; `label` is how --contender names it."""
-
-    label: str
-    name: str
-    options: Mapping[str, object]
-
-    @property
-    def seeded(self) -> bool:
-        """Whether it draws random numbers, and so runs once for each seed."""
-        return self.name in registry.ESTIMATORS and self.name not in DRAWS_NOTHING
+def seeded(contender: Contender) -> bool:
+    """Whether it draws random numbers, and so runs once for each seed."""
+    return contender.estimator in registry.ESTIMATORS and contender.estimator not in DRAWS_NOTHING
 
 
 def contenders(request: Request) -> list[Contender]:
@@ -48,21 +40,16 @@ def contenders(request: Request) -> list[Contender]:
     """
     if request.contender:
         found = [_named(text) for text in request.contender]
-        if any(contender.name == BOOSTING for contender in found):
+        if any(contender.estimator == BOOSTING for contender in found):
             lightgbm()
     else:
         found = [_named(text) for text in _USUAL if text != BOOSTING or find_spec("lightgbm") is not None]
         if request.config is not None:
             zone = zone_of(request)
-            if (zone.estimator, zone.estimator_options) not in [(one.name, one.options) for one in found]:
+            if (zone.estimator, zone.estimator_options) not in [(one.estimator, one.options) for one in found]:
                 label = f"as configured ({zone.estimator})"
                 found.append(Contender(label, zone.estimator, zone.estimator_options))
-    if request.particles is None:
-        return found
-    return [
-        one._replace(options={"particles": request.particles, **one.options}) if one.name == "rbpf" else one
-        for one in found
-    ]
+    return [one if "particles" in one.options else one.with_particles(request.particles) for one in found]
 
 
 def _named(text: str) -> Contender:
@@ -89,14 +76,14 @@ def jobs_of(contender: Contender, recording: Recording, seeds: tuple[int, ...]) 
     """
     leads, series, period = tuple(leads_of(recording.period).values()), recording.series, recording.period
     label = f"{recording.name} {contender.label}"
-    if contender.name in NAIVE:
-        yield Job(label, seeds[0], run_naive, NaiveRun(contender.name, series, period, leads))
-    elif contender.name in DIRECT:
-        yield Job(label, seeds[0], run_direct, DirectRun(contender.name, series, period, leads, seeds[0]))
+    if contender.estimator in NAIVE:
+        yield Job(label, seeds[0], run_naive, NaiveRun(contender.estimator, series, period, leads))
+    elif contender.estimator in DIRECT:
+        yield Job(label, seeds[0], run_direct, DirectRun(contender.estimator, series, period, leads, seeds[0]))
     else:
-        registry.resolve(contender.name, recording.network, period, contender.options)
-        for seed in seeds if contender.seeded else seeds[:1]:
+        registry.resolve(contender.estimator, recording.network, period, contender.options)
+        for seed in seeds if seeded(contender) else seeds[:1]:
             run = FilterRun(
-                contender.name, contender.options, recording.network, period, series, seed, recording.whereabouts
+                contender.estimator, contender.options, recording.network, period, series, seed, recording.whereabouts
             )
             yield Job(label, seed, run_hours, HoursRun(run, leads))

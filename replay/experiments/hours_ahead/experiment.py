@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from estimator import registry
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead import figures
 from replay.experiments.hours_ahead.contenders import (
     BANK,
-    DRAWS_NOTHING,
-    Contender,
     contenders,
     jobs_of,
 )
@@ -21,7 +20,7 @@ from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, WI
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
-from replay.experiments.study import Results, Run, Study
+from replay.experiments.study import Contender, Results, Run, Study
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Table
@@ -116,15 +115,10 @@ def _done(results: Results, known: Mapping[str, Recording], request: Request, se
             "anybody foresaw them.",
             f"Seeds: {', '.join(map(str, seeds))}, of the estimators; the recordings are the same for all. Figures are "
             f"means over seeds ± standard deviation. What draws nothing ran once.{particles} One after the other, the "
-            f"runs of estimators took {minutes:.0f} minutes.",
-            "persistence: nothing changes. yesterday: as at the same time the day before. ridge: for each horizon a "
-            "regression of the change until then, fitted anew every day; ridge-blind is not told the inputs to come; "
-            "boosting has the regressors of ridge in trees. The others are Thermogate's estimators.",
-            f"Hours ahead, the particles of an RBPF are thinned to {SAMPLES} (`Estimator.issue`), and an MKF draws as "
-            "many scenarios as it does by default. The others make the fans that they publish.",
-            "The first three days are a table of their own; where that leaves less than a quarter of the record, they "
-            "are its first half. CRPS is in K and scores the whole distribution; for a point forecast it is the mean "
-            "absolute error. `scores.csv` has every score.",
+            f"runs of estimators took {minutes:.0f} minutes. Hours ahead, the particles of an RBPF are thinned to "
+            f"{SAMPLES}.",
+            "CRPS is in K and scores the whole distribution; for a point forecast it is the mean absolute error. "
+            "`scores.csv` has every score; docs/benchmark.md says who the contenders are.",
         ),
     )
 
@@ -312,13 +306,13 @@ def _members(results: Results, known: Mapping[str, Recording]) -> tuple[Section,
 def _settings(
     results: Results, known: Mapping[str, Recording], entered: Sequence[Contender], compared: Sequence[Standing]
 ) -> Section:
-    online = {one.label: one for one in entered if one.seeded or one.name in DRAWS_NOTHING}
+    online = {one.label: one for one in entered if one.estimator in registry.ESTIMATORS}
     standing = next((one for one in compared if one[0] in online), None)
     if standing is None:
         return Section("What to set", ("No estimator of Thermogate was scored.",))
     label, mean, worst, where = standing
     options = [f"{name} = {_toml(value)}" for name, value in online[label].options.items()]
-    table = ["[[zones]]", f'estimator = "{online[label].name}"']
+    table = ["[[zones]]", f'estimator = "{online[label].estimator}"']
     paragraphs = [
         f"On these recordings the estimator to plan with is {label}: its CRPS is {mean:.2f} times that of the best "
         f"forecast over all horizons, at worst {worst:.2f} times ({where}).",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,17 +22,12 @@ _DRAWN = 2500
 
 def over_time(record: ZoneRecord, residuals: Mapping[str, Array]) -> Plot:
     """Simulated minus measured, candidate by candidate."""
-    figure = go.Figure()
     every = -(-len(record.times) // _DRAWN)
     stamps = np.datetime_as_string(record.times[::every].astype("datetime64[s]"))
-    for place, (name, residual) in enumerate(residuals.items()):
-        line = {"color": COLOURS[place % len(COLOURS)], "width": 1.2}
-        figure.add_trace(go.Scatter(x=stamps, y=np.round(residual[::every], 3), name=name, line=line))
-    figure.add_hline(y=0.0, line={"color": "#1b2430", "width": 1})
-    figure.update_layout(yaxis_title="simulated − measured [K]", xaxis_title="UTC")
+    lines = {name: np.round(residual[::every], 3) for name, residual in residuals.items()}
     return Plot(
         "What the simulations miss",
-        figure,
+        _drawn(stamps, lines, "UTC", "simulated − measured [K]"),
         "Each model runs through the whole recording without ever being told the measured temperature. A wave with the "
         "sun, in every line, is heat that no channel brings; a line that drifts apart from the others, a network that "
         "is too simple.",
@@ -40,17 +36,11 @@ def over_time(record: ZoneRecord, residuals: Mapping[str, Array]) -> Plot:
 
 def over_the_day(record: ZoneRecord, residuals: Mapping[str, Array], time_zone: str) -> Plot:
     """Median residual by local hour."""
-    figure = go.Figure()
     hour = (wall_clock(record.times, time_zone) % DAY) // HOUR
-    for place, (name, residual) in enumerate(residuals.items()):
-        median = [_median(residual[hour == h]) for h in range(24)]
-        line = {"color": COLOURS[place % len(COLOURS)], "width": 2}
-        figure.add_trace(go.Scatter(x=list(range(24)), y=median, name=name, line=line, mode="lines+markers"))
-    figure.add_hline(y=0.0, line={"color": "#1b2430", "width": 1})
-    figure.update_layout(xaxis_title=f"hour of the day, {time_zone}", yaxis_title="median residual [K]")
+    lines = {name: np.array([_median(residual[hour == h]) for h in range(24)]) for name, residual in residuals.items()}
     return Plot(
         "When they miss it",
-        figure,
+        _drawn(np.arange(24), lines, f"hour of the day, {time_zone}", "median residual [K]"),
         "Below zero the room was warmer than the model could know: sun and people by day. What is left at night is the "
         "model's own fault.",
     )
@@ -58,26 +48,29 @@ def over_the_day(record: ZoneRecord, residuals: Mapping[str, Array], time_zone: 
 
 def by_lag(record: ZoneRecord, residuals: Mapping[str, Array]) -> Plot:
     """Autocorrelation of the residuals up to the horizon of J_acf."""
-    figure = go.Figure()
     lags = np.arange(int(LAG_HORIZON // record.period) + 1)
-    for place, (name, residual) in enumerate(residuals.items()):
-        line = {"color": COLOURS[place % len(COLOURS)], "width": 2}
-        correlation = _autocorrelation(on_grid(record, residual), lags)
-        figure.add_trace(go.Scatter(x=lags * record.period / HOUR, y=correlation, name=name, line=line))
-    figure.update_layout(xaxis_title="lag [h]", yaxis_title="autocorrelation of the residual")
+    lines = {name: _autocorrelation(on_grid(record, residual), lags) for name, residual in residuals.items()}
     return Plot(
         "How long a miss lasts",
-        figure,
+        _drawn(lags * record.period / HOUR, lines, "lag [h]", "autocorrelation of the residual"),
         "J_acf adds up the squares of this curve. An open-loop residual is smooth, so it is near 1 at short lags for "
         "every network; the sooner it falls, the less structure is left to explain.",
     )
 
 
-def _autocorrelation(residual: Array, lags: npt.NDArray[np.int64]) -> Array:
+def _drawn(x: npt.NDArray[Any], lines: Mapping[str, Array], along: str, up: str) -> go.Figure:
+    figure = go.Figure()
+    for place, (name, values) in enumerate(lines.items()):
+        line = {"color": COLOURS[place % len(COLOURS)], "width": 1.5}
+        figure.add_trace(go.Scatter(x=x, y=values, name=name, line=line))
+    figure.add_hline(y=0.0, line={"color": "#1b2430", "width": 1})
+    return figure.update_layout(xaxis_title=along, yaxis_title=up)
+
+
+def _autocorrelation(residual: Array, lags: npt.NDArray[Any]) -> Array:
     e = residual - np.nanmean(residual)
-    variance = np.nanmean(e**2)
     products = [e[lag:] * e[: len(e) - lag] for lag in lags]
-    return np.array([np.nanmean(p) if np.isfinite(p).any() else np.nan for p in products]) / variance
+    return np.array([np.nanmean(p) if np.isfinite(p).any() else np.nan for p in products]) / np.nanmean(e**2)
 
 
 def _median(values: Array) -> float:

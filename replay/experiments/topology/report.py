@@ -15,7 +15,7 @@ from replay.experiments.topology.fit import KNOWN, SHORTEST, open_loop_residual
 from replay.experiments.topology.published import SELECTED
 from replay.experiments.topology.ranking import COMPARABLE, Fitted
 from replay.experiments.topology.toml import AROUND, network_toml, proposal
-from replay.localtime import HOUR
+from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report, Section
 from replay.scores.windows import Window
 
@@ -86,27 +86,22 @@ def _why(outcome: Outcome) -> str:
 def _done(outcomes: Sequence[Outcome]) -> Section:
     lines = []
     for outcome in outcomes:
-        gap = tables.used(outcome.recording.record, outcome.windows)
-        scores = outcome.taken.scores
+        name, what, record, _, zone, *_ = outcome.recording
+        span, scores = float(record.times[-1] - record.times[0] + record.period), outcome.taken.scores
+        used = sum(end - begin for begin, end in outcome.windows) * record.period / span
         lines.append(
-            f"`{outcome.recording.name}`: {outcome.recording.what}. {gap.days:.1f} days, a sample every "
-            f"{outcome.recording.record.period // 60} min; {100 * gap.used:.0f} % of them in {gap.pieces} unbroken "
-            f"pieces of at least {SHORTEST // HOUR} h. Local time is {outcome.recording.time_zone}: {scores.nights} "
-            f"complete nights (20:00 to 06:00), {scores.days} complete days (07:00 to 17:00)."
+            f"`{name}`: {what}. {span / DAY:.1f} days, a sample every {record.period // 60} min; {100 * used:.0f} % of "
+            f"them in {len(outcome.windows)} unbroken pieces of at least {SHORTEST // HOUR} h. Local time is {zone}: "
+            f"{scores.nights} complete nights (20:00 to 06:00), {scores.days} complete days (07:00 to 17:00)."
         )
     return Section(
         "What was done",
         (
             *lines,
-            "Every candidate was fitted by least squares on the open-loop error: the model runs through each piece on "
-            "the measured inputs alone, and its parameters are moved until it misses the room temperature least. "
-            "Where a piece begins, the temperatures that nobody measures are fitted too. L-BFGS-B in the boxes of the "
-            "parameters, from several starts, the best of which counts.",
-            "Then each fit was tried where a controller needs it: restarted at every night and every day, with the "
-            "measured temperature, and with the hidden ones that follow from the measurements before. And the fit was "
-            f"repeated on the first {100 * KNOWN:.0f} % of the data, and its parameters run through the rest "
-            "(held-out RMSE), where a network with too many parameters shows.",
-            "Loss is how far train RMSE, night MAE and held-out RMSE lie above the best candidate in each, on average. "
+            "Every candidate was fitted by least squares on the open-loop error, from several starts, the best of "
+            "which counts; where a piece begins, the temperatures that nobody measures are fitted too. Each fit was "
+            "then restarted at every night and every day, and repeated on the first "
+            f"{100 * KNOWN:.0f} % of the data, to run through the rest (held-out RMSE).",
             "Taken is the network with the fewest free parameters, of equals that with the fewest at a bound, among "
             f"those whose loss is at most {100 * COMPARABLE:.0f} percent points above the smallest: the paper's rule, "
             "that errors which are comparable do not justify another hidden state, as a number.",

@@ -2,74 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
 
 from replay.experiments.jobs import Arrays
-from replay.experiments.series.recorded_zone import ZoneRecord
 from replay.experiments.topology.published import J_XCORR, TABLE_3
 from replay.experiments.topology.ranking import Fitted
 from replay.reports.kit.table import Cell, Table
 
+COLUMNS: Mapping[str, Callable[[Fitted], Cell]] = {
+    "network": lambda entry: entry.candidate.label,
+    "sun": lambda entry: _yes(entry.candidate.solar),
+    "states": lambda entry: len(entry.candidate.network.nodes),
+    "free parameters": lambda entry: len(entry.candidate.network.free),
+    "train RMSE [K]": lambda entry: entry.scores.train_rmse,
+    "full MAE [K]": lambda entry: entry.scores.full_mae,
+    "night MAE [K]": lambda entry: entry.scores.night_mae,
+    "day MAE [K]": lambda entry: entry.scores.day_mae,
+    "held-out RMSE [K]": lambda entry: entry.scores.held_out_rmse,
+    "J_acf": lambda entry: entry.scores.j_acf,
+    "its term at 6 h": lambda entry: entry.scores.j_acf_last,
+    "loss [%]": lambda entry: 100.0 * entry.loss,
+    "parameters at a bound": lambda entry: ", ".join(entry.at_bound) or "none",
+}
+
 
 def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
     """Table 3 for a recording, the network to take first; with the `paper`'s rows below where it is its building."""
-    rows: list[tuple[Cell, ...]] = [
-        (
-            entry.candidate.label,
-            _yes(entry.candidate.solar),
-            len(entry.candidate.network.nodes),
-            len(entry.candidate.network.free),
-            entry.scores.train_rmse,
-            entry.scores.full_mae,
-            entry.scores.night_mae,
-            entry.scores.day_mae,
-            entry.scores.held_out_rmse,
-            entry.scores.j_acf,
-            entry.scores.j_acf_last,
-            100.0 * entry.loss,
-            ", ".join(entry.at_bound) or "none",
-        )
-        for entry in ranked
+    quoted = [
+        (f"{label}, paper", _yes(solar), states, None, *errors, None, None, last, None, None)
+        for label, solar, states, *errors, last in (TABLE_3 if paper else ())
     ]
-    if paper:
-        rows += [
-            (
-                f"{row.label}, paper",
-                _yes(row.solar),
-                row.states,
-                None,
-                row.train_rmse,
-                row.full_mae,
-                row.night_mae,
-                row.day_mae,
-                None,
-                None,
-                row.j_acf,
-                None,
-                None,
-            )
-            for row in TABLE_3
-        ]
     return Table(
         f"ranking-{name}",
         f"Candidates, {name}",
-        (
-            "network",
-            "sun",
-            "states",
-            "free parameters",
-            "train RMSE [K]",
-            "full MAE [K]",
-            "night MAE [K]",
-            "day MAE [K]",
-            "held-out RMSE [K]",
-            "J_acf",
-            "its term at 6 h",
-            "loss [%]",
-            "parameters at a bound",
-        ),
-        tuple(rows),
+        tuple(COLUMNS),
+        (*(tuple(cell(entry) for cell in COLUMNS.values()) for entry in ranked), *quoted),
         "The first row is the network to take, the others follow by loss: how far train RMSE, night MAE and "
         "held-out RMSE lie above the best candidate in each, on geometric average."
         + (
@@ -78,7 +45,7 @@ def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
             if paper
             else ""
         ),
-        quoted=len(TABLE_3) if paper else 0,
+        quoted=len(quoted),
     )
 
 
@@ -108,16 +75,8 @@ def parameters(name: str, entry: Fitted, fitted: Arrays) -> Table:
     rows = []
     for parameter, value in zip(entry.candidate.network.parameters, fitted["theta"], strict=True):
         end = "lower end" if value < (parameter.lower * parameter.upper) ** 0.5 else "upper end"
-        rows.append(
-            (
-                parameter.name,
-                parameter.unit,
-                float(value),
-                parameter.lower,
-                parameter.upper,
-                end if parameter.name in entry.at_bound else "inside" if parameter.free else "held",
-            )
-        )
+        ended = end if parameter.name in entry.at_bound else "inside" if parameter.free else "held"
+        rows.append((parameter.name, parameter.unit, float(value), parameter.lower, parameter.upper, ended))
     return Table(
         f"parameters-{name}",
         f"Parameters of {entry.candidate.name}, {name}",
@@ -126,20 +85,6 @@ def parameters(name: str, entry: Fitted, fitted: Arrays) -> Table:
         "A parameter at an end of its box: the box is too narrow, or the data say nothing about it. A capacitance at "
         "its lower end means a node that is not there, a conductance at its upper end two nodes that are one.",
     )
-
-
-class Gap(NamedTuple):
-    """How much of a recording is used."""
-
-    days: float
-    pieces: int
-    used: float
-
-
-def used(record: ZoneRecord, windows: Sequence[tuple[int, int]]) -> Gap:
-    """Days from first to last sample, unbroken pieces, and the share of those days that is in them."""
-    span = float(record.times[-1] - record.times[0] + record.period)
-    return Gap(span / 86_400, len(windows), sum(end - begin for begin, end in windows) * record.period / span)
 
 
 def _yes(value: bool) -> str:

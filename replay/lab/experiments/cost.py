@@ -16,7 +16,7 @@ from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
-from replay.experiments.study import Figures, Results, Run, Study
+from replay.experiments.study import Contender, Figures, Results, Run, Study
 from replay.lab.experiments import published
 from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.lab.measuring.bench.machine import processor
@@ -45,15 +45,6 @@ class CostRun(NamedTuple):
     machine: str
 
 
-class Contender(NamedTuple):
-    """One row of the table."""
-
-    label: str
-    estimator: str
-    options: Mapping[str, object]
-    samples: int = SAMPLES
-
-
 def contenders(particles: Sequence[int]) -> list[Contender]:
     """RBPF with each number of particles, once in plain NumPy, then EKF and UKF."""
     compiled = [Contender(f"RBPF, {count:,} particles", "rbpf", {"particles": count}) for count in particles]
@@ -61,7 +52,7 @@ def contenders(particles: Sequence[int]) -> list[Contender]:
     plain: dict[str, object] = {"particles": count, "implementation": "reference"}
     return [
         *compiled,
-        Contender(f"RBPF, {count:,} particles, plain NumPy", "rbpf", plain, REFERENCE_SAMPLES),
+        Contender(f"RBPF, {count:,} particles, plain NumPy", "rbpf", plain),
         Contender("EKF", "ekf", {}),
         Contender("UKF", "ukf", {}),
     ]
@@ -98,7 +89,8 @@ def prepare(request: Request) -> Study:
                 f"--data {request.file}: it has {len(series.times)} rows; {SAMPLES} are needed, which is three days"
             )
         for one in entered:
-            outputs, inputs = series.outputs[: one.samples], series.inputs[: one.samples]
+            samples = REFERENCE_SAMPLES if "implementation" in one.options else SAMPLES
+            outputs, inputs = series.outputs[:samples], series.inputs[:samples]
             run = CostRun(one.estimator, one.options, network, PERIOD, outputs, inputs, seed, here)
             job = Job(f"{network.name} {one.label}", seed, measure, run)
             runs.append(Run(network.name, one.label, job))

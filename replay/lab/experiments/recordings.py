@@ -182,7 +182,7 @@ def _building_67(folder: Path | None) -> Recording:
 def _ecolar(period: ecolar.Period, folder: Path | None) -> Recording:
     with tempfile.TemporaryDirectory(prefix="thermogate-hours-ahead-") as directory:
         log = ecolar.write_standin(Path(directory) / f"ecolar-{period}-SYNTHETIC.csv", period)
-        config = configuration(log, Path(directory))
+        config = configuration(log)
         zone = config.zones[0].model_copy(update={"max_gap": _BRIDGED, "hold_inputs": _HELD})
         recording = of_zone(config, zone)
     what = "the stand-in for the lived-in Ecolar zone, simulated, with sun that no sensor sees; the paper's network"

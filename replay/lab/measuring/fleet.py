@@ -1,4 +1,4 @@
-"""`make load-fleet`: zones on the real daemon whose samples all land at once, measured from outside.
+"""Zones on the real daemon whose samples all land at once, measured from outside.
 
 The daemon has no special access: a paced recording feeds every zone, a Zenoh subscriber hears every forecast, and REST
 clients ask from a process of their own. An instant counts from its first forecast, which comes some ms after it.
@@ -6,11 +6,8 @@ clients ask from a process of their own. An instant counts from its first foreca
 
 from __future__ import annotations
 
-import argparse
 import json
-import shutil
 import subprocess
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -22,8 +19,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from estimator.errors import EstimatorError
-from replay.errors import MeasurementError, ReplayError
+from replay.errors import MeasurementError
 from replay.lab.measuring.clients import ENDPOINTS, Answer, Clients, summary
 from replay.lab.measuring.daemon import COMMAND, DaemonProcess, delay_buckets, free_port, loop_delays, scrape
 from replay.lab.measuring.scenario import SITE, Scenario, write, zone_ids
@@ -158,59 +154,6 @@ def _await(daemon: DaemonProcess, heard: Sequence[object], forecasts: int, patie
     return memory
 
 
-def lines(result: Mapping[str, Any]) -> list[str]:
-    """A few lines for a terminal."""
-    rest, loop = result["rest"], result["event_loop"]
-    during = {"all promised": rest["during_bursts"], **rest["endpoints_during_bursts"]}
-    return [
-        f"serving after {result['serving_after_s']:.1f} s; stopped in {result['stop_s']:.1f} s",
-        f"last forecast {duration(result['last_forecast_s'])} after the first (target 3 s), rounds: "
-        + ", ".join(duration(one["last_s"]) for one in result["rounds"])
-        + f"; {result['missing_forecasts']} forecasts missing",
-        "REST during the bursts (target of the promised: p99 25 ms):",
-        *(
-            f"  {name}: {one['requests']} requests, {one['not_ok']} not ok, p50 {duration(one['p50_s'])}, "
-            f"p99 {duration(one['p99_s'])}, max {duration(one['max_s'])}"
-            for name, one in during.items()
-        ),
-        f"REST between the bursts: p99 {duration(rest['between_bursts']['p99_s'])}",
-        f"event loop: {loop['later_than_20_ms']:.0f} of {loop['timers']:.0f} timers later than 20 ms (target none), "
-        f"none later than {duration(loop['none_later_than_s'])}",
-        f"resident memory {result['resident_bytes'] / 1e9:.2f} GB (target for 1,000 zones 3 GB); processor time "
-        f"{result['cpu_seconds_per_round']:.2f} s a round",
-    ]
-
-
 def duration(value: float | None) -> str:
     """A time in s or ms, or that there is none."""
     return "none" if value is None else f"{value:.3g} s" if value >= 1.0 else f"{1000 * value:.3g} ms"
-
-
-def main() -> int:
-    """Run the fleet that the command line describes, print its figures and write them as JSON."""
-    parser = argparse.ArgumentParser(prog="python -m replay.lab.measuring.fleet", description=__doc__)
-    parser.add_argument("--zones", type=int, default=1000, help="1 to 1,000 (default 1000)")
-    parser.add_argument("--particles", type=int, default=9000, help="per zone (default 9000)")
-    parser.add_argument("--network", default="building-67", help="preset of every zone (default building-67)")
-    parser.add_argument("--every", type=float, default=10.0, help="s from one instant to the next (default 10)")
-    parser.add_argument("--rounds", type=int, default=6, help="instants that are measured (default 6)")
-    parser.add_argument("--clients", type=int, default=4, help="REST clients (default 4)")
-    parser.add_argument("--pause", type=float, default=0.05, help="s that a client thinks (default 0.05)")
-    parser.add_argument("--out", type=Path, default=Path("var/fleet"), help="folder, emptied first (default var/fleet)")
-    given = parser.parse_args()
-    if not 1 <= given.zones <= 1000 or given.rounds < 1 or given.clients < 1 or min(given.every, given.pause) <= 0:
-        parser.error("zones are 1 to 1,000; rounds and clients at least 1; every and pause above 0")
-    scenario = Scenario(given.zones, given.particles, given.network, given.every, given.rounds)
-    shutil.rmtree(given.out, ignore_errors=True)
-    try:
-        result = run(scenario, given.out, clients=given.clients, pause=given.pause)
-    except (ReplayError, EstimatorError) as error:
-        print(f"fleet: {error}", file=sys.stderr)
-        return 1
-    (given.out / "fleet.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    print("\n".join(lines(result)))
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

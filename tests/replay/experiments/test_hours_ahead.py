@@ -16,7 +16,7 @@ from estimator.network import presets
 from estimator.network.presets import automatic, building_67
 from estimator.types import Mixture
 from replay.errors import ReplayError
-from replay.experiments.hours_ahead.contenders import contenders
+from replay.experiments.hours_ahead.contenders import contenders, seeded
 from replay.experiments.hours_ahead.direct import BLIND, RIDGE, DirectRun, regressors, run_direct
 from replay.experiments.hours_ahead.experiment import COVERED, OVER_BEST
 from replay.experiments.hours_ahead.figures import figures, key
@@ -348,8 +348,8 @@ def test_a_zone_that_leaves_its_estimator_as_it_is_adds_no_contender() -> None:
 
 def test_a_contender_is_named_with_its_options() -> None:
     plain, given = contenders(Request(contender=("ridge", "mkf:particles=64,preset='default'"), particles=500))
-    assert (plain.name, plain.seeded) == ("ridge", False)
-    assert (given.name, given.options, given.seeded) == ("mkf", {"particles": 64, "preset": "default"}, True)
+    assert (plain.estimator, seeded(plain)) == ("ridge", False)
+    assert (given.estimator, given.options, seeded(given)) == ("mkf", {"particles": 64, "preset": "default"}, True)
     (fewer,) = contenders(Request(contender=("rbpf",), particles=500))
     assert fewer.options == {"particles": 500}
     for text, said in (

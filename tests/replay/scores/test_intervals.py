@@ -14,10 +14,6 @@ def test_rmse_by_hand() -> None:
     assert rmse(np.array([3.0, NAN, -4.0])) == pytest.approx(np.sqrt(12.5))
 
 
-def test_coverage_counts_the_bounds_as_inside() -> None:
-    assert coverage(Y, LOWER, UPPER) == 0.5
-
-
 def test_mean_width_by_hand() -> None:
     assert mean_width(LOWER[:4], UPPER[:4]) == 1.5
     assert mean_width(np.array([0.0, NAN]), np.array([2.0, 5.0])) == 2.0

@@ -8,23 +8,20 @@ import numpy as np
 import pytest
 
 from estimator.network.presets import ecolar as ecolar_network
-from replay.localtime import DAY, HOUR, midnight, wall_clock, weekday
+from replay.localtime import HOUR, midnight, wall_clock
 from replay.simulated.ecolar import (
     COLUMNS,
     FAULTS,
-    GRID_STEP,
     HEATER_COLUMNS,
     PANELS,
     PERIODS,
     THETA,
     ZONE,
     ZonePeriod,
-    facade_aperture,
     simulate_period,
     write_raw,
     write_standin,
 )
-from replay.simulated.weather import KONSTANZ, weather
 
 SEED = 2
 
@@ -50,29 +47,6 @@ def rows(name: str, period: ZonePeriod, tmp_path_factory: pytest.TempPathFactory
 def test_parameters_lie_inside_the_box_of_the_network() -> None:
     for parameter in ecolar_network().parameters:
         assert parameter.lower < THETA[parameter.name] < parameter.upper
-
-
-def test_temperatures_and_heating_are_plausible(name: str, period: ZonePeriod) -> None:
-    assert 16 < period.air.min() < period.air.max() < 29
-    duty = (period.heated.powers > 0).mean(axis=0)
-    assert (duty > 0.02).all()
-    assert (duty < 0.8).all()
-    assert set(np.unique(period.heated.powers)) == {0.0, *(panel.power for panel in PANELS)}
-    if name == "spring":
-        assert 31 < period.adjacent.max() < 39
-
-
-def test_people_act_on_weekdays_from_seven_to_six_and_at_night_nothing_does(period: ZonePeriod) -> None:
-    sun = facade_aperture(period.times) * weather(period.times, KONSTANZ, SEED).irradiance
-    local = wall_clock(period.times, ZONE)
-    people = np.abs(period.heated.unmeasured - sun) > 1.0
-    hour = local[people] % DAY / HOUR
-    assert people.mean() > 0.03
-    assert hour.min() >= 7
-    assert hour.max() < 18
-    assert set(weekday(local[people])) <= {0, 1, 2, 3, 4}
-    night = (local % DAY / HOUR < 4) | (local % DAY / HOUR > 22)
-    assert (period.heated.unmeasured[night] == 0).all()
 
 
 def test_raw_rows_have_the_layout_cadence_and_faults(name: str, rows: list[dict[str, str]]) -> None:
@@ -116,10 +90,3 @@ def test_same_seed_same_file_and_the_name_must_say_synthetic(tmp_path: Path, mon
     assert write_standin(tmp_path / "three-synthetic.csv", "spring", 5).read_bytes() != first
     with pytest.raises(ValueError, match="synthetic"):
         write_standin(tmp_path / "ecolar.csv", "spring", 4)
-
-
-def test_grid_is_one_minute() -> None:
-    start = midnight(2025, 10, 25, ZONE)
-    period = simulate_period(start, start + 2 * DAY, 1)
-    assert (np.diff(period.times) == GRID_STEP).all()
-    assert len(period.times) == 2880

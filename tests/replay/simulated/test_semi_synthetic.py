@@ -74,13 +74,6 @@ def test_the_filter_that_ignores_the_gain_loses_the_dominated_steps() -> None:
     assert scores["dominated"] == pytest.approx(0.071, rel=spread)
 
 
-@needs_lyngby
-def test_measured_weather_gives_the_whole_window() -> None:
-    recording = generate(LYNGBY, seed=1)
-    assert len(recording.times) == 22_176
-    assert recording.columns["T_out"][0] == 3.96
-
-
 def test_same_seed_same_numbers_and_fewer_days_are_a_beginning() -> None:
     long, short = generate(None, days=4, seed=5), generate(None, days=2, seed=5)
     assert len(short.times) == 2 * 144
@@ -112,11 +105,6 @@ def test_a_weather_file_that_is_none_is_refused_in_one_sentence(tmp_path: Path, 
     with pytest.raises(WeatherFileError, match=complaint) as caught:
         generate(path, seed=1)
     assert str(path) in str(caught.value)
-
-
-def test_a_weather_file_that_is_absent_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(WeatherFileError, match="cannot be read"):
-        generate(tmp_path / "none.csv", seed=1)
 
 
 @pytest.mark.parametrize("offset", ["", "Z", "+00:00"])

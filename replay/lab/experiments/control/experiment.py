@@ -9,7 +9,6 @@ from replay.experiments.request import Request
 from replay.experiments.study import Run, Study
 from replay.lab.experiments.control.cases import CASES, UNDISTURBED, Scene
 from replay.lab.experiments.control.controllers import EARLY
-from replay.lab.experiments.control.customer import mpc
 from replay.lab.experiments.control.report import figures, report
 from replay.lab.experiments.control.runs import CONTROLLERS, PERFECT, THERMOSTAT, ControlRun, control_job
 from replay.lab.experiments.control.scores import Scores
@@ -31,7 +30,6 @@ def prepare(request: Request) -> Study:
     """The experiment for `request`; ReplayError where it cannot be made, EnergyPlusMissing without the extra."""
     request.accept("seeds", "days", "building", "case")
     library()
-    mpc()
     days = request.days or DAYS
     if days < 3:
         raise ReplayError(f"--days {days}: a third of them is history and the rest is controlled; give 3 or more")

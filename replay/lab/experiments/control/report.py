@@ -8,12 +8,10 @@ import numpy as np
 
 from replay.experiments.study import Figures, Results
 from replay.lab.experiments.control.cases import CASES, PRICES, UNDISTURBED, WARMEST, Scene
-from replay.lab.experiments.control.controllers import DECISION, EARLY
 from replay.lab.experiments.control.front import share_of_the_way
 from replay.lab.experiments.control.perfect import PASSES
 from replay.lab.experiments.control.runs import CONTROLLERS, ESTIMATOR, PERFECT, THERMOGATE, THERMOSTAT, UNTRUSTING
 from replay.lab.experiments.control.scores import Scores
-from replay.localtime import HOUR
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Table, spread
 from replay.reports.kit.verdict import Verdict, at_least, at_most, verdict_table
@@ -128,28 +126,10 @@ def _done(scenes: Sequence[Scene]) -> Section:
             f"{scenes[0].controlled} days, which are scored. Seeds {', '.join(map(str, seeds))}, of people, "
             "thermometers and estimators. EnergyPlus steps every 5 min; thermometers have a noise of 0.03 K.",
             *(f"{name}: {CASES[name].what}" for name in CASES if name in cases),
-            f"A kWh costs by tariff: {tariff} (night from 22:00 to 6:00, peak from 17:00 to 20:00). Comfort is from "
-            f"the set-point of the room, which is lowered at night, to {WARMEST:.0f} degC; discomfort is what the "
-            "exact temperature of each room lies outside, in K h, whether anybody is there or not.",
-            "The thermostat looks every 5 min, has a hysteresis of 0.3 K above the band, and is set up "
-            f"{EARLY / HOUR:.0f} h before the night setback ends. Every other controller is `deploy/examples/mpc.py` "
-            "over the routes of a Thermogate in this process, whose zones take journaled samples: it plans 24 h ahead "
-            f"every {DECISION / 60:.0f} min by a linear programme, each room for itself, with the weather as it will "
-            "be and the last plans of the other rooms, and holds the planned temperature every 5 min. So models of the "
-            "building are compared, and not forecasts of the weather.",
-            "Least squares: the network `auto` fitted in open loop to the history (in a new season: to the first half "
-            "of the days, in which a thermostat heats), its states followed by an EKF. EKF: all parameters learned "
-            "online. Both take every forecast for good, and so does Thermogate without trust. Thermogate: the "
-            f"estimator `{ESTIMATOR}` with its defaults, planning as far as its trust reaches, otherwise the "
-            "thermostat.",
-            f"Perfect knowledge: EnergyPlus is deterministic, so the period is lived {PASSES} times over. Each pass "
-            "plans with what the pass before did to the plant, corrected by heat pulses measured on the plant itself. "
-            "It knows weather, people, windows and thermal response, and plans all rooms together; programme, costs, "
-            "horizon, step and limits are those of the others. So it bounds what any model could give the same "
-            "controller.",
-            "Cost at equal discomfort: thermostat and perfect knowledge are run with several comfort margins, the "
-            "thermostat also with other times of setting up. Costs between neighbouring points of these two fronts are "
-            "interpolated at the discomfort of the controller in question, which has only its usual setting.",
+            f"A kWh costs by tariff: {tariff}. Comfort is from the set-point of the room, which is lowered at night, "
+            f"to {WARMEST:.0f} degC; discomfort is what the exact temperature of each room lies outside, in K h.",
+            f"Thermogate is `{ESTIMATOR}` with its defaults. Who the controllers are, what perfect knowledge is "
+            f"({PASSES} passes over the same period), and what cost at equal discomfort means: docs/experiments.md.",
         ),
     )
 

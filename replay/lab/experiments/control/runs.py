@@ -116,6 +116,6 @@ def _sources() -> str:
     own = [Path(__file__).parent / f"{name}.py" for name in _ACTING]
     folders = (replay_folder / "energyplus", service_folder / "zone", service_folder / "forecast")
     digest = hashlib.sha256()
-    for file in [*own, *(file for folder in folders for file in sorted(folder.rglob("*.py"))), customer.path()]:
+    for file in [*own, *(file for folder in folders for file in sorted(folder.rglob("*.py"))), customer.PATH]:
         digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +18,15 @@ from replay.experiments.request import Request, names_of
 from replay.experiments.series.filtering import FilterRun, Series, Trace
 from replay.experiments.series.least_squares import LeastSquaresRun, segments_of
 from replay.experiments.series.networks import network_of
-from replay.experiments.study import Figures, Results, Run, Study
+from replay.experiments.study import Contender, Figures, Results, Run, Study
+from replay.lab import EXAMPLES
 from replay.lab.experiments import published
 from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, night_job
 from replay.localtime import DAY, HOUR, wall_clock
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Table
 from replay.scores import interval_scores, rmse
-from replay.simulated.ecolar import COLUMNS, HEATER_COLUMNS, PERIODS, ZONE, write_standin
+from replay.simulated.ecolar import PERIODS, ZONE, write_standin
 from service.config.load import Config, load
 
 NETWORK = "ecolar-6r4c"
@@ -36,35 +37,6 @@ SEEDS = 3
 _STARTS = 4
 _SHORTEST_SEGMENT = 12
 BEST, LEAST_SQUARES = "RBPF default", "least squares, offline"
-
-_CONFIGURATION = """\
-[site]
-id = "ecolar"
-[sources.recording]
-kind = "csv"
-files = [{file}]
-timestamp = {{ column = "{columns[0]}", format = "iso8601", zone = "{zone}" }}
-[[zones]]
-id = "living"
-period = {period}
-network = "{network}"
-max_gap = 0
-hold_inputs = "0s"
-[zones.channels]
-T_air = {{ source = "recording", column = "{columns[1]}", unit = "degC" }}
-T_out = {{ source = "recording", column = "{columns[2]}", unit = "degC" }}
-T_adj = {{ source = "recording", column = "{columns[3]}", unit = "degC" }}
-u_heat = {{ source = "recording", columns = [{heaters}], unit = "kW", aggregate = "first", valid = [0, 20000] }}
-"""
-"""Preprocessing of paper 4.3.1: an interval that lacks a channel is dropped, nothing is bridged."""
-
-
-class Contender(NamedTuple):
-    """An online estimator in the comparison."""
-
-    label: str
-    estimator: str
-    options: Mapping[str, object]
 
 
 _NOISE: Mapping[str, object] = {"measurement_sd": MEASUREMENT_SD}
@@ -87,15 +59,12 @@ def prepare(request: Request) -> Study:
         raise ReplayError(
             f"network '{network.name}' does not fit the recording; it needs the channels {', '.join(needed)}"
         )
-    with tempfile.TemporaryDirectory(prefix="thermogate-ecolar-") as directory:
-        periods = dict(_read(request, Path(directory)))
+    periods = dict(_read(request))
     runs = []
     for name, series in periods.items():
         for seed in request.seeds_or(SEEDS):
             for contender in CONTENDERS:
-                options = dict(contender.options)
-                if contender.estimator == "rbpf" and request.particles is not None:
-                    options["particles"] = request.particles
+                options = contender.with_particles(request.particles).options
                 run = FilterRun(contender.estimator, options, network, PERIOD, series, seed)
                 job = night_job(f"{name} {contender.label}", NightRun(run, series, ZONE, MEASUREMENT_SD))
                 runs.append(Run(name, contender.label, job))
@@ -172,10 +141,8 @@ def _report(results: Results, request: Request, periods: Mapping[str, Series]) -
                 (
                     f"Every estimator learned the zone online from {source}; {told}. Nothing is known of the true "
                     "parameters, so the models are judged by what they forecast. Figures are means over the seeds of "
-                    "the estimators ± standard deviation.",
-                    "`one_step` is the interval published before the temperature was measured, against the "
-                    "measurement. `filtered` is the interval of the state after the measurement, against that same "
-                    "measurement, as the paper's authors score their table 7; it says little about forecasts.",
+                    "the estimators ± standard deviation. `filtered` intervals are of the state after the measurement, "
+                    "against that same measurement, as in the paper's table 7; they say little about forecasts.",
                 ),
             ),
             Section(
@@ -245,40 +212,19 @@ def _nights(results: Results, real: bool) -> Table:
     )
 
 
-def _read(request: Request, folder: Path) -> list[tuple[str, Series]]:
+def _read(request: Request) -> Iterator[tuple[str, Series]]:
     """Each period's name and samples: the files of --data, otherwise stand-ins that are written for the purpose."""
-    files = [(name, path.resolve()) for name, path in zip(names_of(request.data), request.data, strict=True)]
-    if not files:
-        files = [
-            (name, write_standin(folder / f"ecolar-{name}-SYNTHETIC.csv", name))
+    with tempfile.TemporaryDirectory(prefix="thermogate-ecolar-") as folder:
+        files = list(zip(names_of(request.data), request.data, strict=True)) or [
+            (name, write_standin(Path(folder) / f"ecolar-{name}-SYNTHETIC.csv", name))
             for name in steps(PERIODS, "simulating")
         ]
-    read = []
-    for name, path in steps(files, "reading"):
-        config = configuration(path, folder)
-        read.append((name, _series(config, request.days)))
-    return read
+        for name, path in steps(files, "reading"):
+            config = configuration(path)
+            recording = of_zone(config, config.zones[0])
+            yield name, (recording if request.days is None else recording.first_days(request.days)).series
 
 
-def _series(config: Config, days: int | None) -> Series:
-    recording = of_zone(config, config.zones[0])
-    return (recording if days is None else recording.first_days(days)).series
-
-
-def configuration(log: Path, folder: Path) -> Config:
-    """The configuration of one zone that `log`, in Ecolar's raw layout, feeds; `folder` is for the file it takes."""
-    text = _CONFIGURATION.format(
-        file=_quoted(str(log)),
-        columns=COLUMNS,
-        zone=ZONE,
-        period=PERIOD,
-        network=NETWORK,
-        heaters=", ".join(map(_quoted, HEATER_COLUMNS)),
-    )
-    path = folder / "ecolar.toml"
-    path.write_text(text, encoding="utf-8")
-    return load(path)
-
-
-def _quoted(text: str) -> str:
-    return "'" + text + "'" if '"' in text or "\\" in text else f'"{text}"'
+def configuration(log: Path) -> Config:
+    """The example of a zone that `log`, in Ecolar's raw layout, feeds; it is preprocessed as in paper 4.3.1."""
+    return load(EXAMPLES / "ecolar.toml", [f"sources.recording.files={json.dumps([str(log.resolve())])}"])

@@ -88,9 +88,8 @@ def _standin(period: Literal["spring", "autumn"], seed: int) -> Recording:
 
 def _read_log(path: Path) -> ZoneRecord:
     """An Ecolar log on the grid, preprocessed as in the paper."""
-    with tempfile.TemporaryDirectory(prefix="thermogate-topology-") as folder:
-        config = configuration(path.resolve(), Path(folder))
-        return read_zone(config, config.zones[0])
+    config = configuration(path)
+    return read_zone(config, config.zones[0])
 
 
 def _with_sun(record: ZoneRecord, irradiance: Array) -> ZoneRecord:

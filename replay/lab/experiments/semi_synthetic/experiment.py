@@ -17,7 +17,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.filtering import FLOOR, REGIMES, FilterRun, Trace, filter_job
 from replay.experiments.series.least_squares import LeastSquaresRun, least_squares_job, segments_of
 from replay.experiments.series.networks import network_of
-from replay.experiments.study import Figures, Results, Run, Study
+from replay.experiments.study import Contender, Figures, Results, Run, Study
 from replay.lab.experiments import published
 from replay.lab.experiments.semi_synthetic.case import HELD, Case, simulated_case
 from replay.lab.experiments.semi_synthetic.figures import (
@@ -41,18 +41,8 @@ from replay.simulated.semi_synthetic import FULL_DAYS, MEASUREMENT_NOISE_SD, PER
 SEEDS = 5
 BUILDING = "building-67"
 """The network that the published numbers are about."""
-LEAST_SQUARES = "least squares, offline"
+LEAST_SQUARES, KNOWING = "least squares, offline", "floor: true parameters, gain known"
 _STARTS = 3
-
-
-class Contender(NamedTuple):
-    """An online estimator in the comparison; `held` parameters stay at the truth."""
-
-    label: str
-    estimator: str
-    options: Mapping[str, object]
-    held: tuple[str, ...] = ()
-    gain_known: bool = False
 
 
 def contenders(network: Network) -> list[Contender]:
@@ -85,7 +75,7 @@ def contenders(network: Network) -> list[Contender]:
         *found,
         *kalman,
         Contender("Kalman filter, true parameters, gain ignored", FLOOR, truth, everything),
-        Contender("floor: true parameters, gain known", FLOOR, truth, everything, gain_known=True),
+        Contender(KNOWING, FLOOR, truth, everything),
     ]
 
 
@@ -164,12 +154,10 @@ def _jobs(network: Network, case: Case, seed: int, particles: int | None) -> Ite
     """Every contender, then the fit."""
     for contender in contenders(network):
         entered, series = network.with_fixed(contender.held), case.series
-        if contender.gain_known:
+        if contender.label == KNOWING:
             entered = with_known_gain(entered, network.measured[0], GAIN_CHANNEL)
             series = series._replace(inputs=np.column_stack([series.inputs, case.truth.unmeasured_gain]))
-        options = dict(contender.options)
-        if contender.estimator == "rbpf" and particles is not None:
-            options["particles"] = particles
+        options = contender.with_particles(particles).options
         run = FilterRun(contender.estimator, options, entered, PERIOD, series, seed)
         yield contender.label, filter_job(contender.label, run)
     fit = LeastSquaresRun(network, PERIOD, segments_of(case.series), _STARTS, seed)
@@ -248,7 +236,7 @@ def _report(results: Results, network: Network, request: Request, cases: Mapping
 def _lead(results: Results) -> tuple[str, ...]:
     """For a hurried reader, with the numbers of this run."""
     (name,), winkler = results.recordings, key(ONE_STEP, "Winkler, K")
-    own, floor = results.contenders[0], next(label for label in results.contenders if label.startswith("floor"))
+    own, floor = results.contenders[0], KNOWING
     kalman = [label for label in results.contenders if re.fullmatch(_KALMAN, label)]
     best = min(kalman, key=lambda label: results.mean(name, label, winkler))
     inside = results.mean(name, own, key(ONE_STEP, "coverage"))
@@ -278,13 +266,8 @@ def _done(network: Network, request: Request, cases: Mapping[int, Case]) -> Sect
             f"{PERIOD // 60} min, with a heater that switches at random and, "
             f"{100 * float(case.truth.disturbance_dominated.mean()):.0f} % of the time, a strong heat gain that no "
             f"estimator is told of. The thermometer has {MEASUREMENT_NOISE_SD} K of noise. Every estimator then "
-            "learned the building online, as it would in the daemon.",
-            f"Seeds: {', '.join(map(str, cases))}. Figures are means over seeds ± standard deviation. RBPF with "
-            f"{particles:,} particles. {comparable}",
-            "`one_step` is the interval published before the temperature was measured, against the measurement. "
-            "`filtered` is the interval of the state after the measurement, against the true temperature, which only a "
-            "simulation knows; the paper's table 5 is of that kind. '6 free' holds C_i, C_h, C_s and g_is at the "
-            "truth, as the paper's authors did; 'paper' are the settings of the paper.",
+            f"learned the building online. Seeds: {', '.join(map(str, cases))}; figures are means over them ± standard "
+            f"deviation. RBPF with {particles:,} particles. {comparable} The words of the tables: docs/experiments.md.",
         ),
     )
 
