@@ -35,7 +35,7 @@ from replay.experiments.hours_ahead.runs import HoursRun, run_hours
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import FilterRun, Series
 from replay.experiments.series.recorded_zone import bridged, read_zone, samples_of
-from replay.lab.experiments.recordings import ARMADILLO, DARKGREYBOX, FLEXHOUSE, RECORDINGS
+from replay.lab.experiments.recordings import RECORDINGS
 from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.localtime import DAY, HOUR
 from replay.simulated.semi_synthetic import PERIOD
@@ -319,12 +319,6 @@ def test_verdicts_follow_from_the_numbers(building: Path) -> None:
     assert float(average["found (mean ± sd over seeds)"]) == pytest.approx(ratios["6 h"])
 
 
-def test_a_finished_run_only_writes_its_report_again(building: Path) -> None:
-    files = {path: path.stat().st_mtime_ns for path in (building / "runs").iterdir()}
-    experiment(building, "--days", "3", "--seeds", "1", "--recording", "building 67")
-    assert {path: path.stat().st_mtime_ns for path in (building / "runs").iterdir()} == files
-
-
 def test_a_configuration_brings_its_recording_and_its_estimator(tmp_path: Path) -> None:
     config = str(ROOT / "deploy/examples/generic-csv.toml")
     own = ["--set", "zones.room-1.estimator='mkf'", "--set", "zones.room-1.estimator_options={particles=16}"]
@@ -388,11 +382,6 @@ def read(name: str) -> Recording:
     return found
 
 
-def test_what_is_not_at_hand_is_left_out(tmp_path: Path) -> None:
-    assert [RECORDINGS[name](tmp_path) for name in ("FlexHouse", "darkgreybox demo", "armadillo")] == [None] * 3
-    assert RECORDINGS["FlexHouse"](None) is None
-
-
 @measured
 @pytest.mark.parametrize(
     ("name", "samples", "period", "inputs"),
@@ -415,11 +404,6 @@ def test_measured_recordings_are_read(name: str, samples: int, period: int, inpu
     for channel, values in zip(inputs, recording.series.inputs.T, strict=True):
         low, high = limits[channel]
         assert low - 20 <= values.min() <= values.max() <= high, channel
-
-
-@measured
-def test_the_files_are_where_the_folder_has_them() -> None:
-    assert all((DATA / path).exists() for path in (FLEXHOUSE, DARKGREYBOX, ARMADILLO))
 
 
 @measured

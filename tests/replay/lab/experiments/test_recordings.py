@@ -28,12 +28,6 @@ def test_a_fit_is_no_worse_than_what_darkgreybox_publishes() -> None:
     assert fit_open_loop(network, HOUR, [segment], starts=6).rmse < 0.372
 
 
-@measured
-def test_what_is_there_is_read_and_what_is_not_is_named() -> None:
-    (recording,) = at_hand(DATA, ["FlexHouse"])
-    assert (len(recording.series.times), recording.period) == (1691, 300)
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -47,8 +41,3 @@ def test_another_file_under_the_name_is_refused(text: str, said: str, tmp_path: 
     (tmp_path / ARMADILLO).write_text(text, encoding="utf-8")
     with pytest.raises(ReplayError, match=said):
         at_hand(tmp_path, ["armadillo"])
-
-
-def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ReplayError, match="it holds none of"):
-        at_hand(tmp_path, [])
