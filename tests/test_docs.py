@@ -278,8 +278,8 @@ def test_the_changelog_tells_the_versions_of_stored_state() -> None:
 
 
 def assert_values_as_documented(table: list[list[str]], shown: list[Any]) -> None:
-    """Each row of `table` has, before range and meaning, the value of its option in each of the options `shown`."""
-    for name, *cells, _, _ in table[1:]:
+    """Each row of `table` has, before its meaning, the value of its option in each of the options `shown`."""
+    for name, *cells, _ in table[1:]:
         for cell, resolved in zip(cells, shown, strict=True):
             value = getattr(resolved, names(name)[0])
             if isinstance(value, bool | str):
