@@ -26,6 +26,8 @@ from estimator.arrays import Array
 from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
+from estimator.diagnosis.telemetry import lies
+from estimator.diagnosis.telemetry.recent import Recent, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
 from estimator.thermostat import thermostat as thermostats
@@ -79,6 +81,10 @@ class Carried(NamedTuple):
     """The inputs of the last day."""
     record: Record
     """Sums over the last weeks."""
+    recent: Recent
+    """What was measured in the last fortnight."""
+    suspicions: tuple[lies.Suspicion, ...] = ()
+    """What of it cannot be believed."""
     diagnosis: Diagnosis = Diagnosis()
     """The newest."""
     vanished: int = 0
@@ -139,7 +145,7 @@ class Loop:
         """Nothing has been seen."""
         width, period = len(self.estimator.network.inputs), int(self.estimator.period)
         nothing = Held(np.full(width, np.nan), np.full(width, np.nan))
-        return Carried(nothing, no_day(width, period), no_record(width))
+        return Carried(nothing, no_day(width, period), no_record(width), nothing_recent(width, period))
 
     def driving(self, times: Array, inputs: Array) -> Array:
         """What drives the estimator over the intervals that begin at `times` (h,) [UTC s], under measured or planned
@@ -193,17 +199,32 @@ class Loop:
         if not self._single_steps and (carried.thermostat is not None or not math.isnan(setpoint)):
             learns = not started and posterior.outcome is not Outcome.VANISHED
             after = self._thermostat(after, time, outputs, drive, setpoint, started=started, learns=learns)
+        if not self._single_steps:
+            after = self._watched(after, time, float(outputs[0]))
         if not self._single_steps and due(estimator.network, before, record, time, int(estimator.period), self._seed):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
         return Step(after, posterior, started, scored, ahead)
+
+    def _watched(self, carried: Carried, time: int, output: float) -> Carried:
+        """`carried` with what was measured at `time`, looked through once in lies.EVERY s."""
+        network, period = self.estimator.network, int(self.estimator.period)
+        measured = np.where(carried.held.times == time + period, carried.held.values, np.nan)
+        recent = with_measured(carried.recent, time, output, measured)
+        after = carried._replace(recent=recent)
+        phase = self._seed % lies.EVERY
+        if (time + phase) // lies.EVERY == (time + period + phase) // lies.EVERY:
+            return after
+        suspicions = lies.looked(network, recent, carried.suspicions, time + period)
+        found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
+        return after._replace(suspicions=suspicions, diagnosis=found)
 
     def diagnose(self, carried: Carried) -> Diagnosis:
         """What is not known now; empty before the first sample."""
         if carried.standing is None:
             return Diagnosis()
         state, inputs = carried.standing.state, carried.held.values
-        return diagnose(
+        found = diagnose(
             self.estimator,
             state,
             carried.record,
@@ -211,6 +232,7 @@ class Loop:
             thermostat=carried.thermostat,
             proposes_bounds=self._proposes_bounds,
         )
+        return found._replace(findings=lies.among(found.findings, self.estimator.network, carried.suspicions))
 
     def _thermostat(
         self,

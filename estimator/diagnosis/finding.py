@@ -16,7 +16,31 @@ NARROWER_BOUNDS = "narrower-bounds"
 CALLS_WITHOUT_HEAT = "calls-without-heat"
 HEAT_WITHOUT_CALL = "heat-without-call"
 
+SENSOR_STUCK = "sensor-stuck"
+SENSOR_SPIKES = "sensor-spikes"
+SENSOR_JUMPED = "sensor-jumped"
+SENSOR_DRIFTS = "sensor-drifts"
+UNIT_CHANGED = "unit-changed"
+SIGN_FLIPPED = "sign-flipped"
+METER_DEAD = "meter-dead"
+METER_LATE = "meter-late"
+CHANNELS_SWAPPED = "channels-swapped"
+
+TELEMETRY = (
+    CHANNELS_SWAPPED,
+    SENSOR_STUCK,
+    SENSOR_SPIKES,
+    UNIT_CHANGED,
+    SIGN_FLIPPED,
+    METER_DEAD,
+    METER_LATE,
+    SENSOR_JUMPED,
+    SENSOR_DRIFTS,
+)
+"""Findings about what is measured. While there is one, forecasts rest on telemetry that is not to be believed."""
+
 FINDINGS = (
+    *TELEMETRY,
     CALLS_WITHOUT_HEAT,
     HEAT_WITHOUT_CALL,
     IMPLAUSIBLE,
@@ -41,7 +65,7 @@ class Finding:
     """Something about the zone's model that is not known or not plausible."""
 
     finding: str = _told("stable name of the kind of finding", AT_BOUND)
-    subject: str = _told("a parameter, heat_loss, a variant of the network, or zone", "C_i")
+    subject: str = _told("a parameter, a channel, heat_loss, a variant of the network, or zone", "C_i")
     sentence: str = _told("the problem and its remedy in one sentence")
 
 

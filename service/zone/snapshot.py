@@ -22,6 +22,8 @@ from pydantic.dataclasses import dataclass
 from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record
+from estimator.diagnosis.telemetry.lies import Suspicion
+from estimator.diagnosis.telemetry.recent import Recent
 from estimator.foresight import Day
 from estimator.loop import Held
 from estimator.loop import Standing as LoopStanding
@@ -40,6 +42,7 @@ _VERIFIED = "verified."
 _ISSUED = "issued."
 _RECORD = "record."
 _DAY = "day."
+_RECENT = "recent."
 _THERMOSTAT = "thermostat."
 _LIVE = "live."
 
@@ -55,6 +58,7 @@ class _Meta:
     latest: Annotated[Update, BeforeValidator(partial(named, Update)), PlainSerializer(stored)]
     diagnosis: Annotated[Diagnosis, BeforeValidator(partial(named, Diagnosis)), PlainSerializer(stored)] = Diagnosis()
     trust: Annotated[Trust, BeforeValidator(partial(named, Trust)), PlainSerializer(stored)] = Trust()
+    suspicions: tuple[Suspicion, ...] = ()
 
 
 _META = TypeAdapter(_Meta)
@@ -96,8 +100,11 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     arrays |= {_HELD_VALUES: carried.held.values, _HELD_TIMES: carried.held.times}
     update, progress = standing.update, worker.progress
     shown = update._replace(gate=update.shown_gate, effective_sample_size=update.shown_sample_size)
-    meta = _META.dump_python(_Meta(worker.input_quality, progress, shown, carried.diagnosis, worker.trust), mode="json")
+    meta = _META.dump_python(
+        _Meta(worker.input_quality, progress, shown, carried.diagnosis, worker.trust, carried.suspicions), mode="json"
+    )
     arrays |= {_DAY + name: value for name, value in carried.day._asdict().items()}
+    arrays |= {_RECENT + name: value for name, value in carried.recent._asdict().items()}
     arrays |= {_RECORD + name: value for name, value in carried.record._asdict().items()}
     if carried.thermostat is not None and carried.live is not None:
         arrays |= {_THERMOSTAT + name: value for name, value in thermostats.pack(carried.thermostat).items()}
@@ -138,8 +145,12 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
         standing=standing,
         day=Day(**_under(_DAY, checkpoint)),
         record=Record(**_under(_RECORD, checkpoint)),
+        suspicions=meta.suspicions,
         diagnosis=meta.diagnosis,
     )
+    # State of before the telemetry was watched has none.
+    if recent := _under(_RECENT, checkpoint):
+        carried = carried._replace(recent=Recent(**recent))
     # Neither is there before the zone was told a set-point.
     if known := _under(_THERMOSTAT, checkpoint):
         thermostat = thermostats.unpack(known, len(worker.network.inputs))

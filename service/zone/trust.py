@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from adapters.fields.durations import format_duration
-from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, Diagnosis
+from estimator.diagnosis.finding import AGAINST_BALANCE, IMPLAUSIBLE, MISSES_SOMETHING, TELEMETRY, Diagnosis
 from estimator.types import Outcome
 from service.records.skill import Better, HorizonSkill, IssuedSkill, Skill
 from service.records.trust import DOUBTFUL, LEARNING, TRUSTED, UNTRUSTED, HorizonTrust, Trust
@@ -94,7 +94,8 @@ def judged(before: Trust, update: Update, skill: Skill | None, diagnosis: Diagno
         good_up_to = max((lead for lead in good if lead < min(better, default=lead + 1)), default=0)
         usual = skill.over(7)[0].width
     disturbed = _disturbed(before.disturbed, update, usual)
-    told = tuple(_told(one, update, disturbed) for one in horizons)
+    lies = next((found.sentence for found in diagnosis.findings if found.finding in TELEMETRY), "")
+    told = tuple(_told(one, update, disturbed, lies) for one in horizons)
     return Trust(
         update.time,
         told,
@@ -221,11 +222,14 @@ def _disturbed(before: bool, update: Update, usual: float) -> bool:
     return high and width > (WIDE if before else WIDER) * usual > 0.0
 
 
-def _told(one: HorizonTrust, update: Update, disturbed: bool) -> HorizonTrust:
-    """The horizon as it is published: as verified, unless this moment is worse."""
+def _told(one: HorizonTrust, update: Update, disturbed: bool, lies: str) -> HorizonTrust:
+    """The horizon as it is published: as verified, unless this moment is worse; `lies` says what of the telemetry is
+    not to be believed."""
     level, reason = one.verified, one.why
     if update.outcome == Outcome.VANISHED:
         level, reason = UNTRUSTED, "the model cannot explain the last measurement"
+    elif lies and level != LEARNING:
+        level, reason = UNTRUSTED, lies
     elif disturbed and level == TRUSTED and one.lead <= DISTURBED_UP_TO:
         level, reason = DOUBTFUL, "something acts on the zone that the model does not know, such as people or a window"
     planned = level

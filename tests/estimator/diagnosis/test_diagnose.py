@@ -167,6 +167,15 @@ def test_a_diagnosis_is_due_every_few_hours_and_at_the_first_heating():
 
 def test_names_are_stable():
     assert FINDINGS == (
+        "channels-swapped",
+        "sensor-stuck",
+        "sensor-spikes",
+        "unit-changed",
+        "sign-flipped",
+        "meter-dead",
+        "meter-late",
+        "sensor-jumped",
+        "sensor-drifts",
         "calls-without-heat",
         "heat-without-call",
         "forecast-implausible",

@@ -184,6 +184,15 @@ def test_findings_lower_the_trust_where_they_matter():
     assert level(after(Trust(), skill(), findings=["parameter-at-bound"])) == "trusted"
 
 
+def test_telemetry_that_is_not_to_be_believed_takes_all_trust_while_it_lasts():
+    trust = after(Trust(), skill())
+    lied = after(trust, None, findings=["unit-changed"])
+    assert (level(lied, 0), level(lied)) == ("untrusted", "untrusted")
+    assert {one.planned for one in lied.horizons} == {"untrusted"}
+    assert lied.horizons[0].reason == "unit-changed; do something"
+    assert level(after(lied, None)) == "trusted"
+
+
 def test_what_acts_now_makes_the_next_hours_doubtful_until_it_is_over():
     trust = after(Trust(), skill())
     calm = make_update(20)

@@ -1,0 +1,66 @@
+"""The last fortnight of a zone's telemetry, as it was measured.
+
+A sample is kept in the slot of its time, so that memory does not grow with time or with the rate of sampling.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+
+_DAY = 86400
+DAYS = 14
+_SLOT = 600
+"""Slots are this long, in s, or as long as a period."""
+
+
+class Recent(NamedTuple):
+    """m slots of n = 1 + n_u channels: the first output, then the inputs. NaN marks what was not measured."""
+
+    times: Array
+    """(m,): beginnings of the slots [UTC s]; NaN for an empty one."""
+    counts: Array
+    """(n,): measurements in the newest slot."""
+    values: Array
+    """(m, n): of the output the last, of every input the mean."""
+
+
+def nothing_recent(width: int, period: int) -> Recent:
+    """Nothing was measured of `width` inputs that are sampled every `period` s."""
+    slots = DAYS * (_DAY // max(period, _SLOT))
+    return Recent(np.full(slots, np.nan), np.zeros(width + 1), np.full((slots, width + 1), np.nan))
+
+
+def with_measured(recent: Recent, time: int, output: float, inputs: Array) -> Recent:
+    """`recent` with the sample at `time` [UTC s]: its first output [degC] and the inputs (n_u,), NaN if missing."""
+    length = slot(recent)
+    begin = time // length * length
+    place = begin // length % len(recent.times)
+    times, counts, values = (each.copy() for each in recent)
+    if times[place] != begin:
+        times[place], values[place], counts = begin, np.nan, np.zeros_like(counts)
+    sample = np.concatenate([[output], inputs])
+    known = ~np.isnan(sample)
+    so_far = np.where(counts > 0.0, values[place], 0.0)
+    average = so_far + (sample - so_far) / (counts + 1.0)
+    average[0] = output
+    values[place] = np.where(known, average, values[place])
+    return Recent(times, counts + known, values)
+
+
+def slot(recent: Recent) -> int:
+    """Length of a slot [s]."""
+    return DAYS * _DAY // len(recent.times)
+
+
+def until(recent: Recent, time: float) -> Array:
+    """(m, n): the slots of the fortnight that ends with the one before `time` [UTC s], the oldest first."""
+    length, count = slot(recent), len(recent.times)
+    begins = (time // length - np.arange(count, 0, -1)) * length
+    places = (begins // length).astype(np.int64) % count
+    rows = recent.values[places].copy()
+    rows[recent.times[places] != begins] = np.nan
+    return rows

@@ -1,0 +1,133 @@
+"""Telemetry that lies, in a heated house: what is found, by which name, how soon, and when it is over."""
+
+import numpy as np
+import pytest
+
+from estimator.diagnosis.finding import (
+    CHANNELS_SWAPPED,
+    METER_DEAD,
+    METER_LATE,
+    SENSOR_DRIFTS,
+    SENSOR_JUMPED,
+    SENSOR_SPIKES,
+    SENSOR_STUCK,
+    SIGN_FLIPPED,
+    UNIT_CHANGED,
+    Finding,
+)
+from estimator.diagnosis.telemetry.lies import Suspicion, among, looked
+from estimator.diagnosis.telemetry.recent import nothing_recent, slot, until, with_measured
+from estimator.network.presets import network
+from tests.support.thermostat_house import recorded
+
+PERIOD = 600
+DAY = 86400 // PERIOD
+NETWORK = network("tite")
+CLEAN, LYING, AFTER = 9 * DAY, 4 * DAY, 3 * DAY
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """(n, 3): room, outdoor and heating of a house with a thermostat, whose outdoor thermometer has some noise."""
+    outputs, inputs, _ = recorded(30, PERIOD)
+    inputs[:, 0] += 0.05 * np.random.default_rng(3).standard_normal(len(inputs))
+    return np.column_stack([outputs, inputs])
+
+
+def watched(rows, begin=0):
+    """(place, suspicions) after every hour."""
+    recent, stood = nothing_recent(2, PERIOD), ()
+    for place, row in enumerate(rows):
+        recent = with_measured(recent, place * PERIOD, row[0], row[1:])
+        if place % 6 == 5:
+            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD)
+            if place >= begin:
+                yield place, stood
+
+
+def spikes(column):
+    return np.where(np.arange(len(column)) % 25 == 7, column + 6.0, column)
+
+
+LIES = {
+    "stuck": (0, lambda rows: np.full(len(rows), rows[0, 0]), SENSOR_STUCK, 3),
+    "spikes": (0, lambda rows: spikes(rows[:, 0]), SENSOR_SPIKES, 12),
+    "offset": (0, lambda rows: rows[:, 0] + 2.0, SENSOR_JUMPED, 3),
+    "drift": (0, lambda rows: rows[:, 0] + 0.1 * np.arange(len(rows)) * PERIOD / 3600.0, SENSOR_DRIFTS, 48),
+    "outdoor stuck": (1, lambda rows: np.full(len(rows), rows[0, 1]), SENSOR_STUCK, 3),
+    "outdoor flipped": (1, lambda rows: -rows[:, 1], SIGN_FLIPPED, 24),
+    "kW": (2, lambda rows: rows[:, 2] / 1000.0, UNIT_CHANGED, 12),
+    "mW": (2, lambda rows: rows[:, 2] * 1000.0, UNIT_CHANGED, 12),
+    "sign": (2, lambda rows: -rows[:, 2], SIGN_FLIPPED, 12),
+    "dead": (2, lambda rows: np.zeros(len(rows)), METER_DEAD, 24),
+    "late": (2, lambda rows: np.concatenate([rows[:6, 2], rows[:-6, 2]]), METER_LATE, 24),
+}
+"""Column, what it tells instead, the name of the finding and in how many hours it is found."""
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_lie_is_found_by_its_name(rows, lie):
+    column, told, name, within = LIES[lie]
+    lying = rows.copy()
+    part = slice(CLEAN, CLEAN + LYING)
+    lying[part, column] = told(rows[part])
+    found = {}
+    for place, stood in watched(lying[: CLEAN + within * 6], CLEAN):
+        for one in stood:
+            found.setdefault((one.name, one.column), (place - CLEAN) / 6)
+    assert (name, column) in found
+
+
+def test_exchanged_channels_are_found_and_nothing_else_is_said_of_them(rows):
+    lying = rows[: CLEAN + 24].copy()
+    lying[CLEAN:, [0, 1]] = lying[CLEAN:, [1, 0]]
+    *_, (_, stood) = watched(lying, CLEAN)
+    assert [(one.name, one.column) for one in stood] == [(CHANNELS_SWAPPED, 1)]
+
+
+def test_nothing_is_suspected_of_a_house_that_tells_the_truth(rows):
+    assert not [stood for _, stood in watched(rows) if stood]
+
+
+@pytest.mark.parametrize("lie", ["stuck", "spikes", "outdoor stuck", "outdoor flipped", "kW", "sign", "dead"])
+def test_a_suspicion_ends_with_the_lie(rows, lie):
+    column, told, name, _ = LIES[lie]
+    lying = rows[: CLEAN + DAY + AFTER].copy()
+    lying[CLEAN : CLEAN + DAY, column] = told(rows[CLEAN : CLEAN + DAY])
+    *_, (_, stood) = watched(lying, CLEAN + DAY)
+    assert name not in {one.name for one in stood}
+
+
+def test_a_suspicion_keeps_the_time_at_which_it_began(rows):
+    lying = rows[: CLEAN + DAY].copy()
+    lying[CLEAN:, 0] = lying[CLEAN, 0]
+    begun = {one.since for _, stood in watched(lying, CLEAN) for one in stood if one.name == SENSOR_STUCK}
+    assert len(begun) == 1
+    assert abs(begun.pop() - CLEAN * PERIOD) <= PERIOD
+
+
+def test_missing_rows_are_no_lie(rows):
+    patchy = rows.copy()
+    patchy[12 * DAY : 13 * DAY] = np.nan
+    patchy[np.random.default_rng(1).random(patchy.shape) < 0.1] = np.nan
+    assert not [stood for _, stood in watched(patchy) if stood]
+
+
+def test_a_finding_names_the_channel_and_takes_the_place_of_the_last_one():
+    about_model = Finding("parameter-at-bound", "C_i", "a sentence")
+    findings = among((about_model,), NETWORK, (Suspicion(UNIT_CHANGED, 2, 0.0), Suspicion(SENSOR_STUCK, 0, 0.0)))
+    assert [(one.finding, one.subject) for one in findings] == [
+        (SENSOR_STUCK, NETWORK.measured[0]),
+        (UNIT_CHANGED, NETWORK.inputs[1]),
+        ("parameter-at-bound", "C_i"),
+    ]
+    assert NETWORK.inputs[1] in findings[1].sentence
+    assert among(findings, NETWORK, ()) == (about_model,)
+
+
+def test_a_slot_has_the_mean_of_its_inputs_and_the_last_output():
+    recent = nothing_recent(1, 60)
+    for minute, heat in enumerate([0.0, 100.0, np.nan, 200.0]):
+        recent = with_measured(recent, 3600 + 60 * minute, 20.0 + minute, np.array([heat]))
+    assert until(recent, 3600 + slot(recent))[-1] == pytest.approx([23.0, 100.0])
+    assert np.isnan(until(recent, 3600)).all()
