@@ -5,7 +5,6 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from adapters.fields.problems import Problems
 from adapters.schedule.config import ScheduleConfig
 from adapters.schedule.source import ScheduleSource
 from service.config.load import load
@@ -39,27 +38,6 @@ def week():
 )
 def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
     assert week().at(datetime.fromisoformat(time).timestamp()) == value
-
-
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"days": [*DAYS, {"on": ["mon"], "at": {"00:00": 20.0}}]}, "days: mon named twice; name every day once"),
-        ({"days": DAYS[:1]}, "days: nothing for sat, sun; name every day of the week once"),
-        ({"country": None}, 'days has values for "holiday"; give the country whose public holidays are meant'),
-        ({"country": "XX"}, 'country: "XX" is not a country that it knows'),
-        ({"days": [{"on": ["monday"], "at": {"00:00": 20.0}}]}, "must be one of mon, tue, wed, thu, fri, sat, sun"),
-        ({"days": [{"on": ["mon"], "at": {"25:00": 20.0}}]}, 'must be a time of day such as "06:30", not "25:00"'),
-        ({"time_zone": "Mars"}, "time_zone"),
-    ],
-)
-def test_a_mistake_is_one_sentence_with_its_place(changes, sentence):
-    written = {name: value for name, value in (TABLE | changes).items() if value is not None}
-    problems = Problems({"sources": {"hours": written}})
-    problems.read(ScheduleConfig, written, ("sources", "hours"), {})
-    (found,) = problems.sentences
-    assert found.startswith("sources.hours")
-    assert sentence in found
 
 
 async def test_the_source_delivers_what_the_schedule_has_now():

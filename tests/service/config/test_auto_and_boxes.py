@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from service.config.network_tables import PresetConfig
 from service.config.networks import preset_network, resolve
 from service.config.site import ZoneConfig
 from service.config.written import effective_toml
-from service.errors import ConfigError
 
 SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
 NEIGHBOUR = {"source": "log", "column": "Bedroom", "unit": "degC"}
@@ -97,26 +95,6 @@ def test_what_is_shown_as_effective_is_the_same_bank(tmp_path: Path) -> None:
     assert list(again.zones[0].options.members) == list(DEFAULT_MEMBERS)
 
 
-@pytest.mark.parametrize(
-    ("channels", "parts"),
-    [
-        ({"I_sun": SUN}, ("no such channel", "T_i, T_out, u_heat", "it also takes I_sol", "begin with T_adj")),
-        ({"T_out": None}, ("is missing", "needs it")),
-    ],
-)
-def test_channels_that_auto_does_not_know_or_misses_are_explained(
-    tmp_path: Path, channels: dict[str, Any], parts: tuple[str, ...]
-) -> None:
-    tables = sound(tmp_path)
-    zone = deepcopy(tables["zones"][0]) | {"network": "auto"}
-    zone["channels"] = {k: v for k, v in (zone["channels"] | channels).items() if v is not None}
-    tables["zones"][0] = zone
-    with pytest.raises(ConfigError) as caught:
-        load(write(tmp_path, tables))
-    (sentence,) = caught.value.problems
-    assert all(part in sentence for part in parts)
-
-
 def built(**table: Any) -> Network:
     network, mistakes = resolve(PresetConfig.model_validate(table))
     assert mistakes == []
@@ -162,31 +140,6 @@ def test_narrower_bounds_are_proposed_where_they_were_left_to_the_data(
     zone = living(tmp_path, network)
     assert zone.proposes_bounds is proposes
     assert make_worker(zone).settings.proposes_bounds is proposes
-
-
-@pytest.mark.parametrize(
-    ("preset", "box", "part"),
-    [
-        ("titeth", "large", 'must be "wide", "auto"'),
-        ("titeth", 120, 'must be "wide", "auto"'),
-        ("titeth", {}, "is missing; give the heated floor area in m2"),
-        ("titeth", {"floor_area": "120"}, "must be a number"),
-        ("titeth", {"floor_area": 0}, "must lie within 1 to 100000 m2"),
-        ("titeth", {"floor_area": [200, 80]}, "the smaller first"),
-        ("titeth", {"floor_area": [1, 2, 3]}, "the smallest and the largest"),
-        ("titeth", {"floor_area": 90, "rooms": 3}, "the keys here are"),
-        ("building-67", "wide", "remove box"),
-    ],
-)
-def test_mistakes_in_a_box_are_explained(tmp_path: Path, preset: str, box: object, part: str) -> None:
-    tables = sound(tmp_path)
-    tables["zones"][1]["network"] = {"preset": preset, "box": box}
-    del tables["zones"][1]["channels"]["I_sol"]
-    with pytest.raises(ConfigError) as caught:
-        load(write(tmp_path, tables))
-    sentences = [sentence for sentence in caught.value.problems if "network.box" in sentence]
-    assert len(sentences) == 1
-    assert part in sentences[0]
 
 
 def test_networks_shows_auto_with_its_variants(capsys: pytest.CaptureFixture[str]) -> None:

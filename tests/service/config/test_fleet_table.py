@@ -38,30 +38,6 @@ def test_the_database_may_be_on_several_servers(tmp_path: Path, servers: str) ->
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "sentence"),
-    [
-        ("database", "db.example", "is not the address of a PostgreSQL database"),
-        ("database", "postgresql://db.example", "is not the address of a PostgreSQL database"),
-        ("database", "postgresql://thermogate:geheim@db.example/x", "put that into a file of its own"),
-        ("database", "postgresql://db.example/x?password=geheim", "put that into a file of its own"),
-        ("database", "postgresql://db.example/x?sslkey=k&sslpassword=geheim", "put that into a file of its own"),
-        ("database", "postgresql://db.example:port/x", "is not the address of a PostgreSQL database"),
-        ("shards", 0, "must be a whole number from 1 to 4096, not 0"),
-        ("shard_cpus", 0, "must be greater than 0, not 0"),
-        ("lease", "1s", "must be from 2s to 1min, not 1s"),
-        ("leases", 3, "is not a known key"),
-    ],
-)
-def test_a_mistake_is_told_with_its_place_and_no_secret(tmp_path: Path, key: str, value: object, sentence: str) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load(site(tmp_path), [f"fleet.{key}={value}"])
-    (problem,) = caught.value.problems
-    assert problem.startswith(f"fleet.{key}: ")
-    assert sentence in problem
-    assert "geheim" not in problem
-
-
-@pytest.mark.parametrize(
     ("setting", "sentence"),
     [
         ("zenoh.enabled=true", "zenoh.listen: every shard would listen there"),

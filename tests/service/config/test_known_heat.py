@@ -17,7 +17,6 @@ from service.config.known_heat import usually_heated
 from service.config.load import load
 from service.config.site import Config
 from service.config.written import effective_toml
-from service.errors import ConfigError
 from service.store.journal import Journal
 from service.store.store import JOURNAL
 
@@ -60,47 +59,6 @@ def test_other_networks_and_estimators_know_what_is_asked_for(tmp_path: Path) ->
     assert names(loaded(tmp_path, network="auto", estimator="ekf")) == set()
     solar = {"preset": "titeth", "solar": True}
     assert names(loaded(tmp_path, network=solar, sun="hours")) == {"sun", "horizontal"}
-
-
-MISTAKES = {
-    "no place": (
-        {}, {"network": "auto", "sun": "facades"},
-        "zones[0] ('living').sun: needs the latitude and longitude of the site; without them write sun = \"hours\"",
-    ),
-    "no sensor": (
-        PLACE, {"sun": "facades", "sunny": False},
-        "zones[0] ('living').sun: needs the horizontal irradiance; add a heat input in W/m2, such as the channel I_sol",
-    ),
-    "no place for it": (
-        {}, {"network": "auto", "estimator": "rbpf", "habits": True},
-        "zones[0] ('living').habits: has no place in the estimator \"rbpf\"; "
-        "choose \"bank\" or \"mkf\", or remove habits",
-    ),
-    "another sun": (
-        PLACE, {"network": "auto", "sun": "moon"},
-        "zones[0] ('living').sun: must be \"facades\", \"hours\" or false, not \"moon\"",
-    ),
-    "half a place": (
-        {"latitude": 47.0}, {"network": "auto"},
-        "site: has only one of latitude and longitude; give both, in degrees, or none",
-    ),
-    "nowhere": (
-        {"latitude": 147.0, "longitude": 9.0}, {"network": "auto"},
-        "site.latitude: must be from -90 to 90 degrees, not 147.0",
-    ),
-    "no country": (
-        {"country": "Atlantis"}, {"network": "auto"},
-        "site.country: \"Atlantis\" is not a country that it knows; use a code such as \"DE\", or \"DE-BW\"",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_what_cannot_be_is_said_in_a_sentence(tmp_path: Path, mistake: str) -> None:
-    site, zone, sentence = MISTAKES[mistake]
-    with pytest.raises(ConfigError) as caught:
-        loaded(tmp_path, site, **zone)
-    assert caught.value.problems == [sentence]
 
 
 def test_a_floor_area_scales_what_is_thought_before_the_first_sample(tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from service.daemon.reload import compare, obstacles
 from service.daemon.reload import summary as changes_of
 from service.daemon.runtime import Runtime
 from service.daemon.zone_table import ZoneTable
-from service.errors import ConfigError
 from service.records.outlook import WeatherLink
 
 OUTLOOK = {"kind": "open-meteo", "file": "forecast.json"}
@@ -40,13 +39,6 @@ def tables(folder: Path) -> dict[str, Any]:
 
 def loaded(folder: Path, given: dict[str, Any]) -> Config:
     return load(write(folder, given))
-
-
-def refused(folder: Path, given: dict[str, Any]) -> str:
-    with pytest.raises(ConfigError) as error:
-        loaded(folder, given)
-    (problem,) = error.value.problems
-    return str(problem)
 
 
 def test_limits_are_those_of_valid_installed_and_nominal(tmp_path: Path) -> None:
@@ -90,57 +82,6 @@ def test_what_is_shown_can_be_loaded_and_state_stays_valid(tmp_path: Path) -> No
     assert surroundings(again, again.zones[0]) == surroundings(config, config.zones[0])
     plain = loaded(tmp_path, sound(tmp_path))
     assert [fingerprint(zone) for zone in plain.zones] == [fingerprint(zone) for zone in config.zones]
-
-
-CSV = {"kind": "csv", "file": "forecast.csv", "timestamp": {"column": "t", "format": "iso8601"}}
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"kind": "meteo"}, 'weather.outlook.kind: there is no forecast of kind "meteo"'),
-        ({"kind": None}, "weather.outlook.kind: is missing; the kinds are csv, open-meteo, zenoh"),
-        ({"url": "http://x/"}, "weather.outlook: needs either file or url"),
-        ({"file": None, "url": "ftp://x/"}, "weather.outlook: url must begin with http:// or https://"),
-        ({"file": None, "url": "http://a b/"}, "weather.outlook: url must be an address such as"),
-        ({"file": None, "url": "http://h:port/"}, "weather.outlook: url must be an address such as"),
-        ({"file": None, "url": "https:///x"}, "weather.outlook: url must be an address such as"),
-        (CSV | {"decimal": ","}, 'weather.outlook: delimiter and decimal are both ","; they must differ'),
-        (CSV | {"encoding": "base64"}, 'weather.outlook.encoding: "base64" is not a text encoding'),
-        (CSV | {"file": "a\0b"}, "weather.outlook.file: "),
-        ({"refresh": "soon"}, "weather.outlook.refresh: "),
-        ({"colour": 1}, "weather.outlook.colour: is not a known key"),
-        ({"kind": "zenoh", "file": None, "key": "a//b", "connect": ["tcp/127.0.0.1:1"]}, "weather.outlook.key: "),
-        ({"kind": "zenoh", "file": None, "key": "a"}, "weather.outlook: needs connect"),
-    ],
-)
-def test_a_wrong_table_is_named(tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
-    given = tables(tmp_path)
-    table = OUTLOOK | change
-    given["weather"]["outlook"] = {name: value for name, value in table.items() if value is not None}
-    assert refused(tmp_path, given).startswith(sentence)
-
-
-def test_a_wrong_use_is_named(tmp_path: Path) -> None:
-    living = "zones[0] ('living').channels"
-    given = tables(tmp_path)
-    given["zones"][0]["channels"]["T_out"]["forecast"]["unit"] = "W"
-    assert refused(tmp_path, given).startswith(f"{living}.T_out.forecast.unit: unit 'W' cannot be converted to degC")
-    given = tables(tmp_path)
-    given["zones"][0]["channels"]["T_i"]["forecast"] = {"source": "outlook", "series": "x"}
-    assert refused(tmp_path, given).startswith(f"{living}.T_i.forecast: is for inputs")
-    given = tables(tmp_path)
-    given["zones"][0]["channels"]["T_out"]["installed"] = 5.0
-    assert refused(tmp_path, given).startswith(f"{living}.T_out.installed: is the largest power")
-    given = tables(tmp_path)
-    given["weather"]["other"] = dict(OUTLOOK)
-    assert refused(tmp_path, given).startswith("weather.other: is not used")
-    given = tables(tmp_path)
-    del given["weather"]
-    assert refused(tmp_path, given).startswith(f"{living}.T_out.forecast.source: there is no [weather.outlook] table")
-    given["weather"] = 3
-    with pytest.raises(ConfigError, match="weather: must be tables"):
-        loaded(tmp_path, given)
 
 
 def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
