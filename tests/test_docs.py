@@ -252,13 +252,6 @@ def test_every_option_of_the_bank_is_documented_with_its_value() -> None:
     assert_values_as_documented(numbers, [bank_options.BankOptions()])
 
 
-def test_structural_options_are_documented() -> None:
-    rows = tables(section("operations.md", "Structural options"))[0][1:]
-    documented = {estimator: names(listed) for row in rows for listed in row[1:] for estimator in names(row[0])}
-    known = {name: list(kind.structural) for name, kind in registry.ESTIMATORS.items()}
-    assert documented == known | {"bank": ["members"]}
-
-
 def test_what_a_reload_can_change_is_documented() -> None:
     rows: dict[str, str] = dict(tables(section("operations.md", "Reload"))[0][1:])
     described = {
