@@ -22,6 +22,7 @@ from starlette.routing import Route
 from support import golden
 from support.fake_zones import broken, doubted
 from support.golden_site import SAMPLES, SITE, GoldenSite, learned, written
+from support.running_zone import Announced
 
 import thermogate as tg
 from adapters.reading import Fault
@@ -29,12 +30,13 @@ from estimator.types import ALPHA_LEVELS
 from replay.recorded.runner import replay_recording
 from service.config.load import load
 from service.errors import ReloadRefused
+from service.forecast.ahead import LookingAhead
 from service.forecast.learned import SkillQuestion
 from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.home_assistant import discovery
 from service.publish.metrics import Metrics
-from service.publish.sinks import Announcement, Occasion
+from service.publish.sinks import Announcement, Occasion, Reports
 from service.publish.zenoh import Publisher
 from service.records.receipt import Receipt
 from service.web.app import Backend, create_app
@@ -180,7 +182,7 @@ async def _gathered(folder: Path) -> dict[str, str]:
             found["events.txt"] = "".join(
                 [(await asked.ask("GET", f"/zones/{zone}/stream", **{"Last-Event-ID": last})).text for zone in ZONES]
             )
-        announced = {zone.id: await _announcement(zone) for zone in site.zones.values()}
+        announced = {zone.id: await _announcement(zone, site.zones) for zone in site.zones.values()}
         found["topics.txt"] = _topics(announced)
         found["events.txt"] = golden.lines(found["events.txt"])
         found["metrics.txt"] = _metrics(site, announced)
@@ -279,13 +281,15 @@ def _arrays(answer: httpx.Response) -> str:
         return "\n".join([*shown, golden.lines(str(arrays["about"]))]) + "\n"
 
 
-async def _announcement(zone: Zone) -> Announcement:
+async def _announcement(zone: Zone, zones: Mapping[str, Zone]) -> Announcement:
     """What `zone` tells when everything about it is news."""
     update = zone.latest()
     heat_loss = zone.worker.heat_loss(ALPHA_LEVELS)
-    return Announcement(
-        SITE, zone.id, zone.status(), update, Occasion.UPDATE, await zone.ask(SkillQuestion()), heat_loss, zone.trust()
-    )
+    heard = Announced()
+    await LookingAhead(SITE, zones, [heard]).attend(zone.id)
+    ahead = next((one.reports.ahead for one in heard.told if one.zone == zone.id), None)
+    reports = Reports(await zone.ask(SkillQuestion()), heat_loss, zone.trust(), ahead)
+    return Announcement(SITE, zone.id, zone.status(), update, Occasion.UPDATE, reports)
 
 
 def _topics(announced: Mapping[str, Announcement]) -> str:

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from urllib.parse import urlsplit
 
+from adapters.fields.values import text
 
-def is_web_address(text: str) -> bool:
-    """Whether something may be at the URL `text`: http or https with a host, a port if it names one, and no blanks."""
+
+def is_web_address(address: str) -> bool:
+    """Whether `address` is the URL of a web server: http or https with a host, a port or none, and no blanks."""
     try:
-        parts = urlsplit(text)
+        parts = urlsplit(address)
         found = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
     except ValueError:
         return False
-    return found and text.isprintable() and " " not in text
+    return found and address.isprintable() and " " not in address
+
+
+def web_address(example: str) -> Callable[[object], str]:
+    """What takes the address of a web server, such as `example`; ValueError for anything else."""
+
+    def address(value: object) -> str:
+        if not is_web_address(text(value)):
+            raise ValueError(f'must be an address such as "{example}"')
+        return str(value)
+
+    return address

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import BeforeValidator, Field, PlainSerializer
 
 from adapters.channel import Binding, ChannelConfig, RecordedConfig
-from adapters.fields.addresses import is_web_address
+from adapters.fields.addresses import web_address
 from adapters.fields.logins import LoginConfig
 from adapters.fields.times import ZoneMissing, parse_time, written_time
 from adapters.fields.values import PositiveDuration, Text, text
@@ -16,13 +16,6 @@ from adapters.series.database import Database, InfluxDB, Prometheus, Server, par
 
 if TYPE_CHECKING:
     from adapters.series.source import SeriesSource
-
-
-def web_address(value: object) -> str:
-    """The address of a server."""
-    if not is_web_address(text(value)):
-        raise ValueError('must be an address such as "http://127.0.0.1:9090"')
-    return str(value)
 
 
 def moment(value: object) -> float:
@@ -52,7 +45,7 @@ class SeriesChannelConfig(ChannelConfig):
 class SeriesConfig(LoginConfig, RecordedConfig):
     """What every table of such a source has."""
 
-    url: Annotated[str, BeforeValidator(web_address)] = Field(
+    url: Annotated[str, BeforeValidator(web_address("http://127.0.0.1:9090"))] = Field(
         description='the address of the database, such as "http://127.0.0.1:9090"'
     )
     begin: Moment = Field(description='the first time to read, such as "2026-01-01T00:00:00Z"')

@@ -16,6 +16,7 @@ from service.daemon.process import collect_garbage, stand_back
 from service.daemon.runtime import Runtime
 from service.daemon.tasks import end
 from service.daemon.zone_table import ZoneTable
+from service.forecast.ahead import LookingAhead
 from service.publish.kinds import SINK_KINDS
 from service.publish.metrics import Metrics
 from service.publish.sinks import Sink
@@ -50,7 +51,8 @@ class RunningSite:
         self._store = store
         self._stopping = stopping or threading.Event()
         self._watching: list[asyncio.Future[Any]] = []
-        everywhere = (self.metrics, *sinks)
+        self._ahead = LookingAhead(config.site.id, self.zones, (self.metrics, *sinks))
+        everywhere = (self.metrics, *sinks, self._ahead.changes)
         plumbing = Plumbing(
             config.site.id,
             store,
@@ -71,7 +73,7 @@ class RunningSite:
         await self.runtime.start_feeds()
         site = self.runtime.config.site
         limits = Limits(site.keep_history, site.max_journal)
-        forever = (self._store.keep_within(limits), self._store.watch(), collect_garbage())
+        forever = (self._store.keep_within(limits), self._store.watch(), collect_garbage(), self._ahead.run())
         self._watching += [asyncio.create_task(work) for work in forever]
 
     async def stop(self) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from service.publish.sinks import Occasion
-from service.records.skill import Skill
+from service.publish.sinks import NO_REPORTS, Occasion, Reports
 from service.records.status import ZoneStatus
 from service.records.trust import Trust
 from service.records.update import Update
@@ -38,9 +37,7 @@ class ZoneNews(NamedTuple):
     trust: Trust
     update: Update | None
     occasion: Occasion
-    skill: Skill | None = None
-    heat_loss: Sequence[float] | None = None
-    trust_news: Trust | None = None
+    reports: Reports = NO_REPORTS
 
 
 class News(NamedTuple):

@@ -41,9 +41,9 @@ def event(kind: str, payload: bytes, time: int | None) -> Event:
 def events_of(announcement: Announcement) -> list[Event]:
     """What is announced, as events."""
     update = announcement.update
-    times: dict[str, int | None] = dict.fromkeys(announcement.topics, None if update is None else update.time)
-    times["status"] = announcement.status.last_sample_time
-    return [event(topic, announcement.payload(topic), time) for topic, time in times.items()]
+    time = None if update is None else update.time
+    times = {"status": announcement.status.last_sample_time}
+    return [event(topic, announcement.payload(topic), times.get(topic, time)) for topic in announcement.topics]
 
 
 class Stream:

@@ -9,18 +9,26 @@ from typing import Any
 
 from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FINDINGS
+from service.publish.payloads import AheadPayload
 from service.publish.sinks import Announcement
 from service.records.skill import Skill
 from service.records.status import STATES
+from service.records.trust import LEVELS, Trust
 from service.records.update import CONSTANT, Update
 
 SKILL_DAYS = 7
 """The window whose skill is shown: long enough to be steady, short enough to notice a change."""
 
 _NUMBER = {"state_class": "measurement", "suggested_display_precision": 2}
+_TEMPERATURE = {"device_class": "temperature", "unit_of_measurement": "°C"} | _NUMBER
 _REGIMES = ("low", "transitional", "high", CONSTANT)
 _RUNNING = "{{ 'online' if value_json.state == 'running' else 'offline' }}"
-_PROBLEM = "{{ 'ON' if value_json.state in ('stalled', 'failed') else 'OFF' }}"
+_SENTENCES = (
+    "(([value_json.reason] if value_json.state in ('stalled', 'failed') else [])"
+    " + (value_json.findings | map(attribute='sentence') | list))"
+)
+_PROBLEM = f"{{{{ 'ON' if {_SENTENCES} else 'OFF' }}}}"
+_SENTENCE = f"{{{{ {{'sentence': {_SENTENCES} | first | default(''), 'all': {_SENTENCES}}} | tojson }}}}"
 _REASON = "{{ {'state': value_json.state, 'reason': value_json.reason} | tojson }}"
 _FORECAST = (
     "{{ {'issue_time': value_json.issue_time, 'valid_time': value_json.valid_time, 'quality': value_json.quality, "
@@ -28,10 +36,13 @@ _FORECAST = (
 )
 
 
-def discovery(prefix: str, site: str, topics: str, available: str, announcement: Announcement) -> dict[str, bytes]:
+def discovery(
+    prefix: str, site: str, topics: str, available: str, announcement: Announcement, page: str | None = None
+) -> dict[str, bytes]:
     """The configuration topics under `prefix` of the entities of a zone, with their documents.
 
-    `topics` is what the topics of the zone begin with, and `available` where "online" and "offline" are told.
+    `topics` is what the topics of the zone begin with, `available` where "online" and "offline" are told, and
+    `page` the address of the page for people.
     """
     zone, update = announcement.zone, announcement.update
     identity = f"thermogate_{site}_{zone}"
@@ -42,6 +53,7 @@ def discovery(prefix: str, site: str, topics: str, available: str, announcement:
             "manufacturer": "Thermogate",
             "model": "thermal model of a zone",
             "sw_version": version("thermogate"),
+            **({} if page is None else {"configuration_url": f"{page.rstrip('/')}/#/zone/{zone}"}),
         },
         "origin": {"name": "Thermogate", "sw_version": version("thermogate")},
         "availability_mode": "all",
@@ -52,8 +64,13 @@ def discovery(prefix: str, site: str, topics: str, available: str, announcement:
     entities = [*((up, entity) for entity in _of_status())]
     if update is not None:
         entities += [(vouching, entity) for entity in _of_update(update)]
-    if announcement.skill is not None:
-        entities += [(up, entity) for entity in _of_skill(announcement.skill)]
+    reports = announcement.reports
+    if reports.ahead is not None:
+        entities += [(vouching, entity) for entity in _of_hours_ahead(reports.ahead)]
+    if reports.trust is not None:
+        entities += [(up, entity) for entity in _of_trust(reports.trust)]
+    if reports.skill is not None:
+        entities += [(up, entity) for entity in _of_skill(reports.skill)]
     found = {}
     for availability, (component, key, topic, settings) in entities:
         document = {
@@ -67,6 +84,11 @@ def discovery(prefix: str, site: str, topics: str, available: str, announcement:
             document["json_attributes_topic"] = f"{topics}/{topic}"
         found[f"{prefix}/{component}/{identity}/{key}/config"] = json.dumps(document).encode()
     return found
+
+
+def retired(prefix: str, site: str, zone: str) -> list[str]:
+    """The configuration topics of the entities that a zone once had, for the broker to forget."""
+    return [f"{prefix}/binary_sensor/thermogate_{site}_{zone}/{finding}/config" for finding in FINDINGS]
 
 
 _Entity = tuple[str, str, str, dict[str, Any]]
@@ -107,36 +129,19 @@ def _of_status() -> Iterator[_Entity]:
             "name": "Problem",
             "device_class": "problem",
             "value_template": _PROBLEM,
-            "json_attributes_template": _REASON,
+            "json_attributes_template": _SENTENCE,
         },
     )
-    for finding in FINDINGS:
-        chosen = f"value_json.findings | selectattr('finding', 'eq', '{finding}')"
-        yield (
-            "binary_sensor",
-            finding,
-            "status",
-            {
-                "name": f"Finding: {finding.replace('-', ' ')}",
-                "device_class": "problem",
-                "value_template": f"{{{{ 'ON' if {chosen} | list else 'OFF' }}}}",
-                "json_attributes_template": (
-                    f"{{{{ {{'findings': {chosen} | map(attribute='sentence') | list}} | tojson }}}}"
-                ),
-                **diagnostic,
-            },
-        )
 
 
 def _of_update(update: Update) -> Iterator[_Entity]:
-    temperature = {"device_class": "temperature", "unit_of_measurement": "°C"} | _NUMBER
     outputs = update.forecast.outputs
     for index, output in enumerate(outputs):
         of = "" if len(outputs) == 1 else f" {output.output}"
         key = "forecast" if len(outputs) == 1 else f"forecast_{output.output}"
         place = f"value_json.outputs[{index}]"
         mean = {"name": f"Forecast{of}", "value_template": f"{{{{ {place}.mean }}}}"}
-        yield "sensor", key, "forecast", mean | temperature | {"json_attributes_template": _FORECAST}
+        yield "sensor", key, "forecast", mean | _TEMPERATURE | {"json_attributes_template": _FORECAST}
         widest = max(range(len(output.intervals)), key=lambda k: output.intervals[k].level)
         percent = f"{100 * output.intervals[widest].level:g} %"
         for bound in ("lower", "upper"):
@@ -144,7 +149,7 @@ def _of_update(update: Update) -> Iterator[_Entity]:
                 "name": f"Forecast{of} {bound} ({percent})",
                 "value_template": f"{{{{ {place}.intervals[{widest}].{bound} }}}}",
             }
-            yield "sensor", f"{key}_{bound}", "forecast", settings | temperature
+            yield "sensor", f"{key}_{bound}", "forecast", settings | _TEMPERATURE
     if update.volatility.blocks:
         alpha = {"name": "Volatility", "value_template": "{{ value_json.volatility.median }}"}
         yield "sensor", "volatility", "volatility", alpha | _NUMBER
@@ -164,6 +169,50 @@ def _of_update(update: Update) -> Iterator[_Entity]:
             "value_template": "{{ value_json.median }}",
         }
         yield "sensor", "gain", "gain", gain | _NUMBER | {"suggested_display_precision": 0}
+
+
+def _of_hours_ahead(ahead: AheadPayload) -> Iterator[_Entity]:
+    for index, output in enumerate(ahead.outputs):
+        alone = len(ahead.outputs) == 1
+        key, of = ("forecast", "") if alone else (f"forecast_{output.output}", f" {output.output}")
+        place = f"value_json.outputs[{index}]"
+        for horizon in output.horizons:
+            chosen = f"({place}.horizons | selectattr('lead_s', 'eq', {horizon.lead}) | first)"
+            told = ", ".join(f"'{name}': {chosen}.{name}" for name in ("valid_time", "lower", "upper", "sd"))
+            told += ", 'quality': value_json.quality"
+            if horizon is output.horizons[-1]:
+                columns = (f"'{name}': {place}.{name} | map('round', 2) | list" for name in ("mean", "lower", "upper"))
+                begin = "'start': value_json.valid_time, 'step_s': value_json.step_s"
+                told += f", 'fan': {{{begin}, {', '.join(columns)}}}"
+            settings = {
+                "name": f"Forecast{of} {format_duration(horizon.lead)} ahead",
+                "value_template": f"{{{{ {chosen}.mean }}}}",
+                "json_attributes_template": f"{{{{ {{{told}}} | tojson }}}}",
+            }
+            yield "sensor", f"{key}_{horizon.lead}", "ahead", _TEMPERATURE | settings
+    if ahead.heating is not None:
+        told = ", ".join(f"'{name}': value_json.heating.{name}" for name in ("target", "by", "probability", "reached"))
+        start = {
+            "name": "Start heating",
+            "device_class": "timestamp",
+            "value_template": "{{ value_json.heating.start if value_json.heating else None }}",
+            "json_attributes_template": f"{{{{ ({{{told}}} if value_json.heating else {{}}) | tojson }}}}",
+        }
+        yield "sensor", "start_heating", "ahead", start
+
+
+def _of_trust(trust: Trust) -> Iterator[_Entity]:
+    for horizon in trust.horizons:
+        chosen = f"(value_json.horizons | selectattr('lead_s', 'eq', {horizon.lead}) | first)"
+        told = ", ".join(f"'{name}': {chosen}.{name}" for name in ("reason", "since", "planned"))
+        settings = {
+            "name": f"Trust {format_duration(horizon.lead)} ahead",
+            "device_class": "enum",
+            "options": list(LEVELS),
+            "value_template": f"{{{{ {chosen}.trust }}}}",
+            "json_attributes_template": f"{{{{ {{{told}}} | tojson }}}}",
+        }
+        yield "sensor", f"trust_{horizon.lead}", "trust", settings
 
 
 def _of_skill(skill: Skill) -> Iterator[_Entity]:

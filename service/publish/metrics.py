@@ -17,7 +17,7 @@ from prometheus_client.registry import Collector
 from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FINDINGS
 from estimator.types import ALPHA_LEVELS
-from service.publish.payloads import clock
+from service.publish.payloads import AheadPayload, clock
 from service.publish.sinks import Announcement, Occasion
 from service.records.measures import Measure, family
 from service.records.skill import Skill
@@ -35,66 +35,61 @@ class Metrics:
     """The daemon's metrics: a sink that counts updates. What a zone's status tells is read at scrape time."""
 
     def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
-        self.registry = CollectorRegistry()
-        zone, registry = ["zone"], self.registry
-        self._samples = Counter("thermogate_samples", "Samples processed", zone, registry=registry)
+        self.registry = registry = CollectorRegistry()
+        self._of_zones: list[Counter | Gauge | Histogram] = []
+
+        def gauge(name: str, text: str, *labels: str) -> Gauge:
+            made = Gauge(f"thermogate_{name}", text, ["zone", *labels], registry=registry)
+            self._of_zones.append(made)
+            return made
+
+        def counter(name: str, text: str, *labels: str) -> Counter:
+            made = Counter(f"thermogate_{name}", text, ["zone", *labels], registry=registry)
+            self._of_zones.append(made)
+            return made
+
+        self._samples = counter("samples", "Samples processed")
         self._seconds = Histogram(
-            "thermogate_update_seconds", "Wall time of one update", zone, buckets=_UPDATE_BUCKETS, registry=registry
+            "thermogate_update_seconds", "Wall time of one update", ["zone"], buckets=_UPDATE_BUCKETS, registry=registry
         )
-        self._alpha = Gauge("thermogate_alpha_median", "Median of the volatility", ["zone", "block"], registry=registry)
-        self._gate = Gauge("thermogate_gate", "Learning gate, 0 to 1", zone, registry=registry)
-        self._n_eff = Gauge("thermogate_n_eff", "Effective sample size, particles", zone, registry=registry)
-        self._width = Gauge(
-            "thermogate_interval_width_kelvin",
-            "Width of the published interval of the first output, at the first level",
-            zone,
-            registry=registry,
+        self._of_zones.append(self._seconds)
+        self._alpha = gauge("alpha_median", "Median of the volatility", "block")
+        self._gate = gauge("gate", "Learning gate, 0 to 1")
+        self._n_eff = gauge("n_eff", "Effective sample size, particles")
+        self._width = gauge(
+            "interval_width_kelvin", "Width of the published interval of the first output, at the first level"
         )
-        output, band = ["zone", "output"], ["zone", "output", "bound"]
-        self._measured = Gauge(
-            "thermogate_measured_celsius", "Mean of the newest sample; NaN if it has none", output, registry=registry
-        )
-        self._forecast = Gauge(
-            "thermogate_forecast_celsius", "Forecast of the next sample: its mean", output, registry=registry
-        )
-        self._bounds = Gauge(
-            "thermogate_forecast_bound_celsius",
+        self._measured = gauge("measured_celsius", "Mean of the newest sample; NaN if it has none", "output")
+        self._setpoint = gauge("setpoint_celsius", "Set-point of the newest sample")
+        self._forecast = gauge("forecast_celsius", "Forecast of the next sample: its mean", "output")
+        self._bounds = gauge(
+            "forecast_bound_celsius",
             "Forecast of the next sample: lower and upper bound at the first level",
-            band,
-            registry=registry,
+            "output",
+            "bound",
         )
-        quantile = ["zone", "quantile"]
-        self._gain = Gauge("thermogate_gain_watts", "Unmeasured heat into the zone", quantile, registry=registry)
-        self._heat_loss = Gauge(
-            "thermogate_heat_loss_watts_per_kelvin", "Heat-loss coefficient, every hour", quantile, registry=registry
+        self._ahead = gauge("forecast_ahead_celsius", "Forecast hours ahead: its mean", "output", "lead")
+        self._ahead_bounds = gauge(
+            "forecast_ahead_bound_celsius",
+            "Forecast hours ahead: lower and upper bound of the 95 % interval",
+            "output",
+            "lead",
+            "bound",
         )
-        horizon = ["zone", "lead"]
-        self._coverage = Gauge(
-            "thermogate_forecast_coverage",
-            "Share of forecasts whose 95 % interval held, 7 days",
-            horizon,
-            registry=registry,
-        )
-        self._crps = Gauge(
-            "thermogate_forecast_crps_kelvin", "Mean CRPS of forecasts, 7 days", horizon, registry=registry
-        )
-        self._skill = Gauge(
-            "thermogate_forecast_skill",
-            "1 - RMSE / RMSE of the reference, 7 days",
-            ["zone", "lead", "reference"],
-            registry=registry,
-        )
-        self._issued_coverage = Gauge(
-            "thermogate_forecast_issued_coverage",
+        self._gain = gauge("gain_watts", "Unmeasured heat into the zone", "quantile")
+        self._heat_loss = gauge("heat_loss_watts_per_kelvin", "Heat-loss coefficient, every hour", "quantile")
+        self._coverage = gauge("forecast_coverage", "Share of forecasts whose 95 % interval held, 7 days", "lead")
+        self._crps = gauge("forecast_crps_kelvin", "Mean CRPS of forecasts, 7 days", "lead")
+        self._skill = gauge("forecast_skill", "1 - RMSE / RMSE of the reference, 7 days", "lead", "reference")
+        self._issued_coverage = gauge(
+            "forecast_issued_coverage",
             "Share of 95 % intervals that held what came, as published when nobody knew the heating, 7 days",
-            horizon,
-            registry=registry,
+            "lead",
         )
-        self._issued_crps = Gauge(
-            "thermogate_forecast_issued_crps_kelvin",
+        self._issued_crps = gauge(
+            "forecast_issued_crps_kelvin",
             "Mean CRPS of forecasts as published when nobody knew the heating, 7 days",
-            horizon,
-            registry=registry,
+            "lead",
         )
         self._loop_delay = Histogram(
             "thermogate_event_loop_delay_seconds",
@@ -102,13 +97,9 @@ class Metrics:
             buckets=_DELAY_BUCKETS,
             registry=registry,
         )
-        self._checkpoints = Counter(
-            "thermogate_checkpoints", "Checkpoints by result", ["zone", "result"], registry=registry
-        )
-        self._checkpointed = Gauge(
-            "thermogate_checkpoint_timestamp_seconds", "When the newest checkpoint was written", zone, registry=registry
-        )
-        self._failures = Counter("thermogate_zone_failures", "Failed attempts of a zone", zone, registry=registry)
+        self._checkpoints = counter("checkpoints", "Checkpoints by result", "result")
+        self._checkpointed = gauge("checkpoint_timestamp_seconds", "When the newest checkpoint was written")
+        self._failures = counter("zone_failures", "Failed attempts of a zone")
         build = Gauge("thermogate_build_info", "Always 1", ["version", "python"], registry=registry)
         build.labels(version, platform.python_version()).set(1.0)
         registry.register(_StatusCollector(zones))
@@ -129,37 +120,20 @@ class Metrics:
 
     def remove(self, zone: str) -> None:
         """Show nothing of `zone` any more."""
-        for metric in (
-            self._samples,
-            self._seconds,
-            self._alpha,
-            self._gate,
-            self._n_eff,
-            self._width,
-            self._measured,
-            self._forecast,
-            self._bounds,
-            self._gain,
-            self._heat_loss,
-            self._coverage,
-            self._crps,
-            self._skill,
-            self._issued_coverage,
-            self._issued_crps,
-            self._checkpoints,
-            self._checkpointed,
-            self._failures,
-        ):
+        for metric in self._of_zones:
             metric.remove_by_labels({"zone": zone})
 
     def publish(self, announcement: Announcement) -> None:
-        """Count a new update."""
+        """Take in what is new about a zone."""
         if announcement.occasion is Occasion.UPDATE and announcement.update is not None:
             self._observe(announcement.zone, announcement.update)
-        if announcement.skill is not None:
-            self._observe_skill(announcement.zone, announcement.skill)
-        if announcement.heat_loss is not None:
-            for level, value in zip(ALPHA_LEVELS, announcement.heat_loss, strict=True):
+        reports = announcement.reports
+        if reports.skill is not None:
+            self._observe_skill(announcement.zone, reports.skill)
+        if reports.ahead is not None:
+            self._observe_ahead(announcement.zone, reports.ahead)
+        if reports.heat_loss is not None:
+            for level, value in zip(ALPHA_LEVELS, reports.heat_loss, strict=True):
                 self._heat_loss.labels(announcement.zone, f"{level:g}").set(value)
 
     def settle(self) -> None:
@@ -202,6 +176,8 @@ class Metrics:
             for interval in forecast.intervals[:1]:
                 self._bounds.labels(zone, forecast.output, "lower").set(interval.lower)
                 self._bounds.labels(zone, forecast.output, "upper").set(interval.upper)
+        if isfinite(update.setpoint):
+            self._setpoint.labels(zone).set(update.setpoint)
         if update.disturbance is not None and isfinite(update.disturbance.gain[1]):
             for level, gain in zip(ALPHA_LEVELS, update.disturbance.gain, strict=True):
                 self._gain.labels(zone, f"{level:g}").set(gain)
@@ -219,6 +195,14 @@ class Metrics:
                 lead = format_duration(issued.lead)
                 self._issued_coverage.labels(zone, lead).set(issued.coverage)
                 self._issued_crps.labels(zone, lead).set(issued.crps)
+
+    def _observe_ahead(self, zone: str, ahead: AheadPayload) -> None:
+        for output in ahead.outputs:
+            for one in output.horizons:
+                labels = zone, output.output, format_duration(one.lead)
+                self._ahead.labels(*labels).set(one.mean)
+                self._ahead_bounds.labels(*labels, "lower").set(one.lower)
+                self._ahead_bounds.labels(*labels, "upper").set(one.upper)
 
 
 class _MeasureCollector(Collector):

@@ -12,18 +12,19 @@ import asyncio
 import logging
 import threading
 from collections.abc import Sequence
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from adapters.errors import SourceError
+from adapters.fields.addresses import web_address
 from adapters.fields.values import Flag
 from adapters.fields.words import shown
 from adapters.mqtt.background import Background
 from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.pauses import GrowingPause, within
-from service.publish.home_assistant import discovery
+from service.publish.home_assistant import discovery, retired
 from service.publish.sinks import Announcement, Occasion, SinkKind
 from service.records.measures import Measure, single
 
@@ -44,6 +45,10 @@ class MqttConfig(BrokerConfig):
 
     home_assistant: Flag = Field(default=False, description="every zone is a device in Home Assistant")
     discovery_prefix: Topic = Field(default="homeassistant", description="first level of its discovery topics")
+    page: Annotated[str, BeforeValidator(web_address("http://192.168.1.20:8080"))] | None = Field(
+        default=None,
+        description='where browsers find the page, such as `"http://192.168.1.20:8080"`: each device links to its room',
+    )
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
@@ -57,9 +62,12 @@ class MqttConfig(BrokerConfig):
 class Publisher:
     """A client of a broker, in a thread of its own. Methods may be called from any thread."""
 
-    def __init__(self, broker: BrokerConfig, site: str, discovery_prefix: str | None = None) -> None:
-        """`discovery_prefix`: what the topics of Home Assistant's discovery begin with; None: it is told nothing."""
-        self._broker, self._site, self._prefix = broker, site, discovery_prefix
+    def __init__(
+        self, broker: BrokerConfig, site: str, discovery_prefix: str | None = None, page: str | None = None
+    ) -> None:
+        """`discovery_prefix`: what the topics of Home Assistant's discovery begin with; None: it is told nothing.
+        `page`: the address of the page for people."""
+        self._broker, self._site, self._prefix, self._page = broker, site, discovery_prefix, page
         self._available = f"thermogate/{site}/availability"
         self._background = Background("mqtt-publisher")
         self._lock = threading.Lock()
@@ -107,9 +115,14 @@ class Publisher:
             if told is None:
                 # A reload has removed the zone under its last step.
                 return
-            if self._prefix is not None and announcement.topics not in told:
-                told.add(announcement.topics)
-                messages |= discovery(self._prefix, self._site, base, self._available, announcement)
+            ahead = announcement.reports.ahead
+            heating = ("heating",) if ahead is not None and ahead.heating is not None else ()
+            entities = (*announcement.topics, *heating)
+            if self._prefix is not None and entities not in told:
+                if not told:
+                    messages |= dict.fromkeys(retired(self._prefix, self._site, zone), CLEARED)
+                told.add(entities)
+                messages |= discovery(self._prefix, self._site, base, self._available, announcement, self._page)
             self._keep({topic: payload for topic, payload in messages.items() if self._last.get(topic) != payload})
 
     def settle(self) -> None:
@@ -225,7 +238,7 @@ def _open(table: MqttConfig, site: str) -> Publisher | None:
     if table.host is None:
         return None
     broker = table.called(f"thermogate-{site}")
-    return Publisher(broker, site, table.discovery_prefix if table.home_assistant else None).open()
+    return Publisher(broker, site, table.discovery_prefix if table.home_assistant else None, table.page).open()
 
 
 KIND = SinkKind("mqtt", MqttConfig, _problems, _open)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, TypeVar
 
@@ -11,9 +11,10 @@ from adapters.reading import Quality
 from adapters.units import default_valid_range
 from estimator.diagnosis.finding import Finding
 from estimator.types import ALPHA_LEVELS, Outcome
-from service.records.fan import Fan
+from estimator.verification.hindsight import HORIZONS
+from service.records.fan import CompactOutputPayload, Fan
 from service.records.outlook import InputOrigin
-from service.records.record import Moment, Number, Time, constant, record, shown, values
+from service.records.record import Moment, Number, Time, Vector, constant, record, shown, values
 from service.records.status import ZoneStatus
 from service.records.update import InputUsed, Interval, OutputForecast, Update
 
@@ -27,6 +28,9 @@ _REGIME = "low, transitional or high volatility; constant where there is none"
 _N_EFF = "effective sample size, particles; null where the estimator has none"
 _VOLATILITY = "null where the estimator has no volatility (ekf, ukf)"
 _LEVELS = "levels of lower, median and upper"
+
+AHEAD_STEP = 1800
+"""s from one value of the fan that is published to the next."""
 
 
 @record
@@ -111,6 +115,97 @@ class FanPayload(ForecastPayload):
         told = tuple(FanStepPayload(forecast.valid_time + k * period, step) for k, step in enumerate(steps))
         horizon = (len(steps) - 1) * period
         return cls(*(*_standing(fan.update, steps[0]), horizon, tuple(planned), fan.origins, told))
+
+
+@record
+class AheadHorizonPayload:
+    """The forecast of one time hours ahead."""
+
+    lead: int = shown("from the last sample to the one that is forecast, s", key="lead_s")
+    valid_time: Time
+    mean: Number = shown("degC")
+    sd: Number = shown("K")
+    lower: Number = shown("degC")
+    upper: Number = shown("degC")
+
+
+@record
+class AheadOutputPayload:
+    """The hours ahead of one output."""
+
+    output: str = shown("channel of the network", examples=["T_air"])
+    unit: Literal["degC"] = constant("degC")
+    horizons: tuple[AheadHorizonPayload, ...]
+    mean: Vector = shown("from valid_time on, every step_s")
+    lower: Vector
+    upper: Vector
+
+    @classmethod
+    def of(cls, one: CompactOutputPayload, sample_time: int, period: float) -> AheadOutputPayload:
+        """The hours ahead of `one`, an output of a fan with a single level, of a zone with this `period` [s]."""
+
+        def horizons() -> Iterator[AheadHorizonPayload]:
+            for steps in (round(horizon / period) for horizon in HORIZONS):
+                # One step ahead is the published forecast itself.
+                if 1 < steps <= len(one.mean):
+                    lead, columns = round(steps * period), (one.mean, one.sd, one.lower[0], one.upper[0])
+                    at = (float(column[steps - 1]) for column in columns)
+                    yield AheadHorizonPayload(lead, sample_time + lead, *at)
+
+        some = slice(None, None, ahead_stride(period))
+        return cls(one.output, tuple(horizons()), one.mean[some], one.lower[0, some], one.upper[0, some])
+
+
+@record
+class NextHeatingPayload:
+    """When to raise the set-point for the zone to be warm at the time at which it is likely to rise next."""
+
+    target: Number = shown("degC")
+    by: Moment
+    probability: Number = shown("of being warm by then, 0 to 1")
+    start: Moment | None = shown("latest time to raise the set-point; null: not even now is early enough")
+    reached: Number = shown("probability of being warm by then with this start, or, without one, when starting now")
+
+
+@record
+class AheadPayload:
+    """The next hours of a zone, inputs foreseen: some horizons, and a fan in steps of half an hour."""
+
+    sample_time: Time = shown("start of the last interval that was learned from")
+    issue_time: Time
+    valid_time: Time = shown("of the first value of the fan")
+    step_s: float = shown("from one value of the fan to the next, s")
+    level: float = shown("probability content of lower to upper")
+    quality: Quality = shown("as that of the published forecast; bad where a mean leaves the limits of its channel")
+    outputs: tuple[AheadOutputPayload, ...]
+    heating: NextHeatingPayload | None = shown(
+        "null where no rise of the set-point is likely within a day, none is known before the present one ends, no law "
+        "of the thermostat is known, or the forecast is not trusted so far ahead"
+    )
+
+    @classmethod
+    def of(
+        cls, fan: Fan, status: ZoneStatus, limits: Limits, heating: NextHeatingPayload | None = None
+    ) -> AheadPayload:
+        """What `fan`, with a single level, says of the zone in `status`."""
+        forecast = fan.update.forecast
+        period = forecast.valid_time - forecast.sample_time
+        means = ((one.output, mean) for one in fan.outputs for mean in one.mean.tolist())
+        return cls(
+            forecast.sample_time,
+            forecast.issue_time,
+            forecast.valid_time,
+            ahead_stride(period) * period,
+            fan.levels[0],
+            quality(fan.update) if credible(status, means, limits) else Quality.BAD,
+            tuple(AheadOutputPayload.of(one, forecast.sample_time, period) for one in fan.outputs),
+            heating,
+        )
+
+
+def ahead_stride(period: float) -> int:
+    """Periods [s] from one value of the published fan to the next."""
+    return max(1, round(AHEAD_STEP / period))
 
 
 @record

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 from pydantic import BaseModel
 
+from service.errors import ServiceError
 from service.publish.payloads import (
+    AheadPayload,
     ForecastPayload,
     GainPayload,
     GatePayload,
@@ -24,8 +27,10 @@ from service.records.status import ZoneStatus
 from service.records.trust import Trust
 from service.records.update import Update
 
-TOPICS = ("forecast", "volatility", "gate", "gain", "skill", "trust", "status")
+TOPICS = ("forecast", "ahead", "volatility", "gate", "gain", "skill", "trust", "status")
 """What a zone can tell, each as a JSON document of its own."""
+
+_log = logging.getLogger(__name__)
 
 
 class Occasion(Enum):
@@ -34,6 +39,23 @@ class Occasion(Enum):
     UPDATE = "a sample has brought an update"
     RESTORED = "the zone goes on with an update that was there before"
     STATUS = "the status alone has changed"
+
+
+class Reports(NamedTuple):
+    """What a zone tells less often than after every sample; None where there is no news of it."""
+
+    skill: Skill | None = None
+    heat_loss: Sequence[float] | None = None
+    """Its quantiles at `ALPHA_LEVELS`, W/K."""
+    trust: Trust | None = None
+    ahead: AheadPayload | None = None
+
+    def beside(self, before: Reports) -> Reports:
+        """These, and those of `before` of which there is no news."""
+        return before._replace(**{name: report for name, report in self._asdict().items() if report is not None})
+
+
+NO_REPORTS = Reports()
 
 
 class Announcement:
@@ -46,33 +68,26 @@ class Announcement:
         status: ZoneStatus,
         update: Update | None,
         occasion: Occasion = Occasion.UPDATE,
-        skill: Skill | None = None,
-        heat_loss: Sequence[float] | None = None,
-        trust: Trust | None = None,
+        reports: Reports = NO_REPORTS,
     ) -> None:
-        """`update` is the newest one of the zone; without any there is a status alone to tell. `skill`, `trust` and
-        `heat_loss`, its quantiles at `ALPHA_LEVELS` in W/K, are given when there is news of them."""
+        """`update` is the newest one of the zone; without any there is a status alone to tell."""
         self.zone = zone
         self.status = status
         self.update = update
         self.occasion = Occasion.STATUS if update is None else occasion
-        self.skill = skill
-        self.heat_loss = heat_loss
-        self.trust = trust if trust is not None and trust.horizons else None
+        judged = reports.trust is not None and bool(reports.trust.horizons)
+        self.reports = reports if judged else reports._replace(trust=None)
         self._site = site
         self._rendered: dict[str, bytes] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
         """What there is to tell, in the order in which it is told."""
-        if self.occasion is Occasion.STATUS or self.update is None:
-            return ("status",) if self.trust is None else ("trust", "status")
-        left_out = {
-            "gain": self.update.disturbance is None,
-            "skill": self.skill is None,
-            "trust": self.trust is None,
-        }
-        return tuple(topic for topic in TOPICS if not left_out.get(topic, False))
+        told = {"status": True} | {name: report is not None for name, report in self.reports._asdict().items()}
+        if self.occasion is not Occasion.STATUS and self.update is not None:
+            told |= dict.fromkeys(("forecast", "volatility", "gate"), True)
+            told["gain"] = self.update.disturbance is not None
+        return tuple(topic for topic in TOPICS if told.get(topic, False))
 
     @cached_property
     def disowned(self) -> bool:
@@ -90,8 +105,8 @@ class Announcement:
 
     def _told(self, topic: str) -> Any:
         """The record of `topic`."""
-        if topic in ("skill", "trust"):
-            return self.skill if topic == "skill" else self.trust
+        if topic in ("skill", "trust", "ahead"):
+            return getattr(self.reports, topic)
         if topic == "status":
             return StatusPayload.of(self.status, self.update)
         assert self.update is not None, f"there is no {topic} without an update"
@@ -121,6 +136,15 @@ class Sink(Protocol):
 
     def close(self) -> None:
         """Let go of everything; safe to call twice."""
+
+
+def tell(sinks: Iterable[Sink], announcement: Announcement) -> None:
+    """Let every sink publish; one that cannot be reached keeps neither the zone nor the others."""
+    for sink in sinks:
+        try:
+            sink.publish(announcement)
+        except ServiceError as error:
+            _log.warning("zone '%s': %s", announcement.zone, error)
 
 
 class SinkKind(NamedTuple):

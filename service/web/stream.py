@@ -12,7 +12,7 @@ from fastapi.responses import Response, StreamingResponse
 
 from adapters.fields.times import parse_time
 from service.publish.events import Event, Streams, event, events_of
-from service.publish.sinks import TOPICS, Announcement
+from service.publish.sinks import TOPICS, Announcement, Reports
 from service.records.record import document
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
@@ -67,7 +67,7 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
 
     async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
         with streams.opened(view.id) as opened:
-            current = Announcement(site, view.id, view.status(), view.latest(), trust=view.trust())
+            current = Announcement(site, view.id, view.status(), view.latest(), reports=Reports(trust=view.trust()))
             opened.put([*missed, *events_of(current)])
             async for data in opened.read():
                 yield data

@@ -17,9 +17,9 @@ from typing import TypeVar
 
 from adapters.reading import Reading
 from estimator.types import ALPHA_LEVELS
-from service.errors import ServiceError, StateMismatch
+from service.errors import StateMismatch
 from service.pauses import GrowingPause
-from service.publish.sinks import Announcement, Occasion
+from service.publish.sinks import Announcement, Occasion, Reports, tell
 from service.records.history import HistoryRow
 from service.records.outlook import NO_SURROUNDINGS, Surroundings, Weather
 from service.records.sample import Sample
@@ -329,12 +329,8 @@ class Zone:
         levels = tuple(one.level for one in trust.horizons)
         news = trust if skill is not None or levels != self._trusted else None
         self._trusted = levels
-        announcement = Announcement(self._plumbing.site, self.id, status, update, occasion, skill, heat_loss, news)
-        for sink in self._plumbing.sinks:
-            try:
-                sink.publish(announcement)
-            except ServiceError as error:
-                _log.warning("zone '%s': %s", self.id, error)
+        reports = Reports(skill, heat_loss, news)
+        tell(self._plumbing.sinks, Announcement(self._plumbing.site, self.id, status, update, occasion, reports))
 
     def _fail(self, error: Exception, pause: float) -> None:
         self._finished += 1

@@ -162,18 +162,20 @@ def test_prometheus_scrapes_a_daemon_without_keys_and_draws_the_dashboard(tmp_pa
             wait_until(scraped)
             (group,) = asked(url, "/api/v1/rules")["groups"]
             assert len(group["rules"]) == sum(len(each["rules"]) for each in RULES)
-            drawn = {panel["title"]: shown_by(url, panel) for panel in BOARD["panels"] if panel["type"] != "row"}
-            room = [title for title in drawn if "temperature" in title or title.startswith(("Unmeasured", "Heat loss"))]
-            assert len(room) == 3
-            assert all(all(drawn[title]) for title in room), {title: drawn[title] for title in room}
+            panels = {panel["id"]: panel for panel in BOARD["panels"] if panel["type"] != "row"}
+            # Temperatures without a set-point, which the recording has not; gain, heat loss, skill and trust.
+            panels[29]["targets"].pop()
+            wait_until(lambda: all(all(shown_by(url, panels[number])) for number in range(29, 34)))
+            for panel in panels.values():
+                # Prometheus refuses a query that it does not understand.
+                shown_by(url, panel)
         finally:
             prometheus.terminate()
             prometheus.wait(timeout=60)
 
 
 def shown_by(url: str, panel: dict[str, Any]) -> list[int]:
-    """How many series each query of a panel has, with everything chosen."""
-    queries = [
-        query.replace("$instance", ".*").replace("$zone", ".*").replace("$__all", ".*") for query in expressions(panel)
-    ]
+    """How many series each query of a panel has, with everything chosen, and what is drawn later as of now."""
+    chosen = (re.sub(r"\$instance|\$zone|\$__all", ".*", query) for query in expressions(panel))
+    queries = [query.replace(" offset 6h", "") for query in chosen]
     return [len(asked(url, "/api/v1/query", query=query)["result"]) for query in queries]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
+import shutil
+import subprocess
 import time
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +18,18 @@ from support.broker import Party, broker
 from support.fake_zones import doubted, make_update, running, skill_over
 from support.harness import EXAMPLES, ROOT, Daemon
 from support.home_assistant import HomeAssistant, home_assistant
+from support.running_zone import Announced
 
 from adapters.mqtt.broker import BrokerConfig
 from replay.recorded.learning import learn, survey
 from service.config.load import load_history
 from service.errors import ConfigError
+from service.forecast.ahead import LookingAhead
+from service.forecast.answers import Preheat, Range
 from service.publish.mqtt import Publisher
-from service.publish.sinks import Announcement, Occasion
+from service.publish.sinks import Announcement, Occasion, Reports
 from service.records.skill import HorizonSkill
+from service.records.trust import HorizonTrust, Trust
 
 PAGE = (ROOT / "docs" / "home-assistant.md").read_text(encoding="utf-8")
 FORECAST = "sensor.thermogate_living_forecast"
@@ -67,7 +75,7 @@ def entities(document: Any) -> set[str]:
         return set().union(*map(entities, document.values()))
     if isinstance(document, list):
         return set().union(*map(entities, document))
-    return {document} if isinstance(document, str) and ".thermogate_" in document else set()
+    return set(re.findall(r"(?:binary_)?sensor\.thermogate_\w+", document)) if isinstance(document, str) else set()
 
 
 def documented() -> set[str]:
@@ -112,7 +120,10 @@ def test_the_walkthrough(tmp_path: Path) -> None:
             inputs = {one["channel"]: one["value"] for one in daemon.get("/zones/living/forecast")[1]["inputs"]}
             assert inputs == {"T_out": 4.0, "u_heat": 1500.0}
             house.until(lambda: house.state("sensor.thermogate_living_state") == "running")
-            assert entities(yaml.safe_load(block("dashboard"))) <= house.states().keys()
+            house.until(lambda: 0 < float(house.state(f"{FORECAST}_1h_ahead")) < 40)
+            # Six hours are more steps of 2 s than are forecast at once.
+            missing = entities(yaml.safe_load(block("dashboard"))) - house.states().keys()
+            assert missing == {f"{FORECAST}_6h_ahead"}
             assert house.render("{{ device_attr('" + FORECAST + "', 'name') }}") == "Thermogate living"
             daemon.kill()
             house.until(lambda: unavailable(house))
@@ -134,11 +145,27 @@ def _as_published(house: HomeAssistant, listening: Party) -> bool:
     return True
 
 
+def problem(house: HomeAssistant) -> dict[str, Any]:
+    """What the entity that says what is wrong says."""
+    attributes = house.states()["binary_sensor.thermogate_living_problem"]["attributes"]
+    assert attributes["device_class"] == "problem"
+    return {name: attributes[name] for name in ("sentence", "all")}
+
+
+def generated(body: str, attributes: dict[str, Any]) -> Any:
+    """The points that a generator of an ApexCharts card draws, whose body is JavaScript over an `entity`."""
+    if (node := shutil.which("node")) is None:
+        pytest.skip("Node.js is not installed")
+    entity = json.dumps({"attributes": attributes})
+    script = f"process.stdout.write(JSON.stringify(new Function('entity', {json.dumps(body)})({entity})))"
+    return json.loads(subprocess.run([node, "-e", script], check=True, capture_output=True, text=True).stdout)
+
+
 def test_every_value_is_as_published(tmp_path: Path) -> None:
     with broker(tmp_path) as site, home_assistant(tmp_path / "house") as house:
         house.set_up(site.port)
         client = BrokerConfig(host="127.0.0.1", port=site.port, client_id="thermogate-home")
-        publisher = Publisher(client, "home", "homeassistant").open()
+        publisher = Publisher(client, "home", "homeassistant", "http://127.0.0.1:8080/").open()
         publisher.add("living")
         zone, update = doubted("living"), make_update(3)
         horizons = {
@@ -146,18 +173,32 @@ def test_every_value_is_as_published(tmp_path: Path) -> None:
             for lead in (300, 3600, 21600, 86400)
         }
         skill = skill_over(update.time, dict.fromkeys((1, 7, 30), tuple(horizons.values())))
-        announcement = Announcement("home", "living", zone.status(), update, Occasion.UPDATE, skill)
-        publisher.publish(announcement)
+        by, some = update.forecast.issue_time + 7200.0, Range(20.6, 20.1, 21.2)
+        zone.updates.append(update)
+        zone.trusted = Trust(
+            update.time, tuple(HorizonTrust(lead, "learning", "wait", update.time) for lead in horizons)
+        )
+        zone.heating = Preheat(by - 7200.0, "trusted", 21.0, by, 0.5, 0.9, by - 3600.0, 60.0, 0.93, some, some, 17.0)
+        heard = Announced()
+        asyncio.run(LookingAhead("home", {"living": zone}, [heard]).attend("living"))
+        ahead = heard.told[0].reports.ahead
+        reports = Reports(skill, trust=zone.trust(), ahead=ahead)
+        publisher.publish(Announcement("home", "living", zone.status(), update, Occasion.UPDATE, reports))
         house.until(lambda: float(house.state(FORECAST)))
         house.until(lambda: float(house.state("sensor.thermogate_living_skill_1h_ahead")))
         house.until(lambda: float(house.state("sensor.thermogate_living_learning_gate")))
-        house.until(lambda: house.state("binary_sensor.thermogate_living_finding_parameter_at_bound") == "on")
+        house.until(lambda: house.state("sensor.thermogate_living_trust_1d_ahead") == "learning")
+        house.until(lambda: house.state("binary_sensor.thermogate_living_problem") == "on")
         shown = {name: one["state"] for name, one in house.states().items() if ".thermogate_" in name}
         (output,) = update.forecast.outputs
         numbers = {
             FORECAST: output.mean,
             f"{FORECAST}_lower_95": output.intervals[0].lower,
             f"{FORECAST}_upper_95": output.intervals[0].upper,
+            **{
+                f"{FORECAST}_{lead}_ahead": one.mean
+                for lead, one in zip(("1h", "6h", "1d"), ahead.outputs[0].horizons, strict=True)
+            },
             "sensor.thermogate_living_volatility": update.volatility.median[0],
             "sensor.thermogate_living_learning_gate": update.gate.value,
             "sensor.thermogate_living_skill_1h_ahead": horizons[3600].skill_against_persistence,
@@ -167,18 +208,34 @@ def test_every_value_is_as_published(tmp_path: Path) -> None:
         assert shown["sensor.thermogate_living_regime"] == update.gate.regime
         assert shown["sensor.thermogate_living_state"] == "running"
         assert documented() - shown.keys() <= {"sensor.thermogate_living_unmeasured_heat"}, "the estimator has no gain"
-        problems = {name.partition("living_")[2] for name, state in shown.items() if state == "on"}
-        assert problems == {"finding_parameter_at_bound", "finding_network_variant"}
-        found = house.states()["binary_sensor.thermogate_living_finding_parameter_at_bound"]["attributes"]
-        assert found["device_class"] == "problem"
-        assert found["findings"] == [
-            finding.sentence for finding in zone.diagnosis.findings if finding.finding == "parameter-at-bound"
-        ]
+        assert {name for name, state in shown.items() if state == "on"} == {"binary_sensor.thermogate_living_problem"}
+        sentences = [finding.sentence for finding in zone.diagnosis.findings]
+        assert problem(house) == {"sentence": sentences[0], "all": sentences}
+        trust = house.states()["sensor.thermogate_living_trust_1d_ahead"]["attributes"]
+        assert (trust["reason"], trust["planned"]) == ("wait", "learning")
+        start = house.states()["sensor.thermogate_living_start_heating"]
+        assert datetime.fromisoformat(start["state"]).timestamp() == by - 3600.0
+        assert (start["attributes"]["target"], start["attributes"]["reached"]) == (21.0, 0.93)
+        url = house.render("{{ device_attr(device_id('" + FORECAST + "'), 'configuration_url') }}")
+        assert url == "http://127.0.0.1:8080/#/zone/living"
+        drawn = house.states()[f"{FORECAST}_1d_ahead"]["attributes"]
+        assert drawn["upper"] == pytest.approx(ahead.outputs[0].horizons[-1].upper)
+        for series, name in zip(
+            yaml.safe_load(block("apexcharts"))["series"][1:], ("mean", "lower", "upper"), strict=True
+        ):
+            assert series["entity"] in shown
+            points = [
+                [1000 * (ahead.valid_time + 1800 * k), round(value, 2)]
+                for k, value in enumerate(getattr(ahead.outputs[0], name).tolist())
+            ]
+            assert generated(series["data_generator"], drawn) == points
         stalled = running("living")
         stalled.state, stalled.reason = "stalled", "no measurement of T_i for 13 steps of 300 s"
         publisher.publish(Announcement("home", "living", stalled.status(), update, Occasion.STATUS))
-        house.until(lambda: house.state("binary_sensor.thermogate_living_problem") == "on")
         house.until(lambda: house.state(FORECAST) == "unavailable")
+        assert house.state(f"{FORECAST}_6h_ahead") == "unavailable"
+        assert house.state("binary_sensor.thermogate_living_problem") == "on"
+        assert problem(house)["sentence"] == stalled.reason
         state = house.states()["sensor.thermogate_living_state"]
         assert (state["state"], state["attributes"]["reason"]) == ("stalled", stalled.reason)
         publisher.remove("living")

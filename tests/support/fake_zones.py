@@ -16,6 +16,8 @@ from estimator.network import presets
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.errors import NoModel, ServiceError
+from service.forecast.ahead import NextRise
+from service.forecast.answers import Preheat
 from service.forecast.engine import FanQuestion
 from service.forecast.learned import ModelQuestion, Parameters, ParametersQuestion, SkillQuestion
 from service.forecast.plan import Grid, column
@@ -121,6 +123,7 @@ class FakeZone:
     surroundings: Surroundings = field(default_factory=Surroundings)
     trusted: Trust | None = None
     origins: tuple[InputOrigin, ...] = ()
+    heating: Preheat | None = None
 
     def trust(self) -> Trust:
         if not self.updates:
@@ -138,6 +141,8 @@ class FakeZone:
             return None if summary is None else Parameters(summary, ())
         if isinstance(question, SkillQuestion):
             return self.skill()
+        if isinstance(question, NextRise):
+            return self.heating
         assert isinstance(question, FanQuestion)
         return self._fan(question)
 

@@ -20,7 +20,7 @@ class Announced:
     """A sink that remembers, and can be told to fail."""
 
     def __init__(self):
-        self.updates, self.states, self.broken = [], [], False
+        self.told, self.updates, self.states, self.broken = [], [], [], False
 
     def publish(self, announcement):
         if announcement.occasion is not Occasion.STATUS:
@@ -28,6 +28,7 @@ class Announced:
                 raise ServiceError("[zenoh]: the session is gone")
             self.updates.append((announcement.zone, announcement.update))
         self.states.append(announcement.status.state)
+        self.told.append(announcement)
 
 
 class Poisoned:

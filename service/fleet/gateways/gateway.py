@@ -169,9 +169,7 @@ class Gateway:
                 if zone is None or zone.shard is not view:
                     continue
                 zone.heard(one)
-                announcement = Announcement(
-                    self._site, one.zone, one.status, one.update, one.occasion, one.skill, one.heat_loss, one.trust_news
-                )
+                announcement = Announcement(self._site, one.zone, one.status, one.update, one.occasion, one.reports)
                 if self._serving is not None:
                     for sink in self._serving.sinks:
                         sink.publish(announcement)

@@ -55,9 +55,7 @@ class Herald:
             zone.trust(),
             announcement.update,
             announcement.occasion,
-            announcement.skill,
-            announcement.heat_loss,
-            announcement.trust,
+            announcement.reports,
         )
         self._keep(news)
 
@@ -102,14 +100,7 @@ class Herald:
             self._version += 1
             _, before = self._newest.pop(news.zone, (0, news))
             occasion = before.occasion if news.occasion is Occasion.STATUS else news.occasion
-            self._newest[news.zone] = (
-                self._version,
-                news._replace(
-                    occasion=occasion,
-                    skill=news.skill or before.skill,
-                    heat_loss=news.heat_loss or before.heat_loss,
-                    trust_news=news.trust_news or before.trust_news,
-                ),
-            )
+            reports = news.reports.beside(before.reports)
+            self._newest[news.zone] = self._version, news._replace(occasion=occasion, reports=reports)
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._arrived.set)

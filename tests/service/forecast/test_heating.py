@@ -8,6 +8,7 @@ from estimator.network.presets import network
 from estimator.registry import build
 from estimator.thermostat.answers import Amounts
 from service.errors import NoLaw, PlanError, ServiceError
+from service.forecast.ahead import NextRise
 from service.forecast.heating import CompareQuestion, Course, DemandQuestion, PreheatQuestion, together
 from service.records.record import document
 from service.records.sample import Sample
@@ -49,6 +50,19 @@ def followed(setpoint):
 
 def kilowatt_hours(heat):
     return float(heat.sum()) * PERIOD / 3.6e6
+
+
+def test_the_next_likely_rise_of_the_set_point_is_prepared_for(worker):
+    found = answer(worker, NextRise(DAILY - 1))
+    assert (found.target, found.by) == (21.0, (MIDNIGHT + 6.5) * 3600.0)
+    assert found == answer(worker, PreheatQuestion(21.0, found.by, 0.9, 0.5))
+    assert answer(worker, NextRise(12)) is None, "there is none within six hours"
+    assert answer(fed(fresh(), 3, told=False), NextRise(DAILY - 1)) is None
+    heating = worker.standing.carried.thermostat._replace(setpoint=21.0)
+    carried = worker.standing.carried._replace(thermostat=heating)
+    by_day = fresh()
+    by_day.resume(worker.standing._replace(carried=carried), worker.input_quality, worker.progress, worker.trust)
+    assert answer(by_day, NextRise(DAILY - 1)) is None, "nobody knows how cold it will be after the set-back"
 
 
 def test_the_room_is_warm_in_time_and_would_not_be_much_later(worker):

@@ -15,12 +15,12 @@ from support.config_samples import sound, write
 from support.fake_zones import announced, make_update, running, waiting
 from support.waiting import wait_until
 
-from estimator.diagnosis.finding import FINDINGS
 from service.config.load import load
 from service.errors import ConfigError
 from service.publish import mqtt
+from service.publish.home_assistant import retired
 from service.publish.mqtt import MqttConfig, Publisher
-from service.publish.sinks import TOPICS, Announcement, Occasion
+from service.publish.sinks import TOPICS, Announcement, Occasion, Reports
 from service.records.measures import family
 
 AVAILABLE = "thermogate/htwg/availability"
@@ -44,7 +44,7 @@ def everything(name: str = "living", step: int = 2) -> Announcement:
     """An announcement with all there is to tell but a gain, which its estimator does not know."""
     zone = running(name)
     skill, trust = zone.skill(), zone.trust()
-    return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, skill, trust=trust)
+    return Announcement("htwg", name, zone.status(), make_update(step), Occasion.UPDATE, Reports(skill, trust=trust))
 
 
 def test_who_comes_late_has_everything_at_once(site: Mosquitto) -> None:
@@ -53,7 +53,7 @@ def test_who_comes_late_has_everything_at_once(site: Mosquitto) -> None:
     publishing.publish(announcement)
     with Party(site.port, "thermogate/#") as first:
         told = {f"{LIVING}{topic}": announcement.payload(topic) for topic in announcement.topics}
-        assert announcement.topics == tuple(topic for topic in TOPICS if topic != "gain")
+        assert announcement.topics == tuple(topic for topic in TOPICS if topic not in ("gain", "ahead"))
         wait_until(lambda: told.items() <= first.newest().items())
         assert first.newest() == told | {AVAILABLE: b"online"}
     with Party(site.port, "thermogate/#") as late:
@@ -96,7 +96,7 @@ def test_without_a_broker_the_daemon_goes_on_and_stops(site: Mosquitto, caplog: 
     wait_until(lambda: "no MQTT broker answers" in caplog.text)
     for step in range(100):
         publishing.publish(everything(step=step))
-    assert len(publishing._last) == len(TOPICS) - 1, "the newest of each topic waits, and nothing else"
+    assert len(publishing._last) == len(TOPICS) - 2, "the newest of each topic waits, and nothing else"
     publishing.close()
     assert publishing._background.ended
 
@@ -137,6 +137,17 @@ def test_a_zone_that_is_removed_is_forgotten(site: Mosquitto) -> None:
     publishing.close()
 
 
+def test_the_entities_of_single_findings_are_withdrawn(site: Mosquitto) -> None:
+    (once, *_) = retired("homeassistant", "htwg", "living")
+    with Party(site.port, once) as watching:
+        watching.put(once, b"{}", retain=True, qos=1)
+        wait_until(lambda: watching.newest() == {once: b"{}"})
+        publishing = publisher(site.port, "homeassistant")
+        publishing.publish(everything())
+        wait_until(lambda: watching.newest() == {once: b""})
+    publishing.close()
+
+
 def test_a_forecast_that_nobody_vouches_for_is_told_bad_once(site: Mosquitto) -> None:
     publishing = publisher(site.port)
     zone = running("living")
@@ -158,9 +169,12 @@ def test_a_zone_without_an_update_tells_its_status(site: Mosquitto) -> None:
     publishing.publish(announced("living", None, waiting("living").status()))
     with Party(site.port, "thermogate/#", "homeassistant/#") as watching:
         wait_until(lambda: f"{LIVING}status" in watching.newest())
-        wait_until(lambda: sum(topic.endswith("/config") for topic in watching.newest()) == len(FINDINGS) + 3)
-        entities = {topic.split("/")[-2] for topic in watching.newest() if topic.endswith("/config")}
-        assert entities == {"state", "last_sample", "problem", *FINDINGS}
+
+        def entities() -> set[str]:
+            told = {topic for topic, payload in watching.newest().items() if payload}
+            return {topic.split("/")[-2] for topic in told if topic.endswith("/config")}
+
+        wait_until(lambda: entities() == {"state", "last_sample", "problem"})
     publishing.close()
 
 
@@ -185,6 +199,7 @@ def mistaken(folder: Path, table: dict[str, object]) -> list[str]:
 def test_mistakes_in_the_table_are_sentences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "needs host, the broker to publish on" in mistaken(tmp_path, {"home_assistant": True})[0]
     assert "user goes with the password's place" in mistaken(tmp_path, {"host": "x", "user": "me"})[0]
+    assert "must be an address such as" in mistaken(tmp_path, {"host": "x", "page": "192.168.1.20:8080"})[0]
     assert "wildcard" in mistaken(tmp_path, {"host": "x", "discovery_prefix": "home/#"})[0]
     assert "password_file" in mistaken(tmp_path, {"host": "x", "user": "me", "password_file": "missing"})[0]
     assert "version" in mistaken(tmp_path, {"host": "x", "version": "4"})[0]
