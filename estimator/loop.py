@@ -198,7 +198,7 @@ class Loop:
         )
         if not self._single_steps and (carried.thermostat is not None or not math.isnan(setpoint)):
             learns = not started and posterior.outcome is not Outcome.VANISHED
-            after = self._thermostat(after, time, outputs, drive, setpoint, started=started, learns=learns)
+            after = self._thermostat(after, time, outputs, setpoint, started=started, learns=learns)
         if not self._single_steps:
             after = self._watched(after, time, float(outputs[0]))
         if not self._single_steps and due(estimator.network, before, record, time, int(estimator.period), self._seed):
@@ -239,7 +239,6 @@ class Loop:
         carried: Carried,
         time: int,
         outputs: Array,
-        drive: Array,
         setpoint: float,
         *,
         started: bool,
@@ -267,7 +266,7 @@ class Loop:
         )
 
         ahead = self._foreseeing(carried.day, inputs, time)
-        live = self.live.advanced(live, carried.standing.state, known, drive, inputs, time + period, ahead)
+        live = self.live.advanced(live, carried.standing.state, known, inputs, time + period, ahead)
         return carried._replace(thermostat=known, live=live)
 
     def _without_plan(self, carried: Carried, state: Any, rows: Array, time: int, setpoint: float) -> Mixtures:

@@ -1,11 +1,14 @@
 """The thermostat inside the simulation: every draw's own temperature calls for its own heat.
 
-At each step, with the set-point r_k and the temperature T_k that a draw has reached,
+At each step, with the set-point r_k and the temperature T_k of a draw,
 
-    u_k = law(r_k - T_k, u_(k-1)),    x_(k+1) = A x_k + B u_k + w_k,    w_k ~ N(0, Q),
+    x_(k+1) = A x_k + B u_k + w_k,    w_k ~ N(0, Q),
+    u_k = law(r_k - T_(k+1)) where it is proportional,    law(r_k - T_k, u_(k-1)) where it is on-off,
 
 so that a forecast stays within what the thermostat allows, and a model's own errors are corrected as the real
-thermostat corrects them. Heat of a step without a set-point is that of the plan.
+thermostat corrects them. The proportional law looks at the end of the step: a real one acts all the time, and one that
+looked at the beginning would overshoot where its band is narrow and the step long. Heat of a step without a set-point
+is that of the plan.
 """
 
 from __future__ import annotations
@@ -66,7 +69,6 @@ def closed_loop(
     *,
     noise: Noise | None = None,
     numbers: Array | None = None,
-    limits: Array | None = None,
 ) -> Paths:
     """The futures of `models` in which `laws` keep the `setpoints` (h,) [degC], NaN where nobody sets one.
 
@@ -76,14 +78,11 @@ def closed_loop(
         before: (n_u,): inputs of the step before, from which on-off laws know whether they are on.
         noise: by default none.
         numbers: (L, 3, K): the laws' numbers in each draw; by default those of `laws` in all.
-        limits: (L,): the largest heat of each law, at least 0, in its input's unit; by default none.
     """
     count, places = len(models.state), laws.column.astype(np.int64)
     noise = noise or no_noise(models, len(rows))
     if numbers is None:
         numbers = np.repeat(laws.numbers[:, :, None], count, axis=2)
-    if limits is None:
-        limits = np.full(len(places), np.inf)
     temperatures = np.empty((count, len(rows) + 1, len(models.c)))
     heat = np.empty((count, len(rows), len(places)))
     measured = np.argmax(models.c, axis=1)
@@ -105,7 +104,6 @@ def closed_loop(
         laws.side,
         laws.switching,
         np.ascontiguousarray(numbers),
-        limits,
         noise.process,
         noise.alive,
         temperatures,
@@ -123,10 +121,10 @@ class Start(NamedTuple):
     numbers: Array
     """(L, 3, K)."""
 
-    def run(self, laws: Laws, setpoints: Array, rows: Array, before: Array, limits: Array | None = None) -> Paths:
+    def run(self, laws: Laws, setpoints: Array, rows: Array, before: Array) -> Paths:
         """`closed_loop` from here, over at most as many steps as there is noise."""
         noise = Noise(*(each[: len(rows)] for each in self.noise))
-        return closed_loop(self.models, laws, setpoints, rows, before, noise=noise, numbers=self.numbers, limits=limits)
+        return closed_loop(self.models, laws, setpoints, rows, before, noise=noise, numbers=self.numbers)
 
 
 def started(draws: ModelDraws, period: float, laws: Laws, steps: int, *, seed: int, origin: int) -> Start:
@@ -174,14 +172,16 @@ class LawRoom:
     def step(self, inputs: Array) -> None:
         """One step on under `inputs` (n_u,), of which those that obey a law hold only where no set-point is known."""
         setpoint = self._setpoints[min(self._ahead, len(self._setpoints) - 1)]
-        row = inputs if self._driving is None else self._driving(self._ahead, inputs)
-        driven = np.repeat(row[:, None], len(self._state), axis=1)
+        row = (inputs if self._driving is None else self._driving(self._ahead, inputs)).copy()
         if not np.isnan(setpoint):
-            deviation = setpoint - self._state @ self._models.c[0]
-            self._heat = np.array([called(self._laws, i, deviation, last) for i, last in enumerate(self._heat)])
-            driven[self._places] = self._laws.sign[:, None] * self._heat
-        moved = np.einsum("kij,kj->ki", self._models.a, self._state)
-        self._state = moved + np.einsum("kij,jk->ki", self._models.b, driven)
+            row[self._places] = 0.0
+        measured, before = self._models.c[0], self._state
+        self._state = np.einsum("kij,kj->ki", self._models.a, before) + self._models.b @ row
+        for i in range(len(self._places) if not np.isnan(setpoint) else 0):
+            now, later = (setpoint - state @ measured for state in (before, self._state))
+            effect = self._models.b[:, :, self._places[i]] * self._laws.sign[i]
+            self._heat[i] = called(self._laws, i, now, later, effect @ measured, self._heat[i])
+            self._state = self._state + effect * self._heat[i][:, None]
         self._ahead += 1
 
     def anew(self) -> LawRoom:
@@ -202,8 +202,8 @@ def _drawn(laws: Laws, now: Draws, count: int) -> Array:
 
 @njit(cache=True, nogil=True)
 def _run(  # type: ignore[no-untyped-def]
-    a, response, idle, state, nodes, measured, setpoints, planned, before, side, switching, numbers, limits, process,
-    alive, temperatures, heat,
+    a, response, idle, state, nodes, measured, setpoints, planned, before, side, switching, numbers, process, alive,
+    temperatures, heat,
 ):  # fmt: skip
     count, size = state.shape
     steps, laws = planned.shape
@@ -224,18 +224,19 @@ def _run(  # type: ignore[no-untyped-def]
                 later[i] = value
             for i in range(laws):
                 power, offset, band = numbers[i, 0, k], numbers[i, 1, k], numbers[i, 2, k]
-                deviation = side[i] * (setpoints[h] - x[measured[0]])
                 if setpoints[h] != setpoints[h]:
                     # Nobody sets a set-point: what is planned is in `idle`.
                     last[i] = planned[h, i]
                     heat[k, h, i] = last[i]
                     continue
                 if switching[i] > 0.5:
+                    deviation = side[i] * (setpoints[h] - x[measured[0]])
                     on = deviation > offset + (-0.5 if last[i] > 0.5 * power else 0.5) * band
                     given = power if on else 0.0
                 else:
-                    given = power * min(max((deviation - offset) / band + 0.5, 0.0), 1.0)
-                given = min(given, limits[i])
+                    share = (side[i] * (setpoints[h] - later[measured[0]]) - offset) / band + 0.5
+                    effect = max(side[i] * response[k, measured[0], i], 0.0)
+                    given = power * min(max(share / (1.0 + effect * power / band), 0.0), 1.0)
                 last[i] = given
                 heat[k, h, i] = given
                 for j in range(size):

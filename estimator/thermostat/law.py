@@ -9,6 +9,15 @@ The first is u = clip(a + b x, 0, P) with b = P / w and a = P/2 - b m. P is the 
 band, or the hysteresis [K]. All are fitted by least squares, the kind is the one with the smaller squares, and what is
 uncertain follows from leaving out one day after the other (the jackknife of days, held to its median: errors of one day
 are alike).
+
+A relay that switches within an interval looks proportional, and the heat of an interval hardly follows the temperature
+at its beginning: least squares then take the band for several times as wide, and a simulated room never gets as warm
+as it is. So offset and band of a proportional law are seen the other way round, in hourly means, in which a swing
+cancels out: how far the room is from its set-point while a share of the power is called for,
+
+    x = m + w (q / P - 1/2),   0 < q < P,
+
+by the medians of x in bins of q / P.
 """
 
 from __future__ import annotations
@@ -18,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from estimator.arrays import Array
+from estimator.arrays import Array, Indices
 from estimator.network.network import Network
 from estimator.thermostat.memory import Memory
 
@@ -32,6 +41,12 @@ _BIN = 0.05
 
 _NARROWEST = 0.05
 """K: the smallest band; a step is no law that a sum of squares can be searched for."""
+
+_HOUR = 3600.0
+"""s over which offset and band of a proportional law are seen."""
+
+_SHARES = np.linspace(0.05, 0.95, 10)
+"""Edges of the bins of the share of the power."""
 
 _FEWEST = 72
 """Slots with a set-point, a temperature and heat before a law is fitted: half a day of 10 min."""
@@ -96,7 +111,8 @@ def identified(network: Network, memory: Memory) -> Laws:
             heat, before = (np.maximum(sign * rows[:, column], 0.0) for rows in (memory.inputs, memory.before))
             known = np.isfinite(deviation) & np.isfinite(heat)
             side = sign * direction
-            law = _fitted(side * deviation[known], heat[known], before[known], days[known])
+            runs = _runs(memory.times[known], memory.setpoints[known])
+            law = _fitted(side * deviation[known], heat[known], before[known], days[known], runs)
             if law is not None:
                 found.append((float(column), side, sign, *law))
     if not found:
@@ -104,9 +120,15 @@ def identified(network: Network, memory: Memory) -> Laws:
     return Laws(*(np.array(values) for values in zip(*found, strict=True)))
 
 
-def called(laws: Laws, place: int, deviation: Array, before: Array) -> Array:
-    """Heat >= 0 that law `place` gives at `deviation` T_set - T_i [K], where it gave `before` an interval ago."""
-    return _given(int(laws.switching[place]), laws.numbers[place], laws.side[place] * deviation, before)
+def called(laws: Laws, place: int, now: Array, later: Array, effect: Array, before: Array) -> Array:
+    """Heat >= 0 that law `place` gives over an interval, where it gave `before` an interval ago: T_set - T_i [K] is
+    `now` at its beginning, and would be `later` at its end without this heat, each unit of which warms by `effect`."""
+    numbers, side = laws.numbers[place], laws.side[place]
+    if laws.switching[place]:
+        return _given(1, numbers, side * now, before)
+    power, offset, band = numbers.tolist()
+    share = ((side * later - offset) / band + 0.5) / (1.0 + np.maximum(side * effect, 0.0) * power / band)
+    return np.asarray(power * np.clip(share, 0.0, 1.0), dtype=np.float64)
 
 
 def clear(numbers: Array, x: Array, margin: float = _MARGIN) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
@@ -138,23 +160,45 @@ def _given(switching: int, numbers: Array, x: Array, before: Array) -> Array:
     return np.asarray(power * np.clip((x - offset) / band + 0.5, 0.0, 1.0), dtype=np.float64)
 
 
-def _fitted(x: Array, heat: Array, before: Array, days: Array) -> tuple[float, Array, Array, float, float] | None:
+def _runs(times: Array, setpoints: Array) -> tuple[Array, int]:
+    """(n,): numbers of slots at `times` (n,), ascending, which go on by 1 where a slot follows the one before under the
+    same of `setpoints` (n,), and by more elsewhere; and how many slots make an hour."""
+    gaps = np.diff(times)
+    length = float(np.median(gaps)) if len(gaps) else _HOUR
+    steps = np.where((gaps == length) & (np.diff(setpoints) == 0.0), 1.0, 2.0)
+    return np.concatenate([[0.0], np.cumsum(steps)])[: len(times)], max(1, round(_HOUR / length))
+
+
+def _hourly(values: Array, numbers: Array, count: int) -> Array:
+    """(r, 2, m): means of `values` (r, n) over the two halves of each `count` slots that follow each other by their
+    `numbers` (n,)."""
+    begins = np.flatnonzero(numbers[count - 1 :] - numbers[: len(numbers) - count + 1] == count - 1)
+    sums = np.cumsum(np.concatenate([np.zeros((len(values), 1)), values], axis=1), axis=1)
+    edges = [begins, begins + (count + 1) // 2, begins + count // 2, begins + count]
+    ends = [sums[:, edge] for edge in edges]
+    return np.stack([ends[1] - ends[0], ends[3] - ends[2]], axis=1) / ((count + 1) // 2)
+
+
+def _fitted(
+    x: Array, heat: Array, before: Array, days: Array, runs: tuple[Array, int]
+) -> tuple[float, Array, Array, float, float] | None:
     """Kind, numbers, covariance, share explained and days of the law behind `heat` (n,) at `x` (n,); None where there
-    is no law. `before` (n,) is NaN where unknown, `days` (n,) tells the samples of one day from those of another."""
+    is no law. `before` (n,) is NaN where unknown, `days` (n,) tells the samples of one day from those of another, and
+    `runs` those that follow each other (`_runs`)."""
+    slots, hour = runs
+    # Heat of an interval follows the temperatures from its beginning to its end.
+    follows = np.append(np.diff(slots) == 1.0, False)
+    between = np.where(follows, 0.5 * (x + np.append(x[1:], np.nan)), x)
     x = np.clip(x, -_REACH, _REACH)
     if len(x) >= _FEWEST and (heat > 0.0).any():
         # A boiler that is off for a day, or a valve that is stuck, is not the law.
         obeys = ~_disobeys(_proportional(x, heat, np.ones((1, len(x))))[0], x, heat)
-        x, heat, before, days = (rows[obeys] for rows in (x, heat, before, days))
+        x, heat, before, days, slots, between = (rows[obeys] for rows in (x, heat, before, days, slots, between))
     variance = float(np.sum((heat - heat.mean()) ** 2)) if len(x) >= _FEWEST else 0.0
     if variance <= 0.0:
         return None
     names, day = np.unique(days, return_inverse=True)
-    # The first replicate has all days, each other one lacks one of them.
-    weights = np.ones((len(names) + 1, len(x)))
-    if len(names) > 1:
-        for index in range(len(names)):
-            weights[index + 1, day == index] = 0.0
+    weights = _without_each(day, len(names))
     known = np.isfinite(before)
     candidates = [_proportional(x, heat, weights), _on_off(x, heat, np.where(known, before, 0.0), weights * known)]
     given = [_given(switching, numbers[0], x, before) for switching, numbers in enumerate(candidates)]
@@ -164,7 +208,17 @@ def _fitted(x: Array, heat: Array, before: Array, days: Array) -> tuple[float, A
     if explained < _LEAST_EXPLAINED:
         return None
     numbers = candidates[switching]
+    if not switching:
+        numbers = _with_band(numbers, *_hourly(np.stack([between, heat, day]), slots, hour))
     return float(switching), numbers[0], _jackknife(numbers, len(names)), explained, float(len(names))
+
+
+def _without_each(day: Indices, count: int) -> Array:
+    """(1 + count, n): weights of samples in `day` (n,), a number: first of all days, then each time without one."""
+    weights = np.ones((count + 1, len(day)))
+    if count > 1:
+        weights[1:][day[None] == np.arange(count)[:, None]] = 0.0
+    return weights
 
 
 def _jackknife(numbers: Array, days: int) -> Array:
@@ -209,6 +263,28 @@ def _proportional(x: Array, heat: Array, weights: Array) -> Array:
             width, ratio = width / 2.5, ratio**0.4
         best[row, 1:] = offset, band
     return best
+
+
+def _with_band(numbers: Array, x: Array, heat: Array, day: Array) -> Array:
+    """`numbers` (1 + days, 3) with offset and band by the medians of `x` (2, n) at shares of the power, `heat` (2, n)
+    being means of the halves of hours; as they are where too few hours, or too few different shares, tell. An hour
+    counts in which both halves had some of the power: others are the end of warming up or cooling down."""
+    found, whole_day = numbers.copy(), np.round(day[0])
+    for row, (power, _, _) in enumerate(numbers):
+        share, place = heat.mean(axis=0) / power, np.digitize(heat / power, _SHARES)
+        chosen = ((place > 0) & (place < len(_SHARES))).all(axis=0)
+        if len(numbers) > 2 and row:
+            chosen &= whole_day != row - 1
+        of = np.digitize(share, _SHARES)
+        bins, counts = np.unique(of[chosen], return_counts=True)
+        if chosen.sum() < _FEWEST // 2 or len(bins) < 2:
+            return numbers
+        groups = [chosen & (of == one) for one in bins]
+        centres = np.array([share[one].mean() for one in groups])
+        medians = np.array([np.median(x.mean(axis=0)[one]) for one in groups])
+        slope, middle = np.polyfit(centres - 0.5, medians, 1, w=np.sqrt(counts))
+        found[row, 1:] = middle, max(slope, _NARROWEST)
+    return found
 
 
 def _power(share: Array, numbers: Array, sums: Array, most: float) -> tuple[Array, Array]:

@@ -10,8 +10,12 @@ the law inside, and the heat held, with all members; where no heat obeys a set-p
 They weigh what they proved to be worth, horizon by horizon, by exponentiated gradient on the CRPS as the members of a
 bank do (`estimator.bank.weights`).
 
-The widths of both are kept as the bank keeps its own (`estimator.bank.coverage`). Without a plan a forecast is held to
-what came as it was issued; under a plan it is unfolded under the set-points and the other inputs that followed.
+Both are held to what came as they were asked: under the inputs that were foreseen at the issue, with a plan also under
+the set-points that followed. Widths are kept as the bank keeps its own (`estimator.bank.coverage`), with one exception.
+While the thermostat holds a room, all draws of a model agree, and what it is off by is what the thermostat leaves: the
+swing of a relay, a droop, sun. That does not grow with what the model is unsure of. So there, future by future, the
+errors of verified forecasts that had the room held are added (`estimator.thermostat.held`), and there are two learned
+widths for the other times: with all heat on, and with none.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from estimator.bank.bank import Bank
 from estimator.bank.coverage import Widths, no_widths, with_place
 from estimator.bank.mixing import mixed, mixed_futures, stretched
 from estimator.bank.weights import COMPONENTS, Costs, between, costs_of, no_costs, weights, with_cost
+from estimator.thermostat import held
 from estimator.thermostat.closed_loop import Paths, Start, started
 from estimator.thermostat.futures import GUESSES, NOTHING_KNOWN, ToCome, guesses
 from estimator.thermostat.law import Laws
@@ -42,6 +47,11 @@ HORIZONS = (3600.0, 21600.0, 86400.0)
 
 PLANNED, UNPLANNED = 0, 1
 """The two questions."""
+
+_WIDTHS = ("planned", "unplanned", "forced")
+"""What has a width of its own: plans with the heat off, no plan, plans with all heat on."""
+
+_FORCED = 2
 
 LEVEL = 0.95
 """Of the interval whose coverage is kept."""
@@ -94,6 +104,8 @@ class Issue(NamedTuple):
     """Of each physical member: the arrays of its draws."""
     before: Array
     """(n_u,): inputs in force at the issue."""
+    foreseen: Array
+    """(hours, n_d): hourly means of the drive rows that were foreseen."""
     trusted: Array
     """(H, E): weights of the members before they proved anything under plans."""
     shares: Array
@@ -103,24 +115,26 @@ class Issue(NamedTuple):
     chances: Array
     """(H, F): weights of the futures."""
     scales: Array
-    """(2, H): by which the forecasts of each question were stretched."""
+    """(3, H): by which forecasts were stretched, by _WIDTHS."""
+    errors: Array
+    """(H, N): errors [K] that were added where the thermostat holds the room."""
 
 
 class Live(NamedTuple):
     """What was proved so far, and what waits to be."""
 
     step: int
-    rows: Array
-    """(m, n_d): drive rows of the last m steps, the newest last."""
     setpoints: Array
-    """(m,): degC."""
+    """(m,): of the last m steps, the newest last [degC]."""
     issues: tuple[Issue, ...]
     members: Costs
     """Of E members at H leads, under plans."""
     futures: Costs
     """Of F futures."""
-    widths: tuple[Widths, Widths]
-    """Of each question."""
+    widths: tuple[Widths, ...]
+    """By _WIDTHS."""
+    errors: Array
+    """(H, N): of the last forecasts under a plan that had the room held [K], the newest last."""
 
 
 class Fan(NamedTuple):
@@ -183,17 +197,17 @@ class LiveForecasts:
         count = len(self.leads)
         return Live(
             step=0,
-            rows=np.empty((0, 0)),
             setpoints=np.empty(0),
             issues=(),
             members=no_costs(len(self._members), count),
             futures=no_costs(len(FUTURES), count),
-            widths=(no_widths(count), no_widths(count)),
+            widths=tuple(no_widths(count) for _ in _WIDTHS),
+            errors=held.no_errors(count),
         )
 
     def restarted(self, live: Live) -> Live:
         """After a gap: what was pending has lost its time, what was proved is kept."""
-        return live._replace(rows=live.rows[:0], setpoints=live.setpoints[:0], issues=())
+        return live._replace(setpoints=live.setpoints[:0], issues=())
 
     def knows(self, thermostat: Thermostat, time: float) -> bool:
         """Whether `unplanned` has futures beside the heat held: with a law, or once a day before `time` [UTC s] is
@@ -215,8 +229,7 @@ class LiveForecasts:
         leads = np.arange(2, len(rows) + 2, dtype=np.float64)
         shares = self._shares(live, state)
         starts = self._started(state, laws, shares, len(rows), _DRAWS, time // round(self._estimator.period))
-        scales = self._scales(live, PLANNED, leads)
-        outputs, paths, own = self._under(starts, shares, thermostat, setpoints, rows, before, leads, scales)
+        outputs, paths, own = self._under(live, starts, shares, thermostat, setpoints, rows, before, leads)
         heat, chances = _heat(paths, own)
         return Fan(outputs.after(self._now(state)), chances, heat, np.empty((len(rows), 0)))
 
@@ -267,22 +280,20 @@ class LiveForecasts:
             for question, mixture in ((PLANNED, of_plan), (UNPLANNED, of_none)):
                 if mixture is not None:
                     told.append(Told(question, self.leads[horizon], mixture))
-                    live = self._widened(
-                        live, question, horizon, mixture, float(issue.scales[question, horizon]), value
-                    )
         return live, tuple(told)
 
     def _learned_of_plan(
         self, live: Live, thermostat: Thermostat, horizon: int, issue: Issue, value: float
     ) -> tuple[Live, Mixture | None]:
-        """What the members make of the set-points that followed, and what had been told of it with the weights and the
-        scale of the issue."""
+        """What the members make of the set-points that followed, under the other inputs that were foreseen, and what
+        had been told of it with the weights, the scale and the errors of the issue."""
         laws, memory = thermostat.laws, thermostat.memory
         steps, shares = self.leads[horizon] - 1, issue.shares[horizon]
-        setpoints, rows = live.setpoints[len(live.setpoints) - steps :], live.rows[len(live.rows) - steps :]
-        if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(rows) < steps:
+        setpoints, hourly = live.setpoints[len(live.setpoints) - steps :], round(_HOUR / self._estimator.period)
+        if not len(laws.column) or not self._members or np.isnan(setpoints).any() or len(setpoints) < steps:
             return live, None
-        there, parts, own = np.flatnonzero(shares > 0.0).tolist(), [], []
+        rows = np.repeat(issue.foreseen, max(1, hourly), axis=0)[:steps]
+        there, parts, own, of = np.flatnonzero(shares > 0.0).tolist(), [], [], []
         for place in there:
             draws = _draws(self._members[place].network, issue.drawn[place])
             start, own_rows = self._start(draws, place, laws, steps, int(issue.step)), rows[:, self._columns[place]]
@@ -290,10 +301,20 @@ class LiveForecasts:
             end, believed = paths.mixtures().at(-1), _believed(paths, setpoints, memory)[-1]
             parts.append(Mixture(believed / believed.sum(), end.means[:1], end.sds[:1]))
             own.append(shares[place] * believed.sum())
+            of.append(held.states(paths, laws, setpoints)[-1])
         now = self._weights(live.members, issue.trusted.T)[there, horizon]
         members = _judged(live.members, horizon, parts, now / now.sum(), value, self._hours, there)
-        told = mixed(parts, np.array(own) / sum(own), float(issue.scales[PLANNED, horizon]))
-        return live._replace(members=members), told
+        live = live._replace(members=members)
+        told, states = mixed(parts, np.array(own) / sum(own), 1.0), np.concatenate(of)
+        scales = issue.scales[[PLANNED, _FORCED], horizon]
+        strayed = held.strayed_by_all(told, states, scales, issue.errors[horizon])
+        state = int(np.argmax(np.bincount(states, told.weights)))
+        if state == held.HELD:
+            kept = states == held.HELD
+            error = value - float(np.average(told.means[0, kept], weights=told.weights[kept]))
+            return live._replace(errors=held.with_error(live.errors, horizon, error)), strayed
+        width = PLANNED if state == held.IDLE else _FORCED
+        return self._widened(live, width, horizon, strayed, float(issue.scales[width, horizon]), value), strayed
 
     def _learned_of_none(self, live: Live, horizon: int, issue: Issue, value: float) -> tuple[Live, Mixture | None]:
         """What the futures of an issue made of it, and what had been told of it."""
@@ -303,16 +324,18 @@ class LiveForecasts:
         parts = [Mixture(issue.futures[horizon, i, 0], *issue.futures[horizon, i, 1:, None]) for i in there]
         now = self._weights(live.futures, self._prior)[there, horizon]
         futures = _judged(live.futures, horizon, parts, now / now.sum(), value, self._hours, there)
-        whole = mixed(parts, issue.chances[horizon, there], float(issue.scales[UNPLANNED, horizon]))
-        return live._replace(futures=futures), whole
+        scale = float(issue.scales[UNPLANNED, horizon])
+        whole = mixed(parts, issue.chances[horizon, there], scale)
+        live = self._widened(live._replace(futures=futures), UNPLANNED, horizon, whole, scale, value)
+        return live, whole
 
-    def _widened(self, live: Live, question: int, horizon: int, mixture: Mixture, scale: float, value: float) -> Live:
-        """The width of a question after a `mixture`, told with `scale`, was held to `value`: at the present scale, as a
+    def _widened(self, live: Live, width: int, horizon: int, mixture: Mixture, scale: float, value: float) -> Live:
+        """The width, by _WIDTHS, after a `mixture`, told with `scale`, was held to `value`: at the present scale, as a
         bank learns it."""
         widths = list(live.widths)
-        present = float(np.exp(widths[question].log_scale[horizon])) / scale
-        widths[question] = with_place(
-            widths[question],
+        present = float(np.exp(widths[width].log_scale[horizon])) / scale
+        widths[width] = with_place(
+            widths[width],
             horizon,
             distribution(stretched(mixture, present), 0, value),
             min(self._hours / (self.leads[horizon] * self._estimator.period / _HOUR), 1.0),
@@ -320,44 +343,39 @@ class LiveForecasts:
             feedback=_FEEDBACK,
             first=_FIRST,
         )
-        return live._replace(widths=(widths[0], widths[1]))
+        return live._replace(widths=tuple(widths))
 
     def advanced(
         self,
         live: Live,
         state: Any,
         thermostat: Thermostat,
-        drive: Array,
         before: Array,
         time: int,
         ahead: Callable[[int], Array],
     ) -> Live:
-        """One period on under the drive row `drive` (n_d,), of which the measured inputs are `before` (n_u,), and the
-        newest set-point, to `state` at `time` [UTC s].
+        """One period on under the inputs `before` (n_u,) and the newest set-point, to `state` at `time` [UTC s].
 
         Once an hour both questions are answered, to be held to what comes; `ahead(h)` gives the drive rows that are
         foreseen of h steps.
         """
         step, longest = live.step + 1, max(self.leads, default=0)
         issues = tuple(issue for issue in live.issues if step - int(issue.step) < longest)
-        rows = np.concatenate([live.rows.reshape(-1, len(drive)), drive[None]])
         setpoints = np.append(live.setpoints, thermostat.setpoint)
         every = max(1, round(_EVERY / self._estimator.period))
         if longest and step % every == self._seed % every:
             rows_ahead = ahead(longest - 1)
             issues = (*issues, self._issue(live, step, state, thermostat, rows_ahead, before, time))
         kept = step - int(issues[0].step) if issues else 0
-        return live._replace(
-            step=step, rows=rows[len(rows) - kept :], setpoints=setpoints[len(setpoints) - kept :], issues=issues
-        )
+        return live._replace(step=step, setpoints=setpoints[len(setpoints) - kept :], issues=issues)
 
     def pack(self, live: Live) -> dict[str, Array]:
         """Everything as arrays, by name."""
-        arrays = {"step": np.array(live.step), "rows": live.rows, "setpoints": live.setpoints}
+        arrays = {"step": np.array(live.step), "setpoints": live.setpoints, "errors": live.errors}
         for part, costs in (("members", live.members), ("futures", live.futures)):
             arrays |= {f"{part}.{name}": value for name, value in costs._asdict().items()}
-        for question, widths in zip(("planned", "unplanned"), live.widths, strict=True):
-            arrays |= {f"{question}.{name}": value for name, value in widths._asdict().items()}
+        for width, widths in zip(_WIDTHS, live.widths, strict=True):
+            arrays |= {f"{width}.{name}": value for name, value in widths._asdict().items()}
         if live.issues:
             for name in _PLAIN:
                 arrays[f"issues.{name}"] = np.stack([getattr(issue, name) for issue in live.issues])
@@ -368,12 +386,12 @@ class LiveForecasts:
 
     def unpack(self, arrays: Mapping[str, Array]) -> Live:
         """What was packed, with the same bits; the beginning for what was stored before there was any of it, or is of
-        other members or leads."""
+        other members or leads. Forecasts that wait are dropped where they say nothing of what was foreseen."""
         fresh = self.begin()
         if "step" not in arrays or arrays["members.excess"].shape != fresh.members.excess.shape:
             return fresh
         issues = []
-        for row in range(len(arrays.get("issues.step", ()))):
+        for row in range(len(arrays["issues.step"]) if "issues.foreseen" in arrays else 0):
             drawn = tuple(
                 {name: values[row] for name, values in _under(f"drawn.{place}.", arrays).items()}
                 for place in range(len(self._members))
@@ -381,12 +399,15 @@ class LiveForecasts:
             issues.append(Issue(drawn=drawn, **{name: arrays[f"issues.{name}"][row] for name in _PLAIN}))
         return Live(
             step=int(arrays["step"]),
-            rows=arrays["rows"],
             setpoints=arrays["setpoints"],
             issues=tuple(issues),
             members=Costs(**_under("members.", arrays)),
             futures=Costs(**_under("futures.", arrays)),
-            widths=(Widths(**_under("planned.", arrays)), Widths(**_under("unplanned.", arrays))),
+            widths=tuple(
+                Widths(**(old._asdict() | _under(f"{width}.", arrays)))
+                for width, old in zip(_WIDTHS, fresh.widths, strict=True)
+            ),
+            errors=arrays.get("errors", fresh.errors),
         )
 
     def _issue(
@@ -415,11 +436,13 @@ class LiveForecasts:
             step=np.array(step, dtype=np.int64),
             drawn=tuple(_arrays(one) for one in drawn if one is not None),
             before=before,
+            foreseen=_hourly(rows, self._estimator.period),
             trusted=self._trusted(state).T,
             shares=self._shares(live, state).T,
             futures=futures,
             chances=chances,
             scales=np.exp(np.array([each.log_scale for each in live.widths])),
+            errors=live.errors,
         )
 
     def _futures(
@@ -442,10 +465,9 @@ class LiveForecasts:
         if chosen[: len(GUESSES)].any():
             shares = self._shares(live, state)
             starts = self._started(state, laws, shares, steps, count, time // round(period))
-            scales = self._scales(live, PLANNED, leads)
             told = guesses(memory, thermostat.setpoint, times, self._to_come)
             for place in np.flatnonzero(chosen[: len(GUESSES)]).tolist():
-                outputs, paths, own = self._under(starts, shares, thermostat, told[place], rows, before, leads, scales)
+                outputs, paths, own = self._under(live, starts, shares, thermostat, told[place], rows, before, leads)
                 found[place] = outputs, _heat(paths, own)
         for place in (np.flatnonzero(chosen[len(GUESSES) :]) + len(GUESSES)).tolist():
             planned = rows if FUTURES[place] == "heat-held" else self._as_yesterday(memory, rows, times)
@@ -469,6 +491,7 @@ class LiveForecasts:
 
     def _under(
         self,
+        live: Live,
         starts: Sequence[tuple[int, Start]],
         shares: Array,
         thermostat: Thermostat,
@@ -476,9 +499,9 @@ class LiveForecasts:
         rows: Array,
         before: Array,
         leads: Array,
-        scales: Array,
     ) -> tuple[Mixtures, list[Paths], Array]:
-        """The members' futures under `setpoints` (h,), mixed and stretched; their paths, and weights (E', h)."""
+        """The members' futures under `setpoints` (h,), mixed, as wide as they proved to be; their paths, and weights
+        (E', h)."""
         laws = thermostat.laws
         paths = [start.run(laws, setpoints, rows[:, self._columns[place]], before) for place, start in starts]
         own = between(shares[[place for place, _ in starts]], self.leads, leads)
@@ -489,7 +512,11 @@ class LiveForecasts:
             each.mixtures().during(slice(1, None))._replace(weights=some)
             for each, some in zip(paths, believed, strict=True)
         ]
-        return mixed_futures(mixtures, own, scales), paths, own
+        outputs = mixed_futures(mixtures, own, np.ones(len(leads)))
+        states = np.concatenate([held.states(each, laws, setpoints) for each in paths], axis=1)
+        scales = np.stack([self._scales(live, width, leads) for width in (PLANNED, _FORCED)])
+        errors = held.spread_out(live.errors, self.leads, leads, [len(each.weights) for each in paths])
+        return held.strayed(outputs, states, scales, errors), paths, own
 
     def _started(
         self, state: Any, laws: Laws, shares: Array, steps: int, count: int, origin: int
@@ -537,9 +564,9 @@ class LiveForecasts:
         found = np.where((found >= least) & (found >= _NEGLIGIBLE), found, 0.0)
         return np.asarray(found / found.sum(axis=0))
 
-    def _scales(self, live: Live, question: int, leads: Array) -> Array:
-        """(L,): by which forecasts `leads` (L,) steps ahead are stretched; that of one step is told as it is."""
-        known = np.concatenate([[0.0], live.widths[question].log_scale])
+    def _scales(self, live: Live, width: int, leads: Array) -> Array:
+        """(L,): by which forecasts `leads` (L,) steps ahead are stretched; `width` is by _WIDTHS. One step is not."""
+        known = np.concatenate([[0.0], live.widths[width].log_scale])
         return np.asarray(np.exp(between(known, (1, *self.leads), leads)))
 
     def _chances(self, live: Live, thermostat: Thermostat) -> Array:
@@ -584,6 +611,13 @@ def _heat(paths: Sequence[Paths], shares: Array) -> tuple[Array, Array]:
     """The heat of all paths (N, h, n_laws), and its weights (h, N), of members with `shares` (E, h)."""
     weighted = [share[:, None] * one.weights[None] for one, share in zip(paths, shares, strict=True)]
     return np.concatenate([one.heat for one in paths]), np.concatenate(weighted, axis=1)
+
+
+def _hourly(rows: Array, period: float) -> Array:
+    """(hours, n_d): means of `rows` (h, n_d) that are `period` s apart."""
+    begins = np.arange(0, len(rows), max(1, round(_HOUR / period)))
+    counts = np.diff(np.append(begins, len(rows)))
+    return np.asarray(np.add.reduceat(rows, begins, axis=0) / counts[:, None])
 
 
 _PLAIN = tuple(name for name in Issue._fields if name != "drawn")

@@ -32,6 +32,10 @@ from service.zone.worker import Standing, ZoneWorker
 COLD = 0.5
 """K below a set-point from which on a room counts as too cold."""
 
+_AS_GOOD = 0.03
+"""Probability below the best one that counts as as good, where the thermostat's own swing leaves little more than is
+asked, or less."""
+
 _LEVELS = np.array([0.025, 0.975])
 _HOUR = 3600.0
 _PAIRED = 4000
@@ -75,7 +79,11 @@ def check_until(by: float, start: float, period: float) -> None:
 
 class PreheatQuestion(NamedTuple):
     """Asks when to raise the set-point to `target` [degC], for the room to be no more than `tolerance` [K] below it
-    `by` UTC s with a probability."""
+    `by` UTC s with a probability.
+
+    Where the thermostat itself lets the room stray that far nearly as often as is allowed, or more often, no early
+    start helps: then the answer is the latest one that is as good as starting now (_AS_GOOD).
+    """
 
     target: float
     by: float
@@ -99,7 +107,12 @@ class PreheatQuestion(NamedTuple):
             fans[step] = futures.under(setpoints)
             return answers.probability_above(fans[step].outputs.at(steps), self.target - self.tolerance)
 
-        found = answers.latest(reached, steps - 1, self.probability)
+        found, best = answers.latest(reached, steps - 1, self.probability), reached(0)
+        if 0.5 <= best < self.probability + _AS_GOOD:
+            as_good = answers.latest(reached, steps - 1, best - _AS_GOOD)
+            # Otherwise it is time that is short.
+            if as_good is not None and as_good * period >= _HOUR:
+                found = as_good
         fan = fans[0 if found is None else found]
         last = fan.outputs.at(steps)
         lower, upper = summary(Mixtures.of_one(last), _LEVELS, exact=True).quantiles[0, 0].tolist()
