@@ -45,5 +45,9 @@ EXPERIMENTS = {
         "experiments.sensitivity",
         "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
     ),
+    "lies": Entry(
+        "experiments.lies",
+        "sensors and meters that lie in buildings of EnergyPlus: what is found, how soon, and false alarms",
+    ),
     "cost": Entry("experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
 }

@@ -25,7 +25,8 @@ class Recent(NamedTuple):
     counts: Array
     """(n,): measurements in the newest slot."""
     values: Array
-    """(m, n): of the output the last, of every input the mean."""
+    """(m, n): of the output the one that is farthest from the slot before, so that no spike is lost; of every input the
+    mean."""
 
 
 def nothing_recent(width: int, period: int) -> Recent:
@@ -46,7 +47,10 @@ def with_measured(recent: Recent, time: int, output: float, inputs: Array) -> Re
     known = ~np.isnan(sample)
     so_far = np.where(counts > 0.0, values[place], 0.0)
     average = so_far + (sample - so_far) / (counts + 1.0)
-    average[0] = output
+    if counts[0] and not abs(output - values[place - 1, 0]) > abs(so_far[0] - values[place - 1, 0]):
+        average[0] = so_far[0]
+    else:
+        average[0] = output
     values[place] = np.where(known, average, values[place])
     return Recent(times, counts + known, values)
 

@@ -1,0 +1,190 @@
+"""`lies`: how soon telemetry that lies is found, by which name, and how often the truth is taken for a lie.
+
+Rooms of EnergyPlus with people, whose rows lie for four days after ten true ones. Nothing is estimated: what is found
+hangs on the telemetry alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from datetime import date
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.arrays import Array
+from estimator.diagnosis import finding
+from estimator.diagnosis.telemetry.lies import Suspicion, looked
+from estimator.diagnosis.telemetry.recent import nothing_recent, with_measured
+from estimator.network.presets import network
+from replay.energyplus.buildings import BUILDINGS, building_named
+from replay.energyplus.library import library
+from replay.energyplus.plant import STEP
+from replay.energyplus.recording import record
+from replay.experiments.jobs import Arrays, Job
+from replay.experiments.progress import steps
+from replay.experiments.request import Request
+from replay.experiments.study import Figures, Results, Run, Study
+from replay.reports.kit.report import Report, Section
+from replay.reports.kit.table import Cell, Table
+
+PERIOD = round(STEP)
+HOUR, DAY = 3600 // PERIOD, 86_400 // PERIOD
+DAYS, TRUE_DAYS, LYING_DAYS = 34, 10, 4
+ONSETS = (0, 15)
+"""Hours of the first lying day at which the lie begins."""
+
+BEGIN = (date(2025, 1, 6), date(2025, 3, 10), date(2025, 11, 3))
+"""By seed, in turn."""
+
+NETWORK = network("building-67")
+"""Its inputs are those of the columns: outdoor temperature, heating and sun."""
+
+ROOM, OUTDOOR, HEATING = 0, 1, 2
+NOTHING = "the truth"
+ALARMS, NAMED = "alarms in 60 days", "by its name in 48 h"
+WITHIN = {f"found in {hours} h": hours for hours in (12, 24, 48)}
+
+
+class Lie(NamedTuple):
+    """What a column tells instead of its values; `told` is of the lying rows (k, 4) and of those an hour before."""
+
+    column: int
+    told: Callable[[Array, Array], Array]
+    name: str
+    """Of the finding that should come."""
+
+
+def _spikes(values: Array) -> Array:
+    rng = np.random.default_rng(0)
+    places = rng.choice(len(values), len(values) // 60, replace=False)
+    spiked = values.copy()
+    spiked[places] += rng.choice([-8.0, 8.0], len(places))
+    return spiked
+
+
+LIES: Mapping[str, Lie] = {
+    "sensor stuck": Lie(ROOM, lambda rows, _: np.full(len(rows), rows[0, ROOM]), finding.SENSOR_STUCK),
+    "sensor drifts by .1 K/h": Lie(
+        ROOM, lambda rows, _: rows[:, ROOM] + 0.1 / HOUR * np.arange(len(rows)), finding.SENSOR_DRIFTS
+    ),
+    "sensor tells 2 K more": Lie(ROOM, lambda rows, _: rows[:, ROOM] + 2.0, finding.SENSOR_JUMPED),
+    "sensor leaps by 8 K": Lie(ROOM, lambda rows, _: _spikes(rows[:, ROOM]), finding.SENSOR_SPIKES),
+    "kW for W": Lie(HEATING, lambda rows, _: rows[:, HEATING] / 1000.0, finding.UNIT_CHANGED),
+    "mW for W": Lie(HEATING, lambda rows, _: rows[:, HEATING] * 1000.0, finding.UNIT_CHANGED),
+    "meter with the other sign": Lie(HEATING, lambda rows, _: -rows[:, HEATING], finding.SIGN_FLIPPED),
+    "meter dead": Lie(HEATING, lambda rows, _: np.zeros(len(rows)), finding.METER_DEAD),
+    "meter an hour late": Lie(HEATING, lambda _, before: before[:, HEATING], finding.METER_LATE),
+    "outdoor with the other sign": Lie(OUTDOOR, lambda rows, _: -rows[:, OUTDOOR], finding.SIGN_FLIPPED),
+    "outdoor stuck": Lie(OUTDOOR, lambda rows, _: np.full(len(rows), rows[0, OUTDOOR]), finding.SENSOR_STUCK),
+    "room and outdoor exchanged": Lie(OUTDOOR, lambda rows, _: rows[:, ROOM], finding.CHANNELS_SWAPPED),
+}
+
+
+class Watch(NamedTuple):
+    """The rooms of a building, `rows` (r, K, 4), and what is told of them."""
+
+    rows: Array
+    lie: str
+
+
+def prepare(request: Request) -> Study:
+    """The experiment for `request`; ReplayError where it cannot be made."""
+    request.accept("seeds", "building")
+    library()
+    runs = []
+    buildings = [building_named(name) for name in request.building or BUILDINGS]
+    recordings = [(building, heating) for building in buildings for heating in ("on-off", "proportional")]
+    for seed in request.seeds_or(3):
+        for building, heating in steps(recordings, "recording"):
+            name, begin = building.name, BEGIN[(seed - 1) % len(BEGIN)]
+            found = record(building, "denver", begin=begin, days=DAYS, heating=heating, seed=seed)
+            shared = [np.broadcast_to(each[:, None], found.air.shape) for each in (found.outdoor, found.irradiance)]
+            rows = np.stack([found.air, shared[0], found.heating, shared[1]], axis=-1).transpose(1, 0, 2)
+            for lie in (NOTHING, *LIES):
+                job = Job(f"{name} {heating} {lie}", seed, watch, Watch(rows, lie))
+                runs.append(Run(f"{name}, {heating}", lie, job))
+    return Study(tuple(runs), lambda run, arrays: _figures(run.contender, arrays), _report)
+
+
+def watch(run: Watch) -> Arrays:
+    """For every room and onset `any` and `named`: hours until something is found and until it has its name, NaN for
+    never; of the truth `alarms`, the suspicions that began, and `days`."""
+    if run.lie == NOTHING:
+        alarms = 0
+        for rows in run.rows:
+            stood_before: set[tuple[str, int]] = set()
+            for _, stood in _suspected(rows, 0):
+                now = {(one.name, one.column) for one in stood}
+                alarms, stood_before = alarms + len(now - stood_before), now
+        # Nothing is suspected before there is a reference.
+        return {"alarms": np.array(alarms), "days": np.array(len(run.rows) * (run.rows.shape[1] / DAY - 8.0))}
+    lie = LIES[run.lie]
+    found, named = [], []
+    for rows in run.rows:
+        for onset in ONSETS:
+            begin = TRUE_DAYS * DAY + onset * HOUR
+            part, before = slice(begin, begin + LYING_DAYS * DAY), slice(begin - HOUR, begin - HOUR + LYING_DAYS * DAY)
+            lying = rows[: part.stop].copy()
+            lying[part, lie.column] = lie.told(rows[part], rows[before])
+            if lie.name == finding.CHANNELS_SWAPPED:
+                lying[part, ROOM] = rows[part, OUTDOOR]
+            looks = [((place - begin) / HOUR, stood) for place, stood in _suspected(lying, begin)]
+            found.append(next((hours for hours, stood in looks if stood), np.nan))
+            expected = (lie.name, lie.column)
+            named.append(next((h for h, stood in looks if expected in {(o.name, o.column) for o in stood}), np.nan))
+    return {"any": np.array(found), "named": np.array(named)}
+
+
+def _suspected(rows: Array, begin: int) -> list[tuple[int, tuple[Suspicion, ...]]]:
+    """What is suspected after every hour from row `begin` on."""
+    recent, looks = nothing_recent(rows.shape[1] - 1, PERIOD), []
+    stood: tuple[Suspicion, ...] = ()
+    for place, row in enumerate(rows):
+        recent = with_measured(recent, place * PERIOD, float(row[0]), row[1:])
+        if place >= begin and place % HOUR == HOUR - 1:
+            stood = looked(NETWORK, recent, stood, (place + 1) * PERIOD)
+            looks.append((place, stood))
+    return looks
+
+
+def _figures(lie: str, arrays: Arrays) -> Figures:
+    if lie == NOTHING:
+        return {ALARMS: 60.0 * float(arrays["alarms"]) / float(arrays["days"])}
+    figures = {label: float(np.mean(arrays["any"] <= hours)) for label, hours in WITHIN.items()}
+    return figures | {NAMED: float(np.mean(arrays["named"] <= max(WITHIN.values())))}
+
+
+def _report(results: Results) -> Report:
+    def over(lie: str, figure: str) -> float:
+        """The mean over buildings."""
+        return float(np.mean([results.mean(name, lie, figure) for name in results.recordings]))
+
+    figures = (*WITHIN, NAMED)
+    rows: list[tuple[Cell, ...]] = [(lie, *(over(lie, figure) for figure in figures)) for lie in LIES]
+    early = sum(over(lie, figures[0]) >= 0.5 for lie in LIES)
+    return Report(
+        "Telemetry that lies",
+        (
+            f"Of {len(LIES)} lies {early} are found within 12 h in half of the cases or more.",
+            f"Where nothing lies, something is suspected {over(NOTHING, ALARMS):.2g} times in 60 days of a room.",
+        ),
+        (
+            Section(
+                "What was done",
+                (
+                    f"Rooms of {', '.join(results.recordings)} with people told the truth for {TRUE_DAYS} days and "
+                    f"lied for {LYING_DAYS}, from midnight on or from {ONSETS[-1]} h. A look was taken every hour.",
+                ),
+            ),
+            Section(
+                "What is found",
+                (),
+                (
+                    Table("lies", "Share of cases in which a lie was found", ("lie", *figures), tuple(rows)),
+                    results.table("truth", "Alarms without a lie", {ALARMS: ALARMS}, contenders=[NOTHING]),
+                ),
+            ),
+            Section("What to set", ("Nothing: each channel is held against its own fortnight.",)),
+        ),
+    )

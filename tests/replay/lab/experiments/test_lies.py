@@ -1,0 +1,53 @@
+"""The experiment on telemetry that lies, on a house that is quickly simulated."""
+
+import numpy as np
+import pytest
+from support.energyplus import needs_energyplus
+from support.thermostat_house import recorded
+
+from replay.errors import ReplayError
+from replay.experiments.request import Request
+from replay.experiments.study import Results
+from replay.lab.experiments.lies import DAYS, LIES, NOTHING, PERIOD, Watch, prepare, watch
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    """(1, K, 4): room, outdoor temperature, heating and no sun."""
+    outputs, inputs, _ = recorded(DAYS, PERIOD)
+    inputs[:, 0] += 0.05 * np.random.default_rng(3).standard_normal(len(inputs))
+    return np.column_stack([outputs, inputs, np.zeros(len(inputs))])[None]
+
+
+@pytest.mark.parametrize("lie", ["sensor stuck", "mW for W", "room and outdoor exchanged"])
+def test_hours_count_from_the_lie_on(rooms, lie):
+    found = watch(Watch(rooms, lie))
+    assert found["any"].shape == (2,)
+    assert ((found["any"] > 0.0) & (found["any"] <= 24.0)).all()
+    assert (found["named"] >= found["any"]).all()
+
+
+def test_the_truth_has_alarms_and_days(rooms):
+    found = watch(Watch(rooms[:, : 12 * 86400 // PERIOD], NOTHING))
+    assert (found["alarms"], found["days"]) == (0, 4.0)
+
+
+@needs_energyplus
+def test_the_report_has_a_row_for_every_lie():
+    study = prepare(Request(building=("timber",), seeds=(1,)))
+    assert len(study.runs) == 2 * (1 + len(LIES))
+    figures = [
+        study.measure(run, {"alarms": np.array(1), "days": np.array(30.0)})
+        if run.contender == NOTHING
+        else study.measure(run, {"any": np.array([2.0, 20.0, np.nan]), "named": np.array([20.0, 60.0, np.nan])})
+        for run in study.runs
+    ]
+    lies, truth = study.written(Results(study.runs, figures)).tables
+    assert [row[0] for row in lies.rows] == list(LIES)
+    assert lies.rows[0][1:] == pytest.approx((1 / 3, 2 / 3, 2 / 3, 1 / 3))
+    assert [row[-1].mean for row in truth.rows] == [2.0, 2.0]
+
+
+def test_a_building_that_does_not_exist_is_refused():
+    with pytest.raises(ReplayError, match="there is no building 'castle'"):
+        prepare(Request(building=("castle",)))
