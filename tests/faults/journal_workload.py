@@ -14,7 +14,8 @@ import service.store.retention
 from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
 from service.records.sample import Sample
-from service.store.journal import REMEMBERED, Journal
+from service.store.interface import REMEMBERED
+from service.store.journal import Journal
 from service.store.retention import Limits, prune
 from service.store.store import JOURNAL
 

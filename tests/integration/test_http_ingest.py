@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import time
 import urllib.error
@@ -123,33 +122,6 @@ def one(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fed]:
 
 def day() -> float:
     return time.time() // 86400 * 86400
-
-
-def test_a_reading_is_taken_once(one: Fed) -> None:
-    when = day() + 1.0
-    assert one.post("/readings", lines(when))[1]["accepted"] == 2
-    for body, headers in ((lines(when), {}), (gzip.compress(lines(when)), {"Content-Encoding": "gzip"})):
-        status, answer = one.post("/readings", body, **headers)
-        assert (status, answer["accepted"], answer["repeated"]) == (200, 0, 2)
-    assert one.get("/zones/office")["status"]["faults"] == {}
-
-
-def test_a_reading_without_a_time_is_of_now_and_a_wrong_one_is_counted(one: Fed) -> None:
-    entries = [
-        {"channel": "T_i", "value": 21.0},
-        {"channel": "roof", "value": None},
-        {"channel": "u_heat", "value": 1.0, "unit": "W"},
-        {"channel": "T_out", "value": 999.0},
-        {"channel": "T_out", "value": 9.0, "quality": "bad"},
-        {"channel": "T_out", "value": 9.0, "time": "2099-01-01T00:00:00Z"},
-    ]
-    body = json.dumps({"readings": entries}).encode()
-    status, answer = one.post("/zones/office/readings", body, "application/json")
-    assert status == 200, answer
-    refused = {"not_available": 1, "wrong_unit": 1, "out_of_range": 1, "reported_bad": 1, "ahead_of_time": 1}
-    assert (answer["accepted"], answer["refused"]) == (1, refused)
-    faults = one.get("/zones/office")["status"]["faults"]
-    assert {name: faults[name] for name in refused} == refused
 
 
 def test_a_zone_that_a_reload_starts_anew_goes_on_with_what_it_had_accepted(one: Fed) -> None:

@@ -101,32 +101,6 @@ def test_staleness_reaches_zenoh_with_the_first_interval_that_lacks_the_channel(
     assert datetime.fromisoformat(first["last_sample_time"]) - last_good <= timedelta(seconds=1), "one period"
 
 
-def test_a_device_that_goes_away_harms_no_other_zone_and_is_found_again(tmp_path: Path) -> None:
-    port = free_port()
-    with running(plant(holding=WORDS)) as other:
-        config = configuration(tmp_path, {"lost": port, "other": other.port})
-        with Daemon(config, tmp_path / "log") as daemon:
-            with running(plant(holding=WORDS), port):
-                until(daemon, "zone-lost", lambda status: status["samples"] >= 2)
-            # Held inputs carry the forecasts for a while.
-            until(daemon, "zone-lost", lambda status: "sources.lost" in status["reason"] and is_running(status))
-            status = until(daemon, "zone-lost", is_without_outdoor_temperature)
-            assert f"no connection to 127.0.0.1:{port}" in status["reason"]
-            assert all(one["stale"] for one in status["channels"])
-            code, ready = daemon.get("/readyz")
-            assert code == 503
-            assert "zone-lost" in [zone["id"] for zone in ready["zones"]]
-
-            before = until(daemon, "zone-other", is_running)
-            with running(plant(holding=WORDS), port):
-                until(daemon, "zone-lost", lambda status: status["state"] == "running" and not status["reason"])
-            after = daemon.get("/zones/zone-other")[1]["status"]
-            assert after["samples"] > before["samples"]
-            assert (after["segment"], after["faults"]) == (1, {})
-            assert daemon.terminate() == 0
-        assert "Traceback" not in daemon.log()
-
-
 def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Path) -> None:
     with running(plant(holding=WORDS)) as site:
         config = configuration(tmp_path, {"bms": site.port})
@@ -149,12 +123,6 @@ def test_a_probe_prints_a_table_and_fails_where_something_is_wrong(tmp_path: Pat
     assert gone.stdout == ""
     assert gone.stderr.startswith(f"thermogate: sources.bms: no connection to 127.0.0.1:{site.port}; check")
     assert len(gone.stderr.splitlines()) == 1
-
-
-def test_a_probe_of_an_unknown_source_names_the_known_ones(tmp_path: Path) -> None:
-    done = thermogate("probe", configuration(tmp_path, {"bms": 502}), "--source", "bsm")
-    assert done.returncode == 2
-    assert done.stderr == 'thermogate: --source: there is no source "bsm"; the sources are bms\n'
 
 
 def test_a_probe_of_a_recording_shows_its_ends() -> None:

@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
 from support.harness import EXAMPLES, ROOT
 from support.waiting import wait_until
 
@@ -131,20 +130,6 @@ def test_a_zone_that_hangs_is_not_hidden_by_those_that_work(tmp_path: Path) -> N
         log = manager.log.read_text()
         assert "Current thread" in log
         assert "threading.py" in log
-
-
-@pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT])
-def test_a_reload_of_a_daemon_without_a_manager_is_no_matter(tmp_path: Path, signum: int) -> None:
-    with Manager(tmp_path) as manager:
-        manager.hear("READY=1")
-        manager.leave()
-        manager.process.send_signal(signal.SIGHUP)
-        deadline = time.monotonic() + 180
-        while "configuration reloaded" not in manager.log.read_text():
-            assert time.monotonic() < deadline, manager.log.read_text()
-            time.sleep(0.05)
-        manager.process.send_signal(signum)
-        assert manager.process.wait(timeout=180) == 0
 
 
 def test_a_reload_that_breaks_half_way_ends_the_daemon_for_a_fresh_start(tmp_path: Path) -> None:

@@ -94,3 +94,10 @@ kind = "http"
         encoding="utf-8",
     )
     return path
+
+
+def small_site(folder: Path, count: int = 1, shards: int = 1, site: str = "campus", lease: float = 5.0) -> Path:
+    """The same with a short recording, for a fleet that stands still."""
+    write_recording(folder / "recording.csv", count, 4)
+    address = "postgresql://db/x"
+    return write_site(folder, address, site=site, count=count, shards=shards, pace=60.0, lease=lease, cpus=1.0)

@@ -2,45 +2,24 @@
 
 from __future__ import annotations
 
-import logging
-import struct
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
-from math import inf
+from functools import lru_cache
 from typing import Any, TypeVar
-
-import numpy as np
 
 from adapters.reading import Reading
 from service.errors import Fenced, JournalError
-from service.records.history import HISTORY_COLUMNS, HistoryRow
+from service.records.history import HISTORY_COLUMNS
 from service.records.sample import Sample
-from service.records.update import Update
-from service.store.interface import Columns
-from service.store.journal import REMEMBERED, SERIES_ROWS
-from service.store.journal_rows import (
-    HistoryReader,
-    SampleRow,
-    damaged_sample,
-    history_row,
-    linked_sample,
-    reading_row,
-    sample_row,
-    to_reading,
-)
+from service.store.interface import EARLIEST, REMEMBERED, SampleJournal
+from service.store.journal_rows import SampleRow, reading_row, sample_row
 from service.store.postgres import partitions
 from service.store.postgres.database import Cursor, Database
 from service.store.postgres.fence import Fence, aside, set_aside_as
 from service.store.postgres.names import RESET
 from service.store.postgres.partitions import Month, month_of
 
-_PAGE = 500
-_PENDING_LIMIT = 1000
-_EARLIEST = -(2**63)
-
 _COLUMNS = ", ".join(HISTORY_COLUMNS)
-_SAMPLE = "%s::text, time, outputs, inputs, output_quality, input_quality, setpoint"
-_NUMBER = "zone = (SELECT number FROM zones WHERE zone = %s)"
 
 _INSERT_SAMPLES = """
 INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, setpoint, link) SELECT * FROM
@@ -74,33 +53,23 @@ WHERE readings.zone = old.zone AND readings.time < old.before
 
 Result = TypeVar("Result")
 
-_log = logging.getLogger(__name__)
 
-
-class PostgresJournal:
-    """The journal in `database`, written to as far as `fence` lets it. Not for two threads at once; every method may
-    raise JournalError, and those that write Fenced."""
+class PostgresJournal(SampleJournal):
+    """The journal in `database`, written to as far as `fence` lets it: methods that write may raise Fenced."""
 
     def __init__(self, database: Database, fence: Fence) -> None:
+        super().__init__(f"the database {database.place}", RESET)
         self.database = database
         self.fence = fence
         database.anew = self._anew
-        self._place = f"the database {database.place}"
-        self._pending: dict[tuple[str, int], tuple[Any, ...]] = {}
-        """History rows that the next transaction takes along, by zone and time."""
-        self._ends: dict[str, tuple[int, int]] = {}
-        """Time and link of the newest sample of each zone that was written to."""
         self._months: set[Month] = set()
         """The months that are known to be there."""
-        self._keeping: set[str] = set()
-        """The zones that have readings of their own here."""
-        self._reader = HistoryReader(self._place)
+
+    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        return self.database.read(_in_postgres(query), *values)
 
     def claim(self, zone: str, fingerprint: str) -> bool:
-        """Take `zone` for the lease; whether its samples belong to `fingerprint`. One without samples takes it over.
-
-        Fenced while another owner holds it.
-        """
+        """As every journal; takes `zone` for the lease. Fenced while another owner holds it."""
 
         def take(cursor: Cursor) -> None:
             number = self.fence.take(cursor, zone)
@@ -143,11 +112,6 @@ class PostgresJournal:
         self._keeping.discard(zone)
 
     def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
-        """Store samples of zones, all or none of them, in the order of their times; how many were not stored already.
-
-        Fenced, with their names, if some zones are another owner's.
-        """
-
         def work(cursor: Cursor, held: dict[str, int]) -> tuple[int, dict[str, tuple[int, int]]]:
             rows: list[SampleRow] = []
             before = self._ends | _ends(cursor, held.keys() - self._ends.keys())
@@ -173,7 +137,6 @@ class PostgresJournal:
         return stored
 
     def keep(self, zone: str, readings: Sequence[Reading]) -> None:
-        """Store usable readings of an interval that is open, durable on return; one that is there already stays."""
         self._keeping.add(zone)
 
         def work(cursor: Cursor, held: dict[str, int]) -> None:
@@ -184,38 +147,11 @@ class PostgresJournal:
 
         self._write([zone], work)
 
-    def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
-        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
-
-        A damaged one is left out, which the log says.
-        """
-        query = (
-            f"SELECT %s::text, time, channel, value, quality, checksum FROM readings WHERE {_NUMBER} "
-            "AND time BETWEEN %s AND %s ORDER BY time, channel"
-        )
-        rows = self.database.read(query, zone, zone, float(since), float(until)) if zone in self._keeping else []
-        found = []
-        for row in rows:
-            try:
-                found.append(to_reading(row))
-            except (ValueError, struct.error) as error:
-                _log.error("%s holds a damaged reading of zone '%s' (%s)", self._place, zone, error)
-        return found
-
-    def record(self, zone: str, update: Update) -> None:
-        """Add or replace the history row of `update`; durable with the next append, flush or close."""
-        self._pending[zone, update.time] = history_row(zone, HistoryRow.of(update))
-        if len(self._pending) >= _PENDING_LIMIT:
-            self.flush()
-
     def flush(self) -> None:
-        """Make the recorded history durable."""
         if self._pending:
             self._write((), lambda cursor, held: None)
 
     def skip(self, zone: str, time: int, reason: str) -> None:
-        """Mark a stored sample as one that must not be assimilated; it stays in its table, with `reason`."""
-
         def work(cursor: Cursor, held: dict[str, int]) -> None:
             query = "UPDATE samples SET skipped = %s WHERE zone = %s AND time = %s"
             cursor.execute(query, (reason.replace("\0", ""), held[zone], time))
@@ -224,80 +160,16 @@ class PostgresJournal:
 
         self._write([zone], work)
 
-    def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
-        """The samples of `zone` later than `time` (None: all), in order, without the skipped ones.
-
-        Writing between two items is allowed. JournalError where a sample is damaged or missing in the middle.
-        """
-        after = _EARLIEST if time is None else time
-        query = (
-            f"SELECT {_SAMPLE}, link, skipped FROM samples WHERE {_NUMBER} AND time > %s ORDER BY time LIMIT {_PAGE}"
-        )
-        rows = self.database.read(query, zone, zone, after)
-        previous = self._link_before(zone, after) if rows else 0
-        while True:
-            for *values, link, skipped in rows:
-                try:
-                    sample = linked_sample(tuple(values), link, previous)
-                except (ValueError, TypeError, struct.error) as error:
-                    raise damaged_sample(self._place, zone, values[1], error, RESET) from error
-                if skipped is None:
-                    yield sample
-                previous = link
-            if len(rows) < _PAGE:
-                return
-            after = rows[-1][1]
-            rows = self.database.read(query, zone, zone, after)
-
-    def last_sample_time(self, zone: str) -> int | None:
-        """Time of the newest stored sample of `zone`, skipped or not."""
-        newest = self.database.read(f"SELECT time FROM samples WHERE {_NUMBER} ORDER BY time DESC LIMIT 1", zone)
-        return newest[0][0] if newest else None
-
     def pruned_until(self, zone: str) -> int | None:
-        """Time of the newest sample of `zone` that was deleted to keep the tables small; None if none was."""
         rows = self.database.read("SELECT pruned FROM zones WHERE zone = %s", zone)
         return rows[0][0] if rows else None
 
-    def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
-        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first.
-
-        A damaged row is left out, which the log says once.
-        """
-        self._show(zone)
-        bounds = [("time >= %s", start), ("time < %s", end)]
-        where = " AND ".join([_NUMBER, *(condition for condition, bound in bounds if bound is not None)])
-        query = f"SELECT {_COLUMNS}, checksum FROM history WHERE {where} ORDER BY time DESC LIMIT %s"
-        rows = self.database.read(query, zone, *(bound for _, bound in bounds if bound is not None), limit)
-        return self._reader.rows(zone, reversed(rows))
-
-    def history_columns(self, zone: str, start: int, end: int, every: int) -> Columns:
-        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m).
-
-        Damaged rows are left out, as in `history`.
-        """
-        self._show(zone)
-        query = (
-            f"SELECT {_COLUMNS}, checksum FROM history WHERE {_NUMBER} AND time >= %s AND time < %s "
-            "AND time %% %s = 0 ORDER BY time LIMIT %s"
-        )
-        rows = self.database.read(query, zone, start, end, every, SERIES_ROWS)
-        times, table = self._reader.table(zone, rows)
-        return times, table, rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
-
-    def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
-        """The `width` inputs of accepted samples, as `history_columns`."""
-        query = (
-            f"SELECT time, inputs FROM samples WHERE {_NUMBER} AND time >= %s AND time < %s AND time %% %s = 0 "
-            f"AND length(inputs) = {8 * width:d} ORDER BY time LIMIT %s"
-        )
-        rows = self.database.read(query, zone, start, end, every, SERIES_ROWS)
-        times = np.array([time for time, _ in rows], dtype=np.int64)
-        inputs = np.frombuffer(b"".join(blob for _, blob in rows), dtype="<f8").reshape(len(rows), width)
-        return times, inputs.astype(np.float64), rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+    def pruned_link(self, zone: str) -> int:
+        rows = self.database.read("SELECT coalesce(pruned_link, 0) FROM zones WHERE zone = %s", zone)
+        return int(rows[0][0]) if rows else 0
 
     def forget(self, zone: str) -> None:
-        """Set aside all of `zone`, checkpoints included, under a name that no zone can have; it stays this owner's."""
+        """As every journal, checkpoints included; `zone` stays this owner's."""
 
         def work(cursor: Cursor) -> None:
             number = self.fence.take(cursor, zone)
@@ -314,16 +186,9 @@ class PostgresJournal:
         return False
 
     def forgot(self, zone: str) -> None:
-        """Nothing is left to do."""
-
-    def samples_ahead(self, zone: str, after: int) -> int:
-        """How many samples of `zone` are later than `after`."""
-        query = f"SELECT count(*) FROM samples WHERE {_NUMBER} AND time > %s"
-        return int(self.database.read(query, zone, after)[0][0])
+        """Nothing is left to do then."""
 
     def set_aside(self, zone: str, after: int) -> None:
-        """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
-
         def work(cursor: Cursor, held: dict[str, int]) -> None:
             number = set_aside_as(cursor, zone)
             for table in ("samples", "history", "readings"):
@@ -346,7 +211,7 @@ class PostgresJournal:
         return int(self.database.read(query)[0][0])
 
     def close(self) -> None:
-        """Flush and close; safe to call twice. What was recorded for another owner is left out: he has it too."""
+        """As every journal. What was recorded for another owner is left out: he has it too."""
         try:
             self.flush()
         except Fenced:
@@ -396,20 +261,6 @@ class PostgresJournal:
         rows = self.database.read(query, zone, self.fence.lease.name, self.fence.lease.epoch)
         return rows[0] if rows else None
 
-    def _link_before(self, zone: str, time: int) -> int:
-        """The link of the newest sample not later than `time`, pruned or not; 0 without any."""
-        query = f"SELECT link FROM samples WHERE {_NUMBER} AND time <= %s ORDER BY time DESC LIMIT 1"
-        rows = self.database.read(query, zone, time) or self.database.read(
-            "SELECT coalesce(pruned_link, 0) FROM zones WHERE zone = %s", zone
-        )
-        return int(rows[0][0]) if rows else 0
-
-    def _show(self, zone: str) -> None:
-        """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""
-        if any(owner == zone for owner, _ in self._pending):
-            with suppress(JournalError):
-                self.flush()
-
     def _anew(self) -> None:
         self._ends.clear()
         self._months.clear()
@@ -423,6 +274,13 @@ def _ends(cursor: Cursor, zones: Collection[str]) -> dict[str, tuple[int, int]]:
         "SELECT zones.zone, coalesce(newest.time, %s), coalesce(newest.link, pruned_link, 0) FROM zones "
         "LEFT JOIN LATERAL (SELECT time, link FROM samples WHERE zone = number ORDER BY time DESC LIMIT 1) AS newest "
         "ON true WHERE zones.zone = ANY(%b::text[])",
-        (_EARLIEST, sorted(zones)),
+        (EARLIEST, sorted(zones)),
     ).fetchall()
     return {zone: (time, link) for zone, time, link in rows}
+
+
+@lru_cache(maxsize=64)
+def _in_postgres(query: str) -> str:
+    """A question in SQLite's words in those of psycopg, for tables that have a zone's number and not its id."""
+    by_number = "zone = (SELECT number FROM zones WHERE zone = ?)"
+    return query.replace("%", "%%").replace("zone = ?", by_number).replace("?", "%s")

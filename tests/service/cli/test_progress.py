@@ -36,16 +36,12 @@ async def _fails() -> str:
     raise OSError("no such device")
 
 
-def test_waiting_shows_the_time_that_is_left_and_gives_what_came(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_waiting_shows_the_time_that_is_left_and_gives_what_came(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = watched(monkeypatch)
-
-    async def scenario() -> None:
-        with waiting_for("probe", 2, 60.0) as awaited:
-            assert await awaited(_slow(0.3)) == "found"
-            with pytest.raises(OSError, match="no such device"):
-                await awaited(_fails())
-
-    asyncio.run(scenario())
+    with waiting_for("probe", 2, 60.0) as awaited:
+        assert await awaited(_slow(0.3)) == "found"
+        with pytest.raises(OSError, match="no such device"):
+            await awaited(_fails())
     assert "probe" in terminal.getvalue()
     assert "left" in terminal.getvalue()
 

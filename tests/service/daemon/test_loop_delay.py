@@ -14,20 +14,16 @@ from service.publish.metrics import Metrics
 HELD = 0.2
 
 
-def test_a_held_loop_is_seen():
+async def test_a_held_loop_is_seen():
     delays = []
-
-    async def scenario():
-        watching = asyncio.create_task(watch_loop(delays.append))
-        await until(lambda: len(delays) >= 2)
-        time.sleep(HELD)
-        before = len(delays)
-        await until(lambda: len(delays) > before + 1)
-        watching.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await watching
-
-    asyncio.run(scenario())
+    watching = asyncio.create_task(watch_loop(delays.append))
+    await until(lambda: len(delays) >= 2)
+    time.sleep(HELD)
+    before = len(delays)
+    await until(lambda: len(delays) > before + 1)
+    watching.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await watching
     assert min(delays) >= 0.0
     assert max(delays) >= HELD - IDLE_SECONDS - PROBE_SECONDS
 

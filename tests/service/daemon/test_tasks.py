@@ -36,21 +36,18 @@ def test_a_task_ends_even_if_a_cancellation_meets_an_answer(monkeypatch):
     assert missed
 
 
-def test_what_a_stop_overtakes_is_ended_and_leaves_no_complaint():
-    async def scenario():
-        loop, complaints = asyncio.get_running_loop(), []
-        loop.set_exception_handler(lambda loop, context: complaints.append(context["message"]))
-        stop = loop.create_future()
-        loop.call_soon(stop.set_result, None)
-        # Several things at once, as the sinks that settle.
-        parts = [asyncio.create_task(asyncio.Event().wait()) for _ in range(2)]
-        assert not await done_before(stop, asyncio.gather(*parts))
-        assert all(part.cancelled() for part in parts)
-        gc.collect()
-        await asyncio.sleep(0)
-        return complaints
-
-    assert asyncio.run(scenario()) == []
+async def test_what_a_stop_overtakes_is_ended_and_leaves_no_complaint():
+    loop, complaints = asyncio.get_running_loop(), []
+    loop.set_exception_handler(lambda loop, context: complaints.append(context["message"]))
+    stop = loop.create_future()
+    loop.call_soon(stop.set_result, None)
+    # Several things at once, as the sinks that settle.
+    parts = [asyncio.create_task(asyncio.Event().wait()) for _ in range(2)]
+    assert not await done_before(stop, asyncio.gather(*parts))
+    assert all(part.cancelled() for part in parts)
+    gc.collect()
+    await asyncio.sleep(0)
+    assert complaints == []
 
 
 def test_what_is_done_before_the_stop_says_how_it_went():
@@ -66,19 +63,15 @@ def test_what_is_done_before_the_stop_says_how_it_went():
     asyncio.run(scenario())
 
 
-def test_what_blocks_for_ever_holds_up_no_end(tmp_path):
+async def test_what_blocks_for_ever_holds_up_no_end(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-
-    async def scenario():
-        reading = asyncio.create_task(abandonable(pipe.read_bytes))
-        await asyncio.sleep(0.05)
-        await end([reading])
-        assert reading.cancelled()
-        assert await abandonable(lambda: 7) == 7
-        with pytest.raises(ValueError, match="cannot"):
-            await abandonable(lambda: int("cannot"))
-
-    asyncio.run(scenario())
+    reading = asyncio.create_task(abandonable(pipe.read_bytes))
+    await asyncio.sleep(0.05)
+    await end([reading])
+    assert reading.cancelled()
+    assert await abandonable(lambda: 7) == 7
+    with pytest.raises(ValueError, match="cannot"):
+        await abandonable(lambda: int("cannot"))
     # asyncio.run would wait for the threads of the loop's own executor.
     pipe.open("wb").close()

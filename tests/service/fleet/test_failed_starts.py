@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from support.campus import write_recording, write_site
+from support.campus import small_site
 from support.postgres import Server
 
 from service.config.load import load
@@ -77,10 +77,7 @@ def test_a_start_that_fails_gives_back_its_lease_and_closes_its_sinks(
     step: str, tmp_path: Path, postgres_server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     site = f"begin-{os.getpid()}-{list(STEPS).index(step)}"
-    write_recording(tmp_path / "recording.csv", 2, 4)
-    config = load(
-        write_site(tmp_path, "postgresql://db/x", site=site, count=2, shards=2, pace=600.0, lease=2.0, cpus=1.0)
-    )
+    config = load(small_site(tmp_path, count=2, shards=2, site=site, lease=2.0))
     ended, sinks = [], [Outlet(), Outlet()]
     monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
     monkeypatch.setattr(module, "end_process", lambda: ended.append(1))

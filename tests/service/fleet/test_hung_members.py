@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.campus import write_recording, write_site
+from support.campus import small_site
 
 from service.config.load import load
 
@@ -59,10 +59,7 @@ class Gateway:
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Steward, Plan, Silent, Gateway, Clock]:
     """A steward that knew a shard, which answers no more."""
-    write_recording(tmp_path / "recording.csv", 1, 3)
-    config = load(
-        write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=1, pace=60.0, lease=LEASE, cpus=1.0)
-    )
+    config = load(small_site(tmp_path, lease=LEASE))
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
     steward, shard, gateway = Steward("campus", "steward"), Silent(clock), Gateway()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.campus import write_recording, write_site
+from support.campus import small_site
 
 from service.config.load import load
 
@@ -84,33 +84,27 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Cluster:
     return cluster
 
 
-def test_a_member_that_ray_does_not_start_any_more_is_created_again(tmp_path: Path, cluster: Cluster) -> None:
-    write_recording(tmp_path / "recording.csv", 1, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+async def test_a_member_that_ray_does_not_start_any_more_is_created_again(tmp_path: Path, cluster: Cluster) -> None:
+    path = small_site(tmp_path, shards=2)
     every = {GATEWAY, "shard-0", "shard-1"}
-
-    async def scenario() -> None:
-        steward = Steward("campus", "steward")
-        steward._plan = Plan(1, load(path), shard_names(2))
-        for _ in range(3):
-            await steward._look()
-            # What was asked is answered in between.
-            await asyncio.gather(*steward._hearing.values())
-        assert sorted(cluster.created) == sorted(every), "none twice"
-        for name in sorted(every):
-            cluster.members.discard(name)
-            await steward._look()
-            assert name in cluster.members
-            await asyncio.gather(*steward._hearing.values())
-            assert steward._known[name].beat.boot == cluster.boots[name]
-        assert len(cluster.created) == 2 * len(every)
-
-    asyncio.run(scenario())
+    steward = Steward("campus", "steward")
+    steward._plan = Plan(1, load(path), shard_names(2))
+    for _ in range(3):
+        await steward._look()
+        # What was asked is answered in between.
+        await asyncio.gather(*steward._hearing.values())
+    assert sorted(cluster.created) == sorted(every), "none twice"
+    for name in sorted(every):
+        cluster.members.discard(name)
+        await steward._look()
+        assert name in cluster.members
+        await asyncio.gather(*steward._hearing.values())
+        assert steward._known[name].beat.boot == cluster.boots[name]
+    assert len(cluster.created) == 2 * len(every)
 
 
 def test_a_member_that_does_not_answer_is_not_ready(tmp_path: Path, cluster: Cluster) -> None:
-    write_recording(tmp_path / "recording.csv", 1, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+    path = small_site(tmp_path, shards=2)
 
     async def ready(steward: Steward) -> dict[str, bool]:
         await asyncio.gather(*(steward._hear(name) for name in ("shard-0", "shard-1")))
@@ -134,45 +128,36 @@ def test_a_member_that_does_not_answer_is_not_ready(tmp_path: Path, cluster: Clu
     asyncio.run(scenario())
 
 
-def test_a_stop_leaves_no_member_that_is_being_created_meanwhile(tmp_path: Path, cluster: Cluster) -> None:
-    write_recording(tmp_path / "recording.csv", 1, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=4, pace=60.0, lease=5.0, cpus=1.0)
+async def test_a_stop_leaves_no_member_that_is_being_created_meanwhile(tmp_path: Path, cluster: Cluster) -> None:
+    path = small_site(tmp_path, shards=4)
     cluster.slow = 0.1
-
-    async def scenario() -> None:
-        steward = Steward("campus", "steward")
-        await steward.wake()
-        await steward.run(load(path))
-        while "shard-0" not in cluster.members:
-            await asyncio.sleep(0.01)
-        await steward.stop()
-        assert cluster.plan is None
-        # What is on its way still is.
-        await asyncio.sleep(10 * cluster.slow)
-        assert cluster.members == {"steward"}
-
-    asyncio.run(scenario())
+    steward = Steward("campus", "steward")
+    await steward.wake()
+    await steward.run(load(path))
+    while "shard-0" not in cluster.members:
+        await asyncio.sleep(0.01)
+    await steward.stop()
+    assert cluster.plan is None
+    # What is on its way still is.
+    await asyncio.sleep(10 * cluster.slow)
+    assert cluster.members == {"steward"}
 
 
-def test_a_steward_that_is_lost_while_it_stops_leaves_the_plan_to_the_next(tmp_path: Path, cluster: Cluster) -> None:
-    write_recording(tmp_path / "recording.csv", 1, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=2, pace=60.0, lease=5.0, cpus=1.0)
-
-    async def scenario() -> None:
-        steward = Steward("campus", "steward")
-        await steward.run(load(path))
-        await steward._look()
-        await steward.stop()
-        assert cluster.members == {"steward"}
-        assert cluster.planless == [], "the next steward would not know what to stop"
-        assert cluster.plan is None
-
-    asyncio.run(scenario())
+async def test_a_steward_that_is_lost_while_it_stops_leaves_the_plan_to_the_next(
+    tmp_path: Path, cluster: Cluster
+) -> None:
+    path = small_site(tmp_path, shards=2)
+    steward = Steward("campus", "steward")
+    await steward.run(load(path))
+    await steward._look()
+    await steward.stop()
+    assert cluster.members == {"steward"}
+    assert cluster.planless == [], "the next steward would not know what to stop"
+    assert cluster.plan is None
 
 
 def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path: Path, cluster: Cluster) -> None:
-    write_recording(tmp_path / "recording.csv", 12, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=12, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+    path = small_site(tmp_path, count=12, shards=2)
     cluster.processors = 2
 
     async def look(steward: Steward) -> None:
@@ -200,8 +185,7 @@ def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path:
 
 
 def test_a_zone_on_its_way_stays_so_when_another_plan_follows(tmp_path: Path) -> None:
-    write_recording(tmp_path / "recording.csv", 12, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=12, shards=2, pace=60.0, lease=5.0, cpus=1.0)
+    path = small_site(tmp_path, count=12, shards=2)
     moving = Plan(1, load(path), shard_names(2)).followed_by(shards=shard_names(3))
     assert moving.moving
     # As at a reload that changes nothing of where they go.

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from support.campus import told_by_clients, write_recording, write_site
+from support.campus import small_site, told_by_clients
 
 from adapters.http.posted import Posted
 from adapters.reading import Reading
@@ -50,8 +50,7 @@ class Slow:
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Shard, dict[str, Any]]:
     """A shard with two zones that one source posts to, and these zones."""
-    write_recording(tmp_path / "recording.csv", 1, 3)
-    path = write_site(tmp_path, "postgresql://db/x", site="campus", count=1, shards=1, pace=60.0, lease=5.0, cpus=1.0)
+    path = small_site(tmp_path)
     path.write_text(path.read_text(encoding="utf-8") + told_by_clients("attic", 600), encoding="utf-8")
     monkeypatch.setattr(module, "own_node", lambda: "0123456789abcdef")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -94,12 +93,8 @@ def test_a_plan_that_is_adopted_meanwhile_has_the_post_repeated(scene: tuple[Sha
         asyncio.run(post(shard))
 
 
-def test_a_plan_that_is_being_adopted_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
+async def test_a_plan_that_is_being_adopted_has_the_post_repeated(scene: tuple[Shard, dict[str, Any]]) -> None:
     shard, _ = scene
-
-    async def scenario() -> None:
-        async with shard._adopting:
-            with pytest.raises(Away, match="post the readings again"):
-                await post(shard)
-
-    asyncio.run(scenario())
+    async with shard._adopting:
+        with pytest.raises(Away, match="post the readings again"):
+            await post(shard)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from support.campus import write_recording, write_site
+from support.campus import small_site
 from support.fake_zones import make_sample
 from support.postgres import Server
 
@@ -27,8 +27,7 @@ SITE = f"refused-{os.getpid()}"
 
 
 def test_a_zone_that_is_refused_can_be_taken_by_another_shard(tmp_path: Path, postgres_server: Server) -> None:
-    write_recording(tmp_path / "recording.csv", 3, 4)
-    path = write_site(tmp_path, "postgresql://db/x", site=SITE, count=3, shards=2, pace=600.0, lease=2.0, cpus=1.0)
+    path = small_site(tmp_path, count=3, shards=2, site=SITE, lease=2.0)
     config = load(path)
     path.write_text(path.read_text(encoding="utf-8").replace('"ekf"', '"arx"', 1), encoding="utf-8")
     changed = load(path)

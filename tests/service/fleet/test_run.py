@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.campus import write_recording, write_site
+from support.campus import small_site
 
 from service.config.load import load
 
@@ -69,10 +69,7 @@ def ray(monkeypatch: pytest.MonkeyPatch) -> Ray:
 
 
 def _running(folder: Path) -> _Running:
-    write_recording(folder / "recording.csv", 1, 3)
-    config = load(
-        write_site(folder, "postgresql://db/x", site="campus", count=1, shards=1, pace=60.0, lease=5.0, cpus=1.0)
-    )
+    config = load(small_site(folder))
     return _Running(config, lambda: config)
 
 
@@ -82,33 +79,26 @@ async def _comes(ray: Ray, method: str) -> None:
             await asyncio.sleep(0.01)
 
 
-def test_a_steward_that_could_not_be_started_is_created_again(tmp_path: Path, ray: Ray) -> None:
+async def test_a_steward_that_could_not_be_started_is_created_again(tmp_path: Path, ray: Ray) -> None:
     ray.starts_that_fail = 2
-
-    async def scenario() -> None:
-        life = asyncio.create_task(_running(tmp_path).run())
-        await _comes(ray, "reload_wanted")
-        assert ray.created == 3
-        # It was lost with its machine, and could not be started on another one.
-        ray.there = False
-        ray.asked.clear()
-        await _comes(ray, "reload_wanted")
-        assert ray.created == 4
-        os.kill(os.getpid(), signal.SIGTERM)
-        await asyncio.wait_for(life, 5)
-        assert ray.asked[-1] == "stop"
-
-    asyncio.run(scenario())
+    life = asyncio.create_task(_running(tmp_path).run())
+    await _comes(ray, "reload_wanted")
+    assert ray.created == 3
+    # It was lost with its machine, and could not be started on another one.
+    ray.there = False
+    ray.asked.clear()
+    await _comes(ray, "reload_wanted")
+    assert ray.created == 4
+    os.kill(os.getpid(), signal.SIGTERM)
+    await asyncio.wait_for(life, 5)
+    assert ray.asked[-1] == "stop"
 
 
-def test_a_stop_that_meets_a_lost_steward_stops_the_fleet_all_the_same(tmp_path: Path, ray: Ray) -> None:
-    async def scenario() -> None:
-        life = asyncio.create_task(_running(tmp_path).run())
-        await _comes(ray, "reload_wanted")
-        ray.there = False
-        os.kill(os.getpid(), signal.SIGTERM)
-        await asyncio.wait_for(life, 5)
-        assert ray.asked[-1] == "stop"
-        assert not ray.there
-
-    asyncio.run(scenario())
+async def test_a_stop_that_meets_a_lost_steward_stops_the_fleet_all_the_same(tmp_path: Path, ray: Ray) -> None:
+    life = asyncio.create_task(_running(tmp_path).run())
+    await _comes(ray, "reload_wanted")
+    ray.there = False
+    os.kill(os.getpid(), signal.SIGTERM)
+    await asyncio.wait_for(life, 5)
+    assert ray.asked[-1] == "stop"
+    assert not ray.there

@@ -123,104 +123,85 @@ def stamp(step):
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(START + step * PERIOD))
 
 
-def test_what_stands_comes_at_once_and_then_what_is_issued():
-    async def scenario():
-        async with serving() as server:
-            client = await server.connect(headers="Accept-Encoding: gzip\r\n")
-            first = await client.events(5)
-            assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "trust", "status"]
-            assert {id for _, id, _ in first} == {stamp(2)}
-            update = server.announce(3)
-            *_, forecast, volatility, gate, status = await client.events(9)
-            kinds = (ForecastPayload, VolatilityPayload, GatePayload)
-            for (_, id, data), kind in zip((forecast, volatility, gate), kinds, strict=True):
-                assert id == stamp(3)
-                assert data == json.loads(document(kind.of(update), SITE, "living"))
-            assert (status[0], status[2]["samples"]) == ("status", 4)
-            head = client.text.split("\r\n\r\n")[0].lower()
-            assert "200 ok" in head
-            assert "content-type: text/event-stream" in head
-            assert "content-encoding" not in head, "compression would hold events back"
-            assert "retry: 3000" in client.text
-
-    asyncio.run(scenario())
+async def test_what_stands_comes_at_once_and_then_what_is_issued():
+    async with serving() as server:
+        client = await server.connect(headers="Accept-Encoding: gzip\r\n")
+        first = await client.events(5)
+        assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "trust", "status"]
+        assert {id for _, id, _ in first} == {stamp(2)}
+        update = server.announce(3)
+        *_, forecast, volatility, gate, status = await client.events(9)
+        kinds = (ForecastPayload, VolatilityPayload, GatePayload)
+        for (_, id, data), kind in zip((forecast, volatility, gate), kinds, strict=True):
+            assert id == stamp(3)
+            assert data == json.loads(document(kind.of(update), SITE, "living"))
+        assert (status[0], status[2]["samples"]) == ("status", 4)
+        head = client.text.split("\r\n\r\n")[0].lower()
+        assert "200 ok" in head
+        assert "content-type: text/event-stream" in head
+        assert "content-encoding" not in head, "compression would hold events back"
+        assert "retry: 3000" in client.text
 
 
-def test_a_zone_without_a_sample_tells_its_state():
-    async def scenario():
-        async with serving(zones={"living": waiting("living")}) as server:
-            client = await server.connect()
-            ((kind, id, data),) = await client.events(1)
-            assert (kind, id, data["state"]) == ("status", None, "waiting")
-            changed = server.zone.status()._replace(reason="another one")
-            server.streams.publish(announced("living", None, changed, site=SITE))
-            assert (await client.events(2))[1][2]["reason"] == "another one"
-
-    asyncio.run(scenario())
+async def test_a_zone_without_a_sample_tells_its_state():
+    async with serving(zones={"living": waiting("living")}) as server:
+        client = await server.connect()
+        ((kind, id, data),) = await client.events(1)
+        assert (kind, id, data["state"]) == ("status", None, "waiting")
+        changed = server.zone.status()._replace(reason="another one")
+        server.streams.publish(announced("living", None, changed, site=SITE))
+        assert (await client.events(2))[1][2]["reason"] == "another one"
 
 
 @pytest.mark.parametrize(
     ("last", "rows"), [(stamp(0), [stamp(1), stamp(2)]), (stamp(2), []), ("nonsense", []), (stamp(0)[:-1], [])]
 )
-def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
-    async def scenario():
-        async with serving() as server:
-            client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
-            events = await client.events(6 if rows else 5)
-            history = [data for kind, _, data in events if kind == "history"]
-            assert [row["time"] for data in history for row in data["rows"]] == rows
-            assert [kind for kind, _, _ in events][-5:] == ["forecast", "volatility", "gate", "trust", "status"]
-
-    asyncio.run(scenario())
+async def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
+    async with serving() as server:
+        client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
+        events = await client.events(6 if rows else 5)
+        history = [data for kind, _, data in events if kind == "history"]
+        assert [row["time"] for data in history for row in data["rows"]] == rows
+        assert [kind for kind, _, _ in events][-5:] == ["forecast", "volatility", "gate", "trust", "status"]
 
 
-def test_a_silent_zone_sends_comments(monkeypatch):
+async def test_a_silent_zone_sends_comments(monkeypatch):
     monkeypatch.setattr(service.publish.events, "KEEP_ALIVE", 0.02)
-
-    async def scenario():
-        async with serving() as server:
-            client = await server.connect()
-            await client.events(5)
-            async with asyncio.timeout(180):
-                while client.text.count(": ping") < 3:
-                    client.text += (await client.reader.read(1000)).decode()
-            assert len(client.parsed()) == 5
-
-    asyncio.run(scenario())
+    async with serving() as server:
+        client = await server.connect()
+        await client.events(5)
+        async with asyncio.timeout(180):
+            while client.text.count(": ping") < 3:
+                client.text += (await client.reader.read(1000)).decode()
+        assert len(client.parsed()) == 5
 
 
-def test_newer_events_take_the_place_of_those_that_were_not_read():
-    async def scenario():
-        stream = Stream()
-        reading = stream.read()
-        assert (await anext(reading)).startswith(b"retry")
-        stream.put([Event("forecast", b"f1"), Event("gate", b"g1")])
-        stream.put([Event("forecast", b"f2")])
-        assert await anext(reading) == b"g1f2"
-        assert stream.overtaken == 1
-        stream.put([Event("gate", b"g2")])
-        stream.end()
-        assert [data async for data in reading] == [b"g2"]
-
-    asyncio.run(scenario())
+async def test_newer_events_take_the_place_of_those_that_were_not_read():
+    stream = Stream()
+    reading = stream.read()
+    assert (await anext(reading)).startswith(b"retry")
+    stream.put([Event("forecast", b"f1"), Event("gate", b"g1")])
+    stream.put([Event("forecast", b"f2")])
+    assert await anext(reading) == b"g1f2"
+    assert stream.overtaken == 1
+    stream.put([Event("gate", b"g2")])
+    stream.end()
+    assert [data async for data in reading] == [b"g2"]
 
 
-def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
-    async def scenario():
-        async with serving({"streams_per_client": 200, "streams": 200}) as server:
-            clients = await asyncio.gather(*(server.connect() for _ in range(200)))
-            await asyncio.gather(*(client.events(5) for client in clients))
-            assert server.app.state.limiter.open("streams") == 200
-            for step in (3, 4, 5):
-                server.announce(step)
-                heard = await asyncio.gather(*(client.events(4 * (step - 1)) for client in clients))
-                assert {events[-1][1] for events in heard} == {stamp(step)}
-            for client in clients:
-                client.writer.close()
-            await server.until(lambda: server.app.state.limiter.open("streams") == 0)
-            assert not server.streams._open
-
-    asyncio.run(scenario())
+async def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
+    async with serving({"streams_per_client": 200, "streams": 200}) as server:
+        clients = await asyncio.gather(*(server.connect() for _ in range(200)))
+        await asyncio.gather(*(client.events(5) for client in clients))
+        assert server.app.state.limiter.open("streams") == 200
+        for step in (3, 4, 5):
+            server.announce(step)
+            heard = await asyncio.gather(*(client.events(4 * (step - 1)) for client in clients))
+            assert {events[-1][1] for events in heard} == {stamp(step)}
+        for client in clients:
+            client.writer.close()
+        await server.until(lambda: server.app.state.limiter.open("streams") == 0)
+        assert not server.streams._open
 
 
 def held(server):
@@ -228,40 +209,34 @@ def held(server):
     return sum(len(data) for streams in server.streams._open.values() for s in streams for data in s._pending.values())
 
 
-def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
-    async def scenario():
-        async with serving({"send_timeout": 1.0}) as server:
-            stuck, well = await server.connect(receive_buffer=2048), await server.connect()
-            await well.heard(stamp(2))
-            step = 3
-            # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
-            async with asyncio.timeout(180):
-                while server.streams.overtaken < 40:
-                    server.announce(step)
-                    assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
-                    step += 1
-            assert server.app.state.limiter.open("streams") == 2
-            assert held(server) < 10_000
-            await server.until(lambda: server.app.state.limiter.open("streams") == 1)
-            assert not stuck.writer.is_closing(), "it was not the client who left"
-
-    asyncio.run(scenario())
-
-
-def test_a_stop_does_not_wait_for_streams_read_or_not():
-    async def scenario():
-        async with serving() as server:
-            stuck, well = await server.connect(receive_buffer=2048), await server.connect()
-            step = 3
-            while server.streams.overtaken < 8:
+async def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
+    async with serving({"send_timeout": 1.0}) as server:
+        stuck, well = await server.connect(receive_buffer=2048), await server.connect()
+        await well.heard(stamp(2))
+        step = 3
+        # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
+        async with asyncio.timeout(180):
+            while server.streams.overtaken < 40:
                 server.announce(step)
-                await well.heard(stamp(step))
+                assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
                 step += 1
-        assert well.rest.endswith(b"0\r\n\r\n"), "the answer was completed"
-        assert not stuck.rest.endswith(b"0\r\n\r\n")
-        late = service.publish.events.Streams()
-        late.end()
-        with late.opened("living") as opened:
-            assert [data async for data in opened.read()][1:] == []
+        assert server.app.state.limiter.open("streams") == 2
+        assert held(server) < 10_000
+        await server.until(lambda: server.app.state.limiter.open("streams") == 1)
+        assert not stuck.writer.is_closing(), "it was not the client who left"
 
-    asyncio.run(scenario())
+
+async def test_a_stop_does_not_wait_for_streams_read_or_not():
+    async with serving() as server:
+        stuck, well = await server.connect(receive_buffer=2048), await server.connect()
+        step = 3
+        while server.streams.overtaken < 8:
+            server.announce(step)
+            await well.heard(stamp(step))
+            step += 1
+    assert well.rest.endswith(b"0\r\n\r\n"), "the answer was completed"
+    assert not stuck.rest.endswith(b"0\r\n\r\n")
+    late = service.publish.events.Streams()
+    late.end()
+    with late.opened("living") as opened:
+        assert [data async for data in opened.read()][1:] == []

@@ -214,86 +214,70 @@ def test_who_has_lost_the_lease_writes_nothing(fleet: Fleet, act: str, other: st
 
 
 @pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "take", "prune", "forget", "give up"}))
-def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) -> None:
+async def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) -> None:
     stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-
-    async def scenario() -> list[Any]:
-        await _filled(stale)
-        await stale.give_up("z")
-        await other.claim("z", "f")
-        before = _everything(fleet)
-        with pytest.raises(Fenced, match=r"zone 'z' is not held by the lease 'shard-1' of node-1"):
-            await WRITING[act](stale)
-        return before
-
-    before = asyncio.run(scenario())
+    await _filled(stale)
+    await stale.give_up("z")
+    await other.claim("z", "f")
+    before = _everything(fleet)
+    with pytest.raises(Fenced, match=r"zone 'z' is not held by the lease 'shard-1' of node-1"):
+        await WRITING[act](stale)
+    before = before
     assert _everything(fleet) == before
     assert stale.problems() == []
 
 
-def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(fleet: Fleet) -> None:
+async def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_pruned(fleet: Fleet) -> None:
     stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-
-    async def scenario() -> None:
-        await _filled(other)
-        before = _everything(fleet)
-        await stale.take(["z"])
-        await stale.give_up("z")
-        for attempt in (stale.claim("z", "f"), stale.forget("z")):
-            with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
-                await attempt
-        stale.record("z", make_update(1))
-        await stale.write(stale.journal.flush)
-        assert _everything(fleet) == before
-
-    asyncio.run(scenario())
+    await _filled(other)
+    before = _everything(fleet)
+    await stale.take(["z"])
+    await stale.give_up("z")
+    for attempt in (stale.claim("z", "f"), stale.forget("z")):
+        with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
+            await attempt
+    stale.record("z", make_update(1))
+    await stale.write(stale.journal.flush)
+    assert _everything(fleet) == before
 
 
-def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along(fleet: Fleet) -> None:
+async def test_a_zone_that_has_gone_does_not_take_the_commit_of_the_others_along(fleet: Fleet) -> None:
     store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-
-    async def scenario() -> tuple[list[Any], int, int]:
-        for zone in "abc":
-            await store.claim(zone, "f")
-            store.record(zone, make_update(0))
-        await store.give_up("b")
-        await other.claim("b", "f")
-        store.record("b", make_update(1))
-        results = await asyncio.gather(*(store.append(zone, make_sample(0)) for zone in "abc"), return_exceptions=True)
-        history = [len(await other.run(other.journal.history, zone, None, None, 10)) for zone in "abc"]
-        assert history == [1, 1, 1]
-        return results, len(await other.samples_after("a", None)), len(await other.samples_after("b", None))
-
-    (first, second, third), kept, refused = asyncio.run(scenario())
+    for zone in "abc":
+        await store.claim(zone, "f")
+        store.record(zone, make_update(0))
+    await store.give_up("b")
+    await other.claim("b", "f")
+    store.record("b", make_update(1))
+    results = await asyncio.gather(*(store.append(zone, make_sample(0)) for zone in "abc"), return_exceptions=True)
+    history = [len(await other.run(other.journal.history, zone, None, None, 10)) for zone in "abc"]
+    assert history == [1, 1, 1]
+    first, second, third = results
     assert (first, third) == (None, None)
     assert isinstance(second, Fenced)
     assert second.zones == ("b",)
-    assert (kept, refused) == (1, 0)
+    assert [len(await other.samples_after(zone, None)) for zone in "ab"] == [1, 0]
 
 
-def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is_fenced(fleet: Fleet) -> None:
+async def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is_fenced(fleet: Fleet) -> None:
     lease = fleet.leases.acquire("shard-1", "node-1", LONG)
     gone, other = fleet.store(lease), fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-
-    async def scenario() -> None:
-        for zone in "ab":
-            await gone.claim(zone, "f")
-            await gone.append(zone, make_sample(0))
-        fleet.expire(lease)
-        await other.take(["a", "b", "new"])
-        await other.claim("a", "f")
-        await other.append("a", make_sample(1))
-        with pytest.raises(Fenced, match="has gone to another owner"):
-            await gone.append("b", make_sample(1))
-        with pytest.raises(Fenced):
-            fleet.leases.renew(lease, LONG)
-        await other.append("b", make_sample(1))
-        assert [len(await other.samples_after(zone, None)) for zone in "ab"] == [2, 2]
-
-    asyncio.run(scenario())
+    for zone in "ab":
+        await gone.claim(zone, "f")
+        await gone.append(zone, make_sample(0))
+    fleet.expire(lease)
+    await other.take(["a", "b", "new"])
+    await other.claim("a", "f")
+    await other.append("a", make_sample(1))
+    with pytest.raises(Fenced, match="has gone to another owner"):
+        await gone.append("b", make_sample(1))
+    with pytest.raises(Fenced):
+        fleet.leases.renew(lease, LONG)
+    await other.append("b", make_sample(1))
+    assert [len(await other.samples_after(zone, None)) for zone in "ab"] == [2, 2]
 
 
 def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhile(fleet: Fleet) -> None:
@@ -353,54 +337,50 @@ def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting
     assert fleet.sql("SELECT skipped FROM {}.samples") == [(None,)]
 
 
-def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
+async def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
     fleet: Fleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stores = [fleet.store(fleet.leases.acquire(f"shard-{n}", f"node-{n}", LONG)) for n in range(3)]
     month = 31 * 86_400
     times = [make_sample(0).time + k * month for k in range(4)]
-
-    async def scenario() -> None:
-        for number, store in enumerate(stores):
-            await store.claim(f"z{number}", "f")
-        for when in times:
-            await asyncio.gather(
-                *(store.append(f"z{n}", make_sample(0)._replace(time=when)) for n, store in enumerate(stores))
-            )
-        # A zone that nobody serves any more: no owner deletes its rows, they go with their month.
-        await stores[0].claim("left", "f")
-        for when in times:
-            await stores[0].append("left", make_sample(0)._replace(time=when))
-        await asyncio.to_thread(stores[0].checkpoints.save, "left", _checkpoint(times[-1]))
-        await stores[0].give_up("left")
-        for number, store in enumerate(stores):
-            store.record(f"z{number}", make_update(0)._replace(time=times[0]))
-            await store.write(store.journal.flush)
-            await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number]))
-        assert _months(fleet) == sorted(
-            [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
+    for number, store in enumerate(stores):
+        await store.claim(f"z{number}", "f")
+    for when in times:
+        await asyncio.gather(
+            *(store.append(f"z{n}", make_sample(0)._replace(time=when)) for n, store in enumerate(stores))
         )
-        there = _months(fleet)
-        for leap in (retention.LEAP, month):
-            assert _months(fleet) == there, "a leap in time makes nothing old"
-            monkeypatch.setattr(retention, "LEAP", leap)
-            for store in stores:
-                await store.run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
-        stays = [month_of("samples", when).name for when in times[1:]]
-        assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
-        for number, store in enumerate(stores):
-            await store.append(f"z{number}", make_sample(0)._replace(time=times[-1] + 1))
-            found = [item.time for item in await store.samples_after(f"z{number}", times[number])]
-            assert found == [*times[number + 1 :], times[-1] + 1], "the chain goes on"
-        await stores[1].claim("left", "f")
-        assert [item.time for item in await stores[1].samples_after("left", None)] == times[1:]
-        assert await stores[1].resume_after("left", times[-1]) == times[-1]
-        # A month that was dropped is made anew for a zone that comes with an old recording.
-        await stores[0].claim("old", "f")
-        await stores[0].append("old", make_sample(0))
-        assert month_of("samples", times[0]).name in _months(fleet)
-
-    asyncio.run(scenario())
+    # A zone that nobody serves any more: no owner deletes its rows, they go with their month.
+    await stores[0].claim("left", "f")
+    for when in times:
+        await stores[0].append("left", make_sample(0)._replace(time=when))
+    await asyncio.to_thread(stores[0].checkpoints.save, "left", _checkpoint(times[-1]))
+    await stores[0].give_up("left")
+    for number, store in enumerate(stores):
+        store.record(f"z{number}", make_update(0)._replace(time=times[0]))
+        await store.write(store.journal.flush)
+        await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number]))
+    assert _months(fleet) == sorted(
+        [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
+    )
+    there = _months(fleet)
+    for leap in (retention.LEAP, month):
+        assert _months(fleet) == there, "a leap in time makes nothing old"
+        monkeypatch.setattr(retention, "LEAP", leap)
+        for store in stores:
+            await store.run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
+    stays = [month_of("samples", when).name for when in times[1:]]
+    assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
+    for number, store in enumerate(stores):
+        await store.append(f"z{number}", make_sample(0)._replace(time=times[-1] + 1))
+        found = [item.time for item in await store.samples_after(f"z{number}", times[number])]
+        assert found == [*times[number + 1 :], times[-1] + 1], "the chain goes on"
+    await stores[1].claim("left", "f")
+    assert [item.time for item in await stores[1].samples_after("left", None)] == times[1:]
+    assert await stores[1].resume_after("left", times[-1]) == times[-1]
+    # A month that was dropped is made anew for a zone that comes with an old recording.
+    await stores[0].claim("old", "f")
+    await stores[0].append("old", make_sample(0))
+    assert month_of("samples", times[0]).name in _months(fleet)
 
 
 def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
@@ -431,25 +411,21 @@ def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
     assert sum("history older than keep_history is deleted: of zone 'z'" in text for text in caplog.messages) == 4
 
 
-def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
+async def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
     fleet: Fleet, caplog: pytest.LogCaptureFixture
 ) -> None:
     store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
-
-    async def scenario() -> None:
-        for zone in ("z", "old"):
-            await store.claim(zone, "f")
-        await store.append("z", make_sample(0))
-        store.record("z", make_update(0)._replace(time=make_sample(0).time))
-        await store.write(store.journal.flush)
-        for table in ("samples", "history"):
-            fleet.sql(f"DROP TABLE {{}}.{month_of(table, make_sample(0).time).name}")
-        store.record("old", make_update(0)._replace(time=make_sample(0).time))
-        await store.append("old", make_sample(0))
-        assert await store.run(store.journal.last_sample_time, "old") == make_sample(0).time
-        assert len(await store.run(store.journal.history, "old", None, None, 10)) == 1
-
-    asyncio.run(scenario())
+    for zone in ("z", "old"):
+        await store.claim(zone, "f")
+    await store.append("z", make_sample(0))
+    store.record("z", make_update(0)._replace(time=make_sample(0).time))
+    await store.write(store.journal.flush)
+    for table in ("samples", "history"):
+        fleet.sql(f"DROP TABLE {{}}.{month_of(table, make_sample(0).time).name}")
+    store.record("old", make_update(0)._replace(time=make_sample(0).time))
+    await store.append("old", make_sample(0))
+    assert await store.run(store.journal.last_sample_time, "old") == make_sample(0).time
+    assert len(await store.run(store.journal.history, "old", None, None, 10)) == 1
     assert not [
         record for record in caplog.records if record.levelno >= logging.WARNING and "fsync" not in record.message
     ]
@@ -507,25 +483,21 @@ def _months(fleet: Fleet) -> list[str]:
     return [name for (name,) in rows]
 
 
-def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet) -> None:
+async def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet) -> None:
     store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
-
-    async def scenario() -> None:
-        await store.take(["z", "other"])
-        await store.claim("z", "f")
-        await store.append("z", make_sample(0))
-        await store.forget("z")
-        await store.claim("z", "f")
-        await store.append("z", make_sample(5))
-        before = await store.run(store._own.size)
-        await asyncio.to_thread(store.checkpoints.save, "other", Checkpoint("f", 1, {"x": np.arange(100_000.0)}, {}))
-        assert 0 < before == await store.run(store._own.size), "checkpoints are no part of the journal"
-        await store.run(lambda: list(prune(store._own, Limits(1e9, 1e12))))
-        assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)]
-        await store.run(lambda: list(prune(store._own, Limits(1e9, 1.0))))
-        assert len(await store.samples_after("z", None)) == 1, "a zone without checkpoints needs every sample"
-
-    asyncio.run(scenario())
+    await store.take(["z", "other"])
+    await store.claim("z", "f")
+    await store.append("z", make_sample(0))
+    await store.forget("z")
+    await store.claim("z", "f")
+    await store.append("z", make_sample(5))
+    before = await store.run(store._own.size)
+    await asyncio.to_thread(store.checkpoints.save, "other", Checkpoint("f", 1, {"x": np.arange(100_000.0)}, {}))
+    assert 0 < before == await store.run(store._own.size), "checkpoints are no part of the journal"
+    await store.run(lambda: list(prune(store._own, Limits(1e9, 1e12))))
+    assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)]
+    await store.run(lambda: list(prune(store._own, Limits(1e9, 1.0))))
+    assert len(await store.samples_after("z", None)) == 1, "a zone without checkpoints needs every sample"
     assert fleet.sql("SELECT count(*) FROM {}.samples") == [(1,)]
     assert fleet.sql("SELECT zone FROM {}.zones ORDER BY zone") == [("other",), ("z",)]
 

@@ -26,7 +26,7 @@ def journal(path: Path) -> Iterator[Journal]:
 
 
 def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal._PAGE", 2)
+    monkeypatch.setattr("service.store.interface.PAGE", 2)
     for step in range(5):
         journal.append("living", make_sample(step))
     seen = 0
@@ -39,7 +39,7 @@ def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.Mon
 
 
 def test_many_rows_are_flushed_on_the_way(path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal._PENDING_LIMIT", 5)
+    monkeypatch.setattr("service.store.interface.PENDING_LIMIT", 5)
     for step in range(6):
         journal.record("living", make_update(step))
     other = Journal.open(path)

@@ -194,7 +194,7 @@ def test_appends_come_in_between_the_slices(journal: Journal) -> None:
     assert steps_of(journal, "living")[0][-1] == 5000 + number
 
 
-def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(
+async def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     store = Store(tmp_path)
@@ -210,18 +210,14 @@ def test_checkpoints_that_cannot_be_listed_keep_the_samples_of_their_zone_alone(
 
     for function in listing:
         monkeypatch.setattr(os, function, partial(refuse, function))
-
-    async def scenario() -> list[int]:
-        for zone in ("bedroom", "living"):
-            for step in range(100):
-                await store.append(zone, make_sample(step))
-        keeping = asyncio.create_task(store.keep_within(Limits(10.0 * STEP, FOREVER)))
-        async with asyncio.timeout(180):
-            while (await store.samples_after("living", None))[0].time < newest - 10 * STEP:
-                await asyncio.sleep(0.01)
-        keeping.cancel()
-        return [len(await store.samples_after(zone, None)) for zone in ("bedroom", "living")]
-
-    assert asyncio.run(scenario()) == [100, 11]
+    for zone in ("bedroom", "living"):
+        for step in range(100):
+            await store.append(zone, make_sample(step))
+    keeping = asyncio.create_task(store.keep_within(Limits(10.0 * STEP, FOREVER)))
+    async with asyncio.timeout(180):
+        while (await store.samples_after("living", None))[0].time < newest - 10 * STEP:
+            await asyncio.sleep(0.01)
+    keeping.cancel()
+    assert [len(await store.samples_after(zone, None)) for zone in ("bedroom", "living")] == [100, 11]
     store.close()
     assert "every sample of zone 'bedroom' stays in the journal: the checkpoints in" in caplog.text

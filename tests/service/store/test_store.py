@@ -32,17 +32,13 @@ def spied(store, monkeypatch, failures=()):
     return commits
 
 
-def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(store, monkeypatch):
+async def test_a_failed_commit_is_told_to_everyone_in_it_and_the_next_one_works(store, monkeypatch):
     commits = spied(store, monkeypatch, [JournalError("the journal failed (disk full); free space on its disk")])
-
-    async def scenario():
-        first = await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"), return_exceptions=True)
-        assert [type(result) for result in first] == [JournalError] * 3
-        assert await store.run(store.journal.last_sample_time, "a") is None
-        await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"))
-        assert await store.run(store.journal.last_sample_time, "c") == sample(0).time
-
-    asyncio.run(scenario())
+    first = await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"), return_exceptions=True)
+    assert [type(result) for result in first] == [JournalError] * 3
+    assert await store.run(store.journal.last_sample_time, "a") is None
+    await asyncio.gather(*(store.append(zone, sample(0)) for zone in "abc"))
+    assert await store.run(store.journal.last_sample_time, "c") == sample(0).time
     assert commits == [3, 3]
 
 

@@ -76,37 +76,31 @@ class Slow:
         return []
 
 
-def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zone: FakeZone) -> None:
-    async def scenario() -> None:
-        histories, slow = Histories("htwg", Limiter()), Slow(zone)
+async def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zone: FakeZone) -> None:
+    histories, slow = Histories("htwg", Limiter()), Slow(zone)
 
-        async def ask(name: str, limit: int) -> bytes:
-            asked_by(Asker(name))
-            view: Any = slow
-            return await histories.answer(view, None, None, limit)
-
-        greedy = [asyncio.create_task(ask("greedy", 20_000)) for _ in range(5)]
-        await until(lambda: slow.reading)
-        others = [asyncio.create_task(ask(f"client {k}", 20_000)) for k in range(5)]
-        await until(lambda: len(slow.reading) == 2)
-        short = asyncio.create_task(ask("greedy", PAGE))
-        await until(lambda: len(slow.reading) == 2 + 1)
-        slow.open.set()
-        await asyncio.gather(*greedy, *others, short)
-        assert len(slow.reading) == 11
-        assert histories._limiter.open(LARGE) == 0
-
-    asyncio.run(scenario())
-
-
-def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> None:
-    async def scenario() -> None:
-        asker, slow = Asker("gone"), Slow(zone)
-        asker.gone.set()
-        asked_by(asker)
+    async def ask(name: str, limit: int) -> bytes:
+        asked_by(Asker(name))
         view: Any = slow
-        with pytest.raises(ServiceError, match="nobody waits for it"):
-            await Histories("htwg", Limiter()).answer(view, None, None, 20_000)
-        assert slow.reading == []
+        return await histories.answer(view, None, None, limit)
 
-    asyncio.run(scenario())
+    greedy = [asyncio.create_task(ask("greedy", 20_000)) for _ in range(5)]
+    await until(lambda: slow.reading)
+    others = [asyncio.create_task(ask(f"client {k}", 20_000)) for k in range(5)]
+    await until(lambda: len(slow.reading) == 2)
+    short = asyncio.create_task(ask("greedy", PAGE))
+    await until(lambda: len(slow.reading) == 2 + 1)
+    slow.open.set()
+    await asyncio.gather(*greedy, *others, short)
+    assert len(slow.reading) == 11
+    assert histories._limiter.open(LARGE) == 0
+
+
+async def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> None:
+    asker, slow = Asker("gone"), Slow(zone)
+    asker.gone.set()
+    asked_by(asker)
+    view: Any = slow
+    with pytest.raises(ServiceError, match="nobody waits for it"):
+        await Histories("htwg", Limiter()).answer(view, None, None, 20_000)
+    assert slow.reading == []

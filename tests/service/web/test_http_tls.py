@@ -43,77 +43,68 @@ def serial(client: Client) -> int:
     return int(client.writer.get_extra_info("peercert")["serialNumber"], 16)
 
 
-def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        old = make_pair(tmp_path, kind="rsa")
-        async with serving(app(), config(certificate=old.certificate, private_key=old.private_key)) as server:
-            assert server.url.startswith("https://")
-            kept = await Client.to(server, trusting(old))
-            assert (await kept.ask()).body == b'"here"'
-            assert serial(kept) == old.issued.serial_number
-            new = make_pair(tmp_path)
+async def test_the_certificate_is_served_and_a_renewed_one_without_a_restart(tmp_path: Path) -> None:
+    old = make_pair(tmp_path, kind="rsa")
+    async with serving(app(), config(certificate=old.certificate, private_key=old.private_key)) as server:
+        assert server.url.startswith("https://")
+        kept = await Client.to(server, trusting(old))
+        assert (await kept.ask()).body == b'"here"'
+        assert serial(kept) == old.issued.serial_number
+        new = make_pair(tmp_path)
+        server.reload()
+        fresh = await Client.to(server, trusting(new))
+        assert serial(fresh) == new.issued.serial_number
+        assert (await kept.ask()).status == 200, "open connections go on"
+        knowing = trusting(new)
+        new.certificate.write_text("")
+        with pytest.raises(CertificateError):
             server.reload()
-            fresh = await Client.to(server, trusting(new))
-            assert serial(fresh) == new.issued.serial_number
-            assert (await kept.ask()).status == 200, "open connections go on"
-            knowing = trusting(new)
-            new.certificate.write_text("")
-            with pytest.raises(CertificateError):
-                server.reload()
-            assert (await ask(server, context=knowing)).status == 200
-            measures = http_measures(server, create_app("site", {}, Metrics({}).registry))
-            (expiry,) = [measure.read() for measure in measures if "expiry" in measure.name]
-            assert expiry == (((), new.issued.not_valid_after_utc.timestamp()),)
-            for client in (kept, fresh):
-                await client.close()
-
-    run(scenario())
+        assert (await ask(server, context=knowing)).status == 200
+        measures = http_measures(server, create_app("site", {}, Metrics({}).registry))
+        (expiry,) = [measure.read() for measure in measures if "expiry" in measure.name]
+        assert expiry == (((), new.issued.not_valid_after_utc.timestamp()),)
+        for client in (kept, fresh):
+            await client.close()
 
 
-def test_client_certificates(tmp_path: Path) -> None:
-    async def scenario() -> None:
-        authority = make_pair(tmp_path, "authority")
-        server_pair = make_pair(tmp_path, "server", signer=authority)
-        friend = make_pair(tmp_path, "friend", signer=authority)
-        stranger = make_pair(tmp_path, "stranger")
-        settings = {
-            "certificate": server_pair.certificate,
-            "private_key": server_pair.private_key,
-            "client_ca": authority.certificate,
-        }
-        async with serving(app(), config(**settings)) as server:
-            known = trusting(authority)
-            known.load_cert_chain(friend.certificate, friend.private_key)
-            assert (await ask(server, context=known)).status == 200
-            unknown = trusting(authority)
-            unknown.load_cert_chain(stranger.certificate, stranger.private_key)
-            for context in (unknown, trusting(authority)):
-                with pytest.raises((ssl.SSLError, ConnectionError, asyncio.IncompleteReadError)):
-                    await ask(server, context=context)
-
-    run(scenario())
+async def test_client_certificates(tmp_path: Path) -> None:
+    authority = make_pair(tmp_path, "authority")
+    server_pair = make_pair(tmp_path, "server", signer=authority)
+    friend = make_pair(tmp_path, "friend", signer=authority)
+    stranger = make_pair(tmp_path, "stranger")
+    settings = {
+        "certificate": server_pair.certificate,
+        "private_key": server_pair.private_key,
+        "client_ca": authority.certificate,
+    }
+    async with serving(app(), config(**settings)) as server:
+        known = trusting(authority)
+        known.load_cert_chain(friend.certificate, friend.private_key)
+        assert (await ask(server, context=known)).status == 200
+        unknown = trusting(authority)
+        unknown.load_cert_chain(stranger.certificate, stranger.private_key)
+        for context in (unknown, trusting(authority)):
+            with pytest.raises((ssl.SSLError, ConnectionError, asyncio.IncompleteReadError)):
+                await ask(server, context=context)
 
 
 @pytest.mark.parametrize("greeting", [b"", b"\x16", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
-def test_who_does_not_finish_the_handshake_is_let_go(
+async def test_who_does_not_finish_the_handshake_is_let_go(
     tmp_path: Path, greeting: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def scenario() -> None:
-        pair = make_pair(tmp_path)
-        settings = {"certificate": pair.certificate, "private_key": pair.private_key}
-        limits = {"receive_timeout": 1.0, "connections": 2}
-        async with serving(app(), config(**settings, limits=limits)) as server:
-            client = await Client.to(server)
-            await client.send(greeting)
-            if greeting != b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n":
-                # Counted before it is encrypted.
-                await until(lambda: server.connections == 1)
-            await client.ended()
-            await until(lambda: server.connections == 0)
-            await client.close()
-            assert (await ask(server, context=trusting(pair))).status == 200
-
-    run(scenario())
+    pair = make_pair(tmp_path)
+    settings = {"certificate": pair.certificate, "private_key": pair.private_key}
+    limits = {"receive_timeout": 1.0, "connections": 2}
+    async with serving(app(), config(**settings, limits=limits)) as server:
+        client = await Client.to(server)
+        await client.send(greeting)
+        if greeting != b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n":
+            # Counted before it is encrypted.
+            await until(lambda: server.connections == 1)
+        await client.ended()
+        await until(lambda: server.connections == 0)
+        await client.close()
+        assert (await ask(server, context=trusting(pair))).status == 200
     assert not [record for record in caplog.records if record.levelname != "INFO"], "no noise in the log"
 
 

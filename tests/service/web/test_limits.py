@@ -27,48 +27,41 @@ def limited(**limits: int) -> Limiter:
     return Limiter(LimitsConfig.model_validate(limits, context={"folder": "/"}))
 
 
-def test_a_client_has_its_share_and_all_together_the_total() -> None:
-    async def scenario() -> None:
-        limiter = limited(streams_per_client=2, streams=3)
+async def test_a_client_has_its_share_and_all_together_the_total() -> None:
+    limiter = limited(streams_per_client=2, streams=3)
 
-        async def open_for(stack: AsyncExitStack, client: str) -> None:
-            asked_by(Asker(client))
-            await stack.enter_async_context(limiter.turn(STREAMS))
+    async def open_for(stack: AsyncExitStack, client: str) -> None:
+        asked_by(Asker(client))
+        await stack.enter_async_context(limiter.turn(STREAMS))
 
-        async with AsyncExitStack() as stack:
-            for client in ("a", "a", "b"):
+    async with AsyncExitStack() as stack:
+        for client in ("a", "a", "b"):
+            await open_for(stack, client)
+        for client, status in (("a", 429), ("c", 503)):
+            with pytest.raises(RequestRefused) as refused:
                 await open_for(stack, client)
-            for client, status in (("a", 429), ("c", 503)):
-                with pytest.raises(RequestRefused) as refused:
-                    await open_for(stack, client)
-                assert refused.value.status == status
-            assert limiter.open(STREAMS) == 3
-        assert limiter.open(STREAMS) == 0
-        assert not limiter._queues[STREAMS]._turns, "clients that have gone leave nothing behind"
-
-    asyncio.run(scenario())
+            assert refused.value.status == status
+        assert limiter.open(STREAMS) == 3
+    assert limiter.open(STREAMS) == 0
+    assert not limiter._queues[STREAMS]._turns, "clients that have gone leave nothing behind"
 
 
-def test_nobody_waits_for_ever_behind_their_own_requests(
+async def test_nobody_waits_for_ever_behind_their_own_requests(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(limits, "LONG_WAIT_SECONDS", 0.01)
     short = {limits.LARGE: limits.Limit("large answers", 2, 1, 3, 0.1, 5)}
     monkeypatch.setattr(limits, "table", lambda config: short)
-
-    async def scenario() -> None:
-        limiter = Limiter()
-        asked_by(Asker("greedy"))
-        async with limiter.turn(limits.LARGE):
-            with pytest.raises(RequestRefused, match=r"have waited 0\.1 s") as late:
-                async with limiter.turn(limits.LARGE):
-                    pass
-            assert late.value.status == 429
-            asked_by(Asker("other"))
+    limiter = Limiter()
+    asked_by(Asker("greedy"))
+    async with limiter.turn(limits.LARGE):
+        with pytest.raises(RequestRefused, match=r"have waited 0\.1 s") as late:
             async with limiter.turn(limits.LARGE):
-                assert limiter.open(limits.LARGE) == 2
-
-    asyncio.run(scenario())
+                pass
+        assert late.value.status == 429
+        asked_by(Asker("other"))
+        async with limiter.turn(limits.LARGE):
+            assert limiter.open(limits.LARGE) == 2
     assert "greedy has waited 0 s for its turn; large answers: greedy 2" in caplog.text
 
 
@@ -104,22 +97,18 @@ async def ask(app: FastAPI, path: str, **headers: str) -> int:
         return (await client.get(path)).status_code
 
 
-def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path: Path) -> None:
+async def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path: Path) -> None:
     secrets = [create_key(tmp_path / "keys.json", name, "read") for name in ("one", "two", "three")]
     first, second, third = ({"authorization": f"Bearer {secret}"} for secret in secrets)
-
-    async def scenario() -> None:
-        running = asyncio.create_task(ask(app, "/stream", **first))
-        await until(lambda: app.state.limiter.open(STREAMS) == 1)
-        assert await ask(app, "/stream", **first) == 429, "clients are told apart by their keys, not their address"
-        other = asyncio.create_task(ask(app, "/stream", **second))
-        await until(lambda: app.state.limiter.open(STREAMS) == 2)
-        assert await ask(app, "/stream", **third) == 503
-        app.state.go.set()
-        assert (await running, await other) == (200, 200)
-        assert app.state.limiter.open(STREAMS) == 0
-
-    asyncio.run(scenario())
+    running = asyncio.create_task(ask(app, "/stream", **first))
+    await until(lambda: app.state.limiter.open(STREAMS) == 1)
+    assert await ask(app, "/stream", **first) == 429, "clients are told apart by their keys, not their address"
+    other = asyncio.create_task(ask(app, "/stream", **second))
+    await until(lambda: app.state.limiter.open(STREAMS) == 2)
+    assert await ask(app, "/stream", **third) == 503
+    app.state.go.set()
+    assert (await running, await other) == (200, 200)
+    assert app.state.limiter.open(STREAMS) == 0
 
 
 def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> None:
@@ -146,14 +135,11 @@ def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> 
     asyncio.run(scenario())
 
 
-def test_a_place_is_given_back_if_the_stream_breaks_or_its_client_goes(app: FastAPI) -> None:
-    async def scenario() -> None:
-        await ask(app, "/broken")
-        assert app.state.limiter.open(STREAMS) == 0
-        running = asyncio.create_task(ask(app, "/stream"))
-        await until(lambda: app.state.limiter.open(STREAMS) == 1)
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
-        await until(lambda: app.state.limiter.open(STREAMS) == 0)
-
-    asyncio.run(scenario())
+async def test_a_place_is_given_back_if_the_stream_breaks_or_its_client_goes(app: FastAPI) -> None:
+    await ask(app, "/broken")
+    assert app.state.limiter.open(STREAMS) == 0
+    running = asyncio.create_task(ask(app, "/stream"))
+    await until(lambda: app.state.limiter.open(STREAMS) == 1)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    await until(lambda: app.state.limiter.open(STREAMS) == 0)

@@ -1,6 +1,5 @@
 """The socket that REST is served on."""
 
-import asyncio
 import socket
 
 from fastapi import FastAPI
@@ -28,13 +27,10 @@ def test_the_system_takes_little_for_a_client_that_does_not_read():
     assert 0 < taken <= 3 * SEND_BUFFER
 
 
-def test_the_connections_of_the_server_have_that_bound():
-    async def scenario():
-        async with serving(FastAPI(), config()) as server:
-            client = await Client.to(server)
-            assert (await client.ask("/")).status == 404
-            (accepted,) = [connection.transport.get_extra_info("socket") for connection in server.open_connections]
-            assert accepted.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * SEND_BUFFER
-            await client.close()
-
-    asyncio.run(scenario())
+async def test_the_connections_of_the_server_have_that_bound():
+    async with serving(FastAPI(), config()) as server:
+        client = await Client.to(server)
+        assert (await client.ask("/")).status == 404
+        (accepted,) = [connection.transport.get_extra_info("socket") for connection in server.open_connections]
+        assert accepted.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) <= 2 * SEND_BUFFER
+        await client.close()

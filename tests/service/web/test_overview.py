@@ -75,41 +75,37 @@ async def follow(server: Any, path: str = "/overview/stream") -> Client:
     return client
 
 
-def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
+async def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
     zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(overview, "PAUSE", 0.01)
-
-    async def run() -> None:
-        changes = Changes()
-        app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
-        async with serving(app, config()) as server:
-            client = await follow(server)
-            rows: dict[str, Any] = {}
-            while not (rows.get("living") and rows["living"].expected):
-                rows |= {row.id: row for row in (await read_rows(client)).zones if row.expected}
-            living = rows["living"]
-            assert [one.lead_s for one in living.expected] == [3600.0, 21600.0]
-            assert living.expected[0].lower < living.expected[0].mean < living.expected[0].upper
-            answer = await whole(server)
-            spark = answer.zones[0].spark
-            assert spark is not None
-            assert len(spark.values) <= 48
-            assert spark.values[-1] == pytest.approx(zones["living"].updates[-1].y[0], abs=0.3)
-            zones["living"].state = "failed"
-            zones["living"].reason = "it diverged"
-            changes.publish(announced("living", zones["living"].latest(), zones["living"].status()))
-            row = None
-            while row is None or row.state != "failed":
-                row = next((row for row in (await read_rows(client)).zones if row.id == "living"), row)
-            assert row.expected == [], "nobody vouches for it any more"
-            del zones["living"]
-            changes.remove("living")
-            while "living" not in (await read_rows(client)).removed:
-                pass
-            await client.close()
-
-    asyncio.run(run())
+    changes = Changes()
+    app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
+    async with serving(app, config()) as server:
+        client = await follow(server)
+        rows: dict[str, Any] = {}
+        while not (rows.get("living") and rows["living"].expected):
+            rows |= {row.id: row for row in (await read_rows(client)).zones if row.expected}
+        living = rows["living"]
+        assert [one.lead_s for one in living.expected] == [3600.0, 21600.0]
+        assert living.expected[0].lower < living.expected[0].mean < living.expected[0].upper
+        answer = await whole(server)
+        spark = answer.zones[0].spark
+        assert spark is not None
+        assert len(spark.values) <= 48
+        assert spark.values[-1] == pytest.approx(zones["living"].updates[-1].y[0], abs=0.3)
+        zones["living"].state = "failed"
+        zones["living"].reason = "it diverged"
+        changes.publish(announced("living", zones["living"].latest(), zones["living"].status()))
+        row = None
+        while row is None or row.state != "failed":
+            row = next((row for row in (await read_rows(client)).zones if row.id == "living"), row)
+        assert row.expected == [], "nobody vouches for it any more"
+        del zones["living"]
+        changes.remove("living")
+        while "living" not in (await read_rows(client)).removed:
+            pass
+        await client.close()
 
 
 def test_what_was_expected_long_ago_is_not_shown(zones: dict[str, FakeZone]) -> None:
@@ -120,23 +116,19 @@ def test_what_was_expected_long_ago_is_not_shown(zones: dict[str, FakeZone]) -> 
     assert overview.overview_row(zone, old, None).expected == ()
 
 
-def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overview, "PAUSE", 1e6)
-
-    async def run() -> None:
-        changes = Changes()
-        app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
-        async with serving(app, config()) as server:
-            client = await follow(server)
-            await read_rows(client)
-            changes.close()
-            assert (await client.ended()).endswith(b"0\r\n\r\n"), "also while news gathers"
-            late = await follow(server)
-            assert (await late.ended()).endswith(b"0\r\n\r\n")
-            await client.close()
-            await late.close()
-
-    asyncio.run(run())
+    changes = Changes()
+    app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
+    async with serving(app, config()) as server:
+        client = await follow(server)
+        await read_rows(client)
+        changes.close()
+        assert (await client.ended()).endswith(b"0\r\n\r\n"), "also while news gathers"
+        late = await follow(server)
+        assert (await late.ended()).endswith(b"0\r\n\r\n")
+        await client.close()
+        await late.close()
 
 
 async def whole(server: Any) -> Any:
@@ -147,32 +139,26 @@ async def whole(server: Any) -> Any:
         await client.close()
 
 
-def test_what_changes_often_is_sent_once(zones: dict[str, FakeZone]) -> None:
-    async def run() -> None:
-        changes = Changes()
-        with changes.watched() as watcher:
-            for step in range(1000):
-                changes.publish(announced("living", make_update(step), zones["living"].status()))
-            changes.publish(announced("attic", None, zones["attic"].status()))
-            assert await watcher.changed() == ["living", "attic"]
-        changes.publish(announced("living", make_update(0), zones["living"].status()))
-
-    asyncio.run(run())
+async def test_what_changes_often_is_sent_once(zones: dict[str, FakeZone]) -> None:
+    changes = Changes()
+    with changes.watched() as watcher:
+        for step in range(1000):
+            changes.publish(announced("living", make_update(step), zones["living"].status()))
+        changes.publish(announced("attic", None, zones["attic"].status()))
+        assert await watcher.changed() == ["living", "attic"]
+    changes.publish(announced("living", make_update(0), zones["living"].status()))
 
 
-def test_nothing_is_computed_once_nobody_watches(zones: dict[str, FakeZone]) -> None:
-    async def run() -> None:
-        outlooks = Outlooks(zones, lambda name: None)
-        with outlooks.watched(), outlooks.watched():
-            await until(lambda: "living" in outlooks.outlooks and "living" in outlooks.sparks)
-        zones["living"].asked.clear()
-        zones["living"].updates.append(make_update(300))
-        await asyncio.sleep(0)
-        assert zones["living"].asked == []
-        with outlooks.watched():
-            await until(lambda: outlooks.outlooks["living"].sample_time == make_update(300).time)
-
-    asyncio.run(run())
+async def test_nothing_is_computed_once_nobody_watches(zones: dict[str, FakeZone]) -> None:
+    outlooks = Outlooks(zones, lambda name: None)
+    with outlooks.watched(), outlooks.watched():
+        await until(lambda: "living" in outlooks.outlooks and "living" in outlooks.sparks)
+    zones["living"].asked.clear()
+    zones["living"].updates.append(make_update(300))
+    await asyncio.sleep(0)
+    assert zones["living"].asked == []
+    with outlooks.watched():
+        await until(lambda: outlooks.outlooks["living"].sample_time == make_update(300).time)
 
 
 def test_a_zone_that_fails_leaves_the_others_their_outlook(

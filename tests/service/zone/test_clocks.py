@@ -92,42 +92,35 @@ def on_grid(begin, count):
 
 
 @pytest.mark.parametrize("jump", [HOUR, 8 * HOUR, 50 * YEAR])
-def test_a_clock_set_forward_or_a_machine_that_slept_leaves_a_gap_and_little_work(tmp_path, jump):
-    async def scenario():
-        async with living(tmp_path, Wall()) as life:
-            await life.live(3 * PERIOD)
-            before = len(rows(tmp_path))
-            # The steady clock stands still while a machine sleeps, and a clock that is set looks the same.
-            await life.set(jump, settle=False)
-            await life.live(2 * PERIOD)
-            times = rows(tmp_path)
-            assert len(times) - before <= 4 + 3, "not an empty sample for every interval of the jump"
-            assert times == sorted(times)
-            assert life.zone.status().state == "running"
-            assert life.zone.status().segment == 2
-
-    asyncio.run(scenario())
+async def test_a_clock_set_forward_or_a_machine_that_slept_leaves_a_gap_and_little_work(tmp_path, jump):
+    async with living(tmp_path, Wall()) as life:
+        await life.live(3 * PERIOD)
+        before = len(rows(tmp_path))
+        # The steady clock stands still while a machine sleeps, and a clock that is set looks the same.
+        await life.set(jump, settle=False)
+        await life.live(2 * PERIOD)
+        times = rows(tmp_path)
+        assert len(times) - before <= 4 + 3, "not an empty sample for every interval of the jump"
+        assert times == sorted(times)
+        assert life.zone.status().state == "running"
+        assert life.zone.status().segment == 2
 
 
-def test_a_clock_that_is_a_little_behind_is_waited_for(tmp_path):
-    async def scenario():
-        async with living(tmp_path, Wall()) as life:
-            await life.live(3 * PERIOD)
-            await life.set(-200.0)
-            await life.live(2 * PERIOD)
-            assert life.zone.status().faults["out_of_order"] > 0
-            assert life.zone.status().state == "running"
-            assert rows(tmp_path) == on_grid(NOON, len(rows(tmp_path))), "none twice, none set aside"
-            assert not rows(tmp_path, "zone != 'z'")
-            assert life.zone.status().segment == 1
-
-    asyncio.run(scenario())
+async def test_a_clock_that_is_a_little_behind_is_waited_for(tmp_path):
+    async with living(tmp_path, Wall()) as life:
+        await life.live(3 * PERIOD)
+        await life.set(-200.0)
+        await life.live(2 * PERIOD)
+        assert life.zone.status().faults["out_of_order"] > 0
+        assert life.zone.status().state == "running"
+        assert rows(tmp_path) == on_grid(NOON, len(rows(tmp_path))), "none twice, none set aside"
+        assert not rows(tmp_path, "zone != 'z'")
+        assert life.zone.status().segment == 1
 
 
-def test_a_clock_set_back_by_an_hour_sets_that_hour_aside_and_goes_on(tmp_path, caplog):
+async def test_a_clock_set_back_by_an_hour_sets_that_hour_aside_and_goes_on(tmp_path, caplog):
     announcer = Announced()
-
-    async def scenario():
+    with caplog.at_level(logging.WARNING):
         async with living(tmp_path, Wall(), announcer) as life:
             await life.live(2 * HOUR)
             learned = life.zone.worker.standing.state
@@ -152,85 +145,69 @@ def test_a_clock_set_back_by_an_hour_sets_that_hour_aside_and_goes_on(tmp_path, 
             last = comparable(life.zone.latest())
         async with living(tmp_path, life.wall) as again:
             assert comparable(again.zone.latest()) == last, "a restart goes on from there"
-
-    with caplog.at_level(logging.WARNING):
-        asyncio.run(scenario())
     assert "samples that lie ahead of it were set aside" in caplog.text
 
 
-def test_a_clock_that_is_set_to_and_fro_changes_nothing(tmp_path):
-    async def scenario():
-        async with living(tmp_path, Wall()) as life:
-            await life.live(HOUR)
-            for _ in range(5):
-                await life.set(-HOUR, settle=False)
-                await life.live(SETTLING / 2, readings=False, step=1.0)
-                await life.set(HOUR, settle=False)
-                await life.live(2.0, readings=False, step=1.0)
-            assert not rows(tmp_path, "zone != 'z'")
-            await life.live(2 * PERIOD)
-            assert life.zone.status().state == "running"
-
-    asyncio.run(scenario())
+async def test_a_clock_that_is_set_to_and_fro_changes_nothing(tmp_path):
+    async with living(tmp_path, Wall()) as life:
+        await life.live(HOUR)
+        for _ in range(5):
+            await life.set(-HOUR, settle=False)
+            await life.live(SETTLING / 2, readings=False, step=1.0)
+            await life.set(HOUR, settle=False)
+            await life.live(2.0, readings=False, step=1.0)
+        assert not rows(tmp_path, "zone != 'z'")
+        await life.live(2 * PERIOD)
+        assert life.zone.status().state == "running"
 
 
 @pytest.mark.parametrize("wrong", [0.0, 946_684_800.0])
-def test_a_clock_that_was_never_set_is_not_believed_until_it_is(tmp_path, wrong):
-    async def scenario():
-        async with living(tmp_path, Wall()) as life:
-            await life.live(3 * PERIOD)
-        stored = rows(tmp_path)
-        wall = Wall(wrong + 10.0)
-        async with living(tmp_path, wall) as life:
-            await life.live(HOUR)
-            assert rows(tmp_path) == stored
-            assert not rows(tmp_path, "zone != 'z'")
-            status = life.zone.status()
-            assert status.state == "stalled"
-            assert "was never set" in status.reason
-            assert status.faults["bad_timestamp"] > 0
-            await life.set(NOON + 2 * HOUR - wall.now, settle=False)
-            await life.live(2 * PERIOD)
-            assert life.zone.status().state == "running"
-            assert rows(tmp_path)[: len(stored)] == stored
-
-    asyncio.run(scenario())
+async def test_a_clock_that_was_never_set_is_not_believed_until_it_is(tmp_path, wrong):
+    async with living(tmp_path, Wall()) as life:
+        await life.live(3 * PERIOD)
+    stored = rows(tmp_path)
+    wall = Wall(wrong + 10.0)
+    async with living(tmp_path, wall) as life:
+        await life.live(HOUR)
+        assert rows(tmp_path) == stored
+        assert not rows(tmp_path, "zone != 'z'")
+        status = life.zone.status()
+        assert status.state == "stalled"
+        assert "was never set" in status.reason
+        assert status.faults["bad_timestamp"] > 0
+        await life.set(NOON + 2 * HOUR - wall.now, settle=False)
+        await life.live(2 * PERIOD)
+        assert life.zone.status().state == "running"
+        assert rows(tmp_path)[: len(stored)] == stored
 
 
-def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_next_start(tmp_path):
-    async def scenario():
-        async with living(tmp_path, Wall()) as life:
-            await life.live(HOUR)
-            await life.set(9 * YEAR, settle=False)
-            await life.live(HOUR)
-        sane = [time for time in rows(tmp_path) if time < NOON + DAY]
-        wall = Wall(NOON + 2 * HOUR)
-        async with living(tmp_path, wall) as life:
-            assert life.zone.status().state == "stalled"
-            await life.live(SETTLING + 2.0, readings=False, step=1.0)
-            assert rows(tmp_path) == sane
-            await life.live(2 * PERIOD)
-            assert life.zone.status().state == "running"
-
-    asyncio.run(scenario())
+async def test_samples_of_a_clock_that_was_ahead_by_years_are_set_aside_at_the_next_start(tmp_path):
+    async with living(tmp_path, Wall()) as life:
+        await life.live(HOUR)
+        await life.set(9 * YEAR, settle=False)
+        await life.live(HOUR)
+    sane = [time for time in rows(tmp_path) if time < NOON + DAY]
+    wall = Wall(NOON + 2 * HOUR)
+    async with living(tmp_path, wall) as life:
+        assert life.zone.status().state == "stalled"
+        await life.live(SETTLING + 2.0, readings=False, step=1.0)
+        assert rows(tmp_path) == sane
+        await life.live(2 * PERIOD)
+        assert life.zone.status().state == "running"
 
 
-def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, caplog, monkeypatch):
+async def test_more_than_a_week_ahead_means_that_the_clock_is_wrong(tmp_path, caplog, monkeypatch):
     monkeypatch.setattr("service.zone.recovery.MOST_SET_ASIDE", 6 * PERIOD)
     assert MOST_SET_ASIDE == 7 * DAY
-
-    async def scenario():
-        async with living(tmp_path, Wall()) as life:
-            await life.live(HOUR)
-            stored = rows(tmp_path)
-            await life.set(-HOUR)
-            assert rows(tmp_path) == stored
-            assert "set the clock, or give the zone's state up with --reset" in life.zone.status().reason
-            await life.set(HOUR, settle=False)
-            await life.live(2 * PERIOD)
-            assert life.zone.status().state == "running"
-
-    asyncio.run(scenario())
+    async with living(tmp_path, Wall()) as life:
+        await life.live(HOUR)
+        stored = rows(tmp_path)
+        await life.set(-HOUR)
+        assert rows(tmp_path) == stored
+        assert "set the clock, or give the zone's state up with --reset" in life.zone.status().reason
+        await life.set(HOUR, settle=False)
+        await life.live(2 * PERIOD)
+        assert life.zone.status().state == "running"
     assert "too many to set aside" in caplog.text
 
 

@@ -173,21 +173,18 @@ def test_a_wall_clock_that_is_set_is_said_once(monkeypatch, caplog, jump, said):
     assert said is None or said in caplog.text
 
 
-def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            await zone.prepare()
-            network = zone.network
-            zone.align(Alignment(network, zone.period, ["bms"]), live=True)
-            channel = network.channels[0]
-            now = shared.clock.wall()
-            refused = Reading(channel, now, float("nan"), Quality.BAD, Fault.REFUSED_BY_DEVICE)
-            await zone.deliver("bms", [refused], now)
-            assert f"the device refuses {channel}; the log says why" in zone.status().reason
-            begin = now // zone.period * zone.period
-            await zone.deliver("bms", [Reading(channel, begin, 20.0)], begin)
-            await zone.intake.elapse(begin + 3 * zone.period)
-            assert "refuses" not in zone.status().reason
-
-    asyncio.run(scenario())
+async def test_a_live_zone_names_what_its_device_refuses_until_it_gives_it(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        await zone.prepare()
+        network = zone.network
+        zone.align(Alignment(network, zone.period, ["bms"]), live=True)
+        channel = network.channels[0]
+        now = shared.clock.wall()
+        refused = Reading(channel, now, float("nan"), Quality.BAD, Fault.REFUSED_BY_DEVICE)
+        await zone.deliver("bms", [refused], now)
+        assert f"the device refuses {channel}; the log says why" in zone.status().reason
+        begin = now // zone.period * zone.period
+        await zone.deliver("bms", [Reading(channel, begin, 20.0)], begin)
+        await zone.intake.elapse(begin + 3 * zone.period)
+        assert "refuses" not in zone.status().reason

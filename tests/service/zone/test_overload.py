@@ -50,77 +50,66 @@ async def started(zone, *, live, pace=inf):
     return asyncio.create_task(zone.run())
 
 
-def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
-    async def scenario():
-        allowed, announcer = threading.Event(), Announced()
-        async with plumbing(tmp_path, announcer) as shared:
-            zone = held_zone(shared, allowed)
-            running = await started(zone, live=True)
-            items = [sample(k) for k in range(120)]
-            async with asyncio.timeout(180):
-                await zone.intake.accept(items)
-            assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
-            assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time, (
-                "each was journaled"
-            )
-            assert zone.status().samples == 0
-            allowed.set()
-            await caught_up(zone, items)
-            more = [sample(k) for k in range(120, 125)]
-            await zone.intake.accept(more)
-            await caught_up(zone, more)
-            await finished(zone, running)
-            assert [comparable(update) for _, update in announcer.updates] == straight(items + more)
-
-    asyncio.run(scenario())
+async def test_live_samples_never_wait_for_the_estimator_and_none_is_lost(tmp_path):
+    allowed, announcer = threading.Event(), Announced()
+    async with plumbing(tmp_path, announcer) as shared:
+        zone = held_zone(shared, allowed)
+        running = await started(zone, live=True)
+        items = [sample(k) for k in range(120)]
+        async with asyncio.timeout(180):
+            await zone.intake.accept(items)
+        assert zone.busy.waiting <= mailbox.ROOM + 2, "with the one under way, and what is left to the journal"
+        assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[-1].time, (
+            "each was journaled"
+        )
+        assert zone.status().samples == 0
+        allowed.set()
+        await caught_up(zone, items)
+        more = [sample(k) for k in range(120, 125)]
+        await zone.intake.accept(more)
+        await caught_up(zone, more)
+        await finished(zone, running)
+        assert [comparable(update) for _, update in announcer.updates] == straight(items + more)
 
 
-def test_live_samples_that_come_while_the_journal_is_read_are_not_lost(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            running = await started(zone, live=True)
-            items = [sample(k) for k in range(300)]
-            # In portions, so that the mailbox overflows and empties over and over.
-            for first in range(0, len(items), 30):
-                await zone.intake.accept(items[first : first + 30])
-            await caught_up(zone, items)
-            await finished(zone, running)
-            assert [row.time for row in await zone.history(None, None, 1000)] == [item.time for item in items]
-            assert comparable(zone.latest()) == straight(items)[-1]
-
-    asyncio.run(scenario())
+async def test_live_samples_that_come_while_the_journal_is_read_are_not_lost(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        running = await started(zone, live=True)
+        items = [sample(k) for k in range(300)]
+        # In portions, so that the mailbox overflows and empties over and over.
+        for first in range(0, len(items), 30):
+            await zone.intake.accept(items[first : first + 30])
+        await caught_up(zone, items)
+        await finished(zone, running)
+        assert [row.time for row in await zone.history(None, None, 1000)] == [item.time for item in items]
+        assert comparable(zone.latest()) == straight(items)[-1]
 
 
-def test_a_recording_waits_for_the_estimator(tmp_path):
-    async def scenario():
-        allowed = threading.Event()
-        async with plumbing(tmp_path) as shared:
-            zone = held_zone(shared, allowed)
-            running = await started(zone, live=False)
-            items = [sample(k) for k in range(60)]
-            accepting = asyncio.create_task(zone.intake.accept(items))
-            # One is in the estimator's hands and one waits at the door.
-            async with asyncio.timeout(180):
-                while (
-                    await shared.store.run(shared.store.journal.last_sample_time, "z") != items[mailbox.ROOM + 1].time
-                ):
-                    await asyncio.sleep(0.01)
-            await asyncio.sleep(0.3)
-            assert not accepting.done()
-            assert zone.busy.waiting == mailbox.ROOM + 1, "with the one under way"
-            assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[mailbox.ROOM + 1].time
-            allowed.set()
-            await accepting
-            await caught_up(zone, items)
-            await finished(zone, running)
-            assert comparable(zone.latest()) == straight(items)[-1]
-
-    asyncio.run(scenario())
+async def test_a_recording_waits_for_the_estimator(tmp_path):
+    allowed = threading.Event()
+    async with plumbing(tmp_path) as shared:
+        zone = held_zone(shared, allowed)
+        running = await started(zone, live=False)
+        items = [sample(k) for k in range(60)]
+        accepting = asyncio.create_task(zone.intake.accept(items))
+        # One is in the estimator's hands and one waits at the door.
+        async with asyncio.timeout(180):
+            while await shared.store.run(shared.store.journal.last_sample_time, "z") != items[mailbox.ROOM + 1].time:
+                await asyncio.sleep(0.01)
+        await asyncio.sleep(0.3)
+        assert not accepting.done()
+        assert zone.busy.waiting == mailbox.ROOM + 1, "with the one under way"
+        assert await shared.store.run(shared.store.journal.last_sample_time, "z") == items[mailbox.ROOM + 1].time
+        allowed.set()
+        await accepting
+        await caught_up(zone, items)
+        await finished(zone, running)
+        assert comparable(zone.latest()) == straight(items)[-1]
 
 
-def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_caught_up(tmp_path, caplog):
-    async def scenario():
+async def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_caught_up(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING):
         allowed, announcer = threading.Event(), Announced()
         async with plumbing(tmp_path, announcer) as shared:
             zone = held_zone(shared, allowed)
@@ -144,9 +133,6 @@ def test_a_zone_that_is_left_behind_is_stalled_and_says_so_until_it_has_caught_u
             exposed = Metrics({"z": zone}).registry
             assert exposed.get_sample_value("thermogate_overruns_total", {"zone": "z"}) == zone.status().overruns
             assert exposed.get_sample_value("thermogate_forecast_delay_seconds", {"zone": "z"}) > 0.05
-
-    with caplog.at_level(logging.WARNING):
-        asyncio.run(scenario())
     assert caplog.text.count("a forecast came") == 1
 
 
@@ -172,51 +158,42 @@ def test_overruns_are_logged_now_and_then(monkeypatch, caplog):
     assert watched.lag(now[0] - 12.0).startswith("its estimator is 12.0 s behind")
 
 
-def test_a_recording_without_a_pace_has_no_overruns(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            running = await started(zone, live=False)
-            items = [sample(k) for k in range(20)]
-            await zone.intake.accept(items)
-            await caught_up(zone, items)
-            await finished(zone, running)
-            assert zone.status().overruns == 0
-
-    asyncio.run(scenario())
+async def test_a_recording_without_a_pace_has_no_overruns(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        running = await started(zone, live=False)
+        items = [sample(k) for k in range(20)]
+        await zone.intake.accept(items)
+        await caught_up(zone, items)
+        await finished(zone, running)
+        assert zone.status().overruns == 0
 
 
-def test_a_mailbox_tells_what_comes_in_its_order():
-    async def scenario():
-        box = Mailbox()
-        for k in range(mailbox.ROOM + 3):
-            await box.put(Accepted(sample(k), float(k)), patient=False)
-        box.end()
-        box.close()
-        assert box.waiting_since == 0.0
-        first = [(await box.get()).at for _ in range(mailbox.ROOM)]
-        assert first == [float(k) for k in range(mailbox.ROOM)]
-        assert await box.get() == Left(mailbox.ROOM * PERIOD, float(mailbox.ROOM))
-        assert [await box.get(), await box.get(), await box.get()] == [Mark.ENDED, Mark.CLOSED, Mark.CLOSED]
-        assert box.waiting_since is None
-        assert await box.closed_within(0.0)
-
-    asyncio.run(scenario())
+async def test_a_mailbox_tells_what_comes_in_its_order():
+    box = Mailbox()
+    for k in range(mailbox.ROOM + 3):
+        await box.put(Accepted(sample(k), float(k)), patient=False)
+    box.end()
+    box.close()
+    assert box.waiting_since == 0.0
+    first = [(await box.get()).at for _ in range(mailbox.ROOM)]
+    assert first == [float(k) for k in range(mailbox.ROOM)]
+    assert await box.get() == Left(mailbox.ROOM * PERIOD, float(mailbox.ROOM))
+    assert [await box.get(), await box.get(), await box.get()] == [Mark.ENDED, Mark.CLOSED, Mark.CLOSED]
+    assert box.waiting_since is None
+    assert await box.closed_within(0.0)
 
 
-def test_a_failed_zone_lets_go_of_who_waits_for_room():
-    async def scenario():
-        box = Mailbox()
-        for k in range(mailbox.ROOM):
-            await box.put(Accepted(sample(k), float(k)), patient=True)
-        waiting = asyncio.create_task(box.put(Accepted(sample(99), 99.0), patient=True))
-        await asyncio.sleep(0)
-        box.discard()
-        await asyncio.wait_for(waiting, 180)
-        assert len(box) == 0
-        assert await box.get() == Left(None, 0.0)
-
-    asyncio.run(scenario())
+async def test_a_failed_zone_lets_go_of_who_waits_for_room():
+    box = Mailbox()
+    for k in range(mailbox.ROOM):
+        await box.put(Accepted(sample(k), float(k)), patient=True)
+    waiting = asyncio.create_task(box.put(Accepted(sample(99), 99.0), patient=True))
+    await asyncio.sleep(0)
+    box.discard()
+    await asyncio.wait_for(waiting, 180)
+    assert len(box) == 0
+    assert await box.get() == Left(None, 0.0)
 
 
 def test_checkpoints_of_many_zones_have_moments_of_their_own():

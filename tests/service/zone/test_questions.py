@@ -52,51 +52,42 @@ class Long:
         raise ServiceError("given up")
 
 
-def test_a_client_that_has_gone_is_computed_nothing_for() -> None:
-    async def scenario() -> None:
-        async with asking() as questions:
-            asker, long = Asker("gone"), Long()
-            asked = [asyncio.create_task(ask(questions, asker, long)) for _ in range(10)]
-            await until(lambda: long.begun == module.THREADS_OF_ONE)
+async def test_a_client_that_has_gone_is_computed_nothing_for() -> None:
+    async with asking() as questions:
+        asker, long = Asker("gone"), Long()
+        asked = [asyncio.create_task(ask(questions, asker, long)) for _ in range(10)]
+        await until(lambda: long.begun == module.THREADS_OF_ONE)
+        asker.gone.set()
+        results = await asyncio.gather(*asked, return_exceptions=True)
+        assert all(isinstance(result, ServiceError) for result in results)
+        assert long.begun == module.THREADS_OF_ONE, "those that waited were not begun"
+
+
+async def test_many_questions_of_one_client_leave_a_thread_to_the_others() -> None:
+    async with asking() as questions:
+        greedy, long = Asker("greedy"), Long()
+        asked = [asyncio.create_task(ask(questions, greedy, long)) for _ in range(WAITING_OF_ONE)]
+        await until(lambda: long.begun)
+        assert await ask(questions, Asker("other"), lambda given_up: "answered") == "answered"
+        with pytest.raises(TooManyQuestions, match="limit for one client"):
+            await ask(questions, greedy, lambda given_up: None)
+        greedy.gone.set()
+        await asyncio.gather(*asked, return_exceptions=True)
+        assert await ask(questions, Asker("greedy"), lambda given_up: "again") == "again"
+
+
+async def test_all_clients_together_are_bounded_but_not_the_daemon() -> None:
+    async with asking() as questions:
+        askers, long = [Asker(f"client {index}") for index in range(WAITING)], Long()
+        asked = [asyncio.create_task(ask(questions, asker, long)) for asker in askers]
+        await until(lambda: long.begun)
+        with pytest.raises(TooManyQuestions, match="try again later"):
+            await ask(questions, Asker("one more"), lambda given_up: None)
+        own = asyncio.create_task(ask(questions, Asker(), lambda given_up: "own"))
+        for asker in askers:
             asker.gone.set()
-            results = await asyncio.gather(*asked, return_exceptions=True)
-            assert all(isinstance(result, ServiceError) for result in results)
-            assert long.begun == module.THREADS_OF_ONE, "those that waited were not begun"
-
-    run(scenario())
-
-
-def test_many_questions_of_one_client_leave_a_thread_to_the_others() -> None:
-    async def scenario() -> None:
-        async with asking() as questions:
-            greedy, long = Asker("greedy"), Long()
-            asked = [asyncio.create_task(ask(questions, greedy, long)) for _ in range(WAITING_OF_ONE)]
-            await until(lambda: long.begun)
-            assert await ask(questions, Asker("other"), lambda given_up: "answered") == "answered"
-            with pytest.raises(TooManyQuestions, match="limit for one client"):
-                await ask(questions, greedy, lambda given_up: None)
-            greedy.gone.set()
-            await asyncio.gather(*asked, return_exceptions=True)
-            assert await ask(questions, Asker("greedy"), lambda given_up: "again") == "again"
-
-    run(scenario())
-
-
-def test_all_clients_together_are_bounded_but_not_the_daemon() -> None:
-    async def scenario() -> None:
-        async with asking() as questions:
-            askers, long = [Asker(f"client {index}") for index in range(WAITING)], Long()
-            asked = [asyncio.create_task(ask(questions, asker, long)) for asker in askers]
-            await until(lambda: long.begun)
-            with pytest.raises(TooManyQuestions, match="try again later"):
-                await ask(questions, Asker("one more"), lambda given_up: None)
-            own = asyncio.create_task(ask(questions, Asker(), lambda given_up: "own"))
-            for asker in askers:
-                asker.gone.set()
-            assert await own == "own"
-            await asyncio.gather(*asked, return_exceptions=True)
-
-    run(scenario())
+        assert await own == "own"
+        await asyncio.gather(*asked, return_exceptions=True)
 
 
 def test_the_server_says_when_a_client_has_gone() -> None:

@@ -29,21 +29,18 @@ def short_pauses(monkeypatch):
         monkeypatch.setattr(module, "LONGEST_PAUSE", 0.02)
 
 
-def test_a_step_that_fails_once_is_retried_and_nothing_is_lost(tmp_path):
-    async def scenario():
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer) as shared:
-            items = [sample(k) for k in range(40)]
-            zone = make(shared, {items[20].time: 1})
-            running = await fed(zone, items)
-            await caught_up(zone, items)
-            await finished(zone, running)
-            assert "failed" in announcer.states
-            assert comparable(zone.latest()) == straight(items)[-1]
-            rows = await zone.history(None, None, 100)
-            assert [row.time for row in rows] == [item.time for item in items]
-
-    asyncio.run(scenario())
+async def test_a_step_that_fails_once_is_retried_and_nothing_is_lost(tmp_path):
+    announcer = Announced()
+    async with plumbing(tmp_path, announcer) as shared:
+        items = [sample(k) for k in range(40)]
+        zone = make(shared, {items[20].time: 1})
+        running = await fed(zone, items)
+        await caught_up(zone, items)
+        await finished(zone, running)
+        assert "failed" in announcer.states
+        assert comparable(zone.latest()) == straight(items)[-1]
+        rows = await zone.history(None, None, 100)
+        assert [row.time for row in rows] == [item.time for item in items]
 
 
 class Forgetful:
@@ -62,26 +59,23 @@ class Forgetful:
         return self._inner.update(state, outputs)
 
 
-def test_a_checkpoint_that_is_due_while_a_step_fails_does_not_skip_its_sample(tmp_path):
-    async def scenario():
-        items = [sample(k) for k in range(30)]
-        items[20] = sample(20, y=20.123)
-        failing = worker()
-        failing.estimator = Forgetful(failing.estimator, 20.123, times=3)
-        # A checkpoint is due before every step.
-        async with plumbing(tmp_path, checkpoint_every=1e-9) as shared:
-            zone = Zone("z", "rbpf", "mark", failing, shared)
-            running = await fed(zone, items)
-            await caught_up(zone, items)
-            await finished(zone, running)
-            assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
-            assert comparable(zone.latest()) == straight(items)[-1]
-
-    asyncio.run(scenario())
+async def test_a_checkpoint_that_is_due_while_a_step_fails_does_not_skip_its_sample(tmp_path):
+    items = [sample(k) for k in range(30)]
+    items[20] = sample(20, y=20.123)
+    failing = worker()
+    failing.estimator = Forgetful(failing.estimator, 20.123, times=3)
+    # A checkpoint is due before every step.
+    async with plumbing(tmp_path, checkpoint_every=1e-9) as shared:
+        zone = Zone("z", "rbpf", "mark", failing, shared)
+        running = await fed(zone, items)
+        await caught_up(zone, items)
+        await finished(zone, running)
+        assert [row.time for row in await zone.history(None, None, 100)] == [item.time for item in items]
+        assert comparable(zone.latest()) == straight(items)[-1]
 
 
-def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path, caplog):
-    async def scenario():
+async def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path, caplog):
+    with caplog.at_level(logging.ERROR):
         async with plumbing(tmp_path) as shared:
             items = [sample(k) for k in range(30)]
             failures = {items[10].time: 10**6}
@@ -95,9 +89,6 @@ def test_a_sample_that_always_fails_is_passed_over_and_the_zone_goes_on(tmp_path
             assert rows[-1].time == items[-1].time
             # The same as if that interval had never come.
             assert comparable(zone.latest()) == straight(items[:10] + items[11:])[-1]
-
-    with caplog.at_level(logging.ERROR):
-        asyncio.run(scenario())
     assert f"passes over its sample at {10 * PERIOD}" in caplog.text
 
 
@@ -120,219 +111,180 @@ def _caused() -> Exception:
     ],
     ids=repr,
 )
-def test_no_sample_is_to_blame_for_the_environment(tmp_path, caplog, error):
-
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            items = [sample(k) for k in range(12)]
-            failures = {items[5].time: 3 * ATTEMPTS}
-            zone = make(shared, failures, error=error)
-            running = await fed(zone, items)
-            await caught_up(zone, items)
-            await finished(zone, running)
-            rows = await zone.history(None, None, 100)
-            assert [row.time for row in rows] == [item.time for item in items]
-            assert comparable(zone.latest()) == straight(items)[-1]
-
-    asyncio.run(scenario())
+async def test_no_sample_is_to_blame_for_the_environment(tmp_path, caplog, error):
+    async with plumbing(tmp_path) as shared:
+        items = [sample(k) for k in range(12)]
+        failures = {items[5].time: 3 * ATTEMPTS}
+        zone = make(shared, failures, error=error)
+        running = await fed(zone, items)
+        await caught_up(zone, items)
+        await finished(zone, running)
+        rows = await zone.history(None, None, 100)
+        assert [row.time for row in rows] == [item.time for item in items]
+        assert comparable(zone.latest()) == straight(items)[-1]
     assert "passes over" not in caplog.text
 
 
-def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, monkeypatch):
+async def test_while_a_zone_is_failed_others_go_on_and_its_samples_are_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(service.zone.zone, "FIRST_PAUSE", 1.5)
     monkeypatch.setattr(service.zone.zone, "LONGEST_PAUSE", 1.5)
-
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            items = [sample(k) for k in range(60)]
-            sick, well = make(shared, {items[0].time: 1}, "sick"), make(shared, None, "well")
-            tasks = [await fed(sick, items[:1]), await fed(well, items[:1])]
-            async with asyncio.timeout(180):
-                while sick.status().state != "failed":
-                    await asyncio.sleep(0.005)
-                # More than its mailbox holds, and no one waits for it.
-                await sick.intake.accept(items[1:])
-                await well.intake.accept(items[1:])
-            assert sick.status().state == "failed"
-            assert "cannot step over 0" in sick.status().reason
-            await caught_up(sick, items)
-            for zone, task in zip((sick, well), tasks, strict=True):
-                await finished(zone, task)
-            assert comparable(sick.latest()) == comparable(well.latest())
-
-    asyncio.run(scenario())
+    async with plumbing(tmp_path) as shared:
+        items = [sample(k) for k in range(60)]
+        sick, well = make(shared, {items[0].time: 1}, "sick"), make(shared, None, "well")
+        tasks = [await fed(sick, items[:1]), await fed(well, items[:1])]
+        async with asyncio.timeout(180):
+            while sick.status().state != "failed":
+                await asyncio.sleep(0.005)
+            # More than its mailbox holds, and no one waits for it.
+            await sick.intake.accept(items[1:])
+            await well.intake.accept(items[1:])
+        assert sick.status().state == "failed"
+        assert "cannot step over 0" in sick.status().reason
+        await caught_up(sick, items)
+        for zone, task in zip((sick, well), tasks, strict=True):
+            await finished(zone, task)
+        assert comparable(sick.latest()) == comparable(well.latest())
 
 
-def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
-    async def scenario():
-        announcer = Announced()
-        announcer.broken = True
-        async with plumbing(tmp_path, announcer) as shared:
-            zone = make(shared)
-            await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
-            assert zone.status().samples == 5
-            assert zone.status().state == "running"
-
-    asyncio.run(scenario())
+async def test_an_announcer_that_fails_does_not_stop_the_zone(tmp_path, caplog):
+    announcer = Announced()
+    announcer.broken = True
+    async with plumbing(tmp_path, announcer) as shared:
+        zone = make(shared)
+        await finished(zone, await fed(zone, [sample(k) for k in range(5)]))
+        assert zone.status().samples == 5
+        assert zone.status().state == "running"
     assert "the session is gone" in caplog.text
 
 
-def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path, monkeypatch, caplog):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            real, failures = shared.store.append, [JournalError("the journal failed (disk full); free space")] * 3
+async def test_a_journal_that_cannot_be_written_holds_the_sample_until_it_can(tmp_path, monkeypatch, caplog):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        real, failures = shared.store.append, [JournalError("the journal failed (disk full); free space")] * 3
 
-            async def failing(name, item):
-                if failures:
-                    raise failures.pop()
-                return await real(name, item)
+        async def failing(name, item):
+            if failures:
+                raise failures.pop()
+            return await real(name, item)
 
-            monkeypatch.setattr(shared.store, "append", failing)
-            accepting = asyncio.create_task(fed(zone, [sample(0), sample(1)]))
-            async with asyncio.timeout(180):
-                while zone.status().state != "failed":
-                    await asyncio.sleep(0)
-            assert "disk full" in zone.status().reason
-            await finished(zone, await accepting)
-            assert zone.status().state == "running"
-            assert zone.status().samples == 2
-
-    asyncio.run(scenario())
+        monkeypatch.setattr(shared.store, "append", failing)
+        accepting = asyncio.create_task(fed(zone, [sample(0), sample(1)]))
+        async with asyncio.timeout(180):
+            while zone.status().state != "failed":
+                await asyncio.sleep(0)
+        assert "disk full" in zone.status().reason
+        await finished(zone, await accepting)
+        assert zone.status().state == "running"
+        assert zone.status().samples == 2
     assert caplog.text.count("disk full") == 3
 
 
-def test_a_zone_says_what_it_waits_for(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            assert (zone.status().state, zone.latest(), await zone.ask(question(3))) == ("waiting", None, None)
-            assert await zone.ask(ParametersQuestion((0.5,))) is None
-            running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
-            async with asyncio.timeout(180):
-                while zone.latest() is None:
-                    await asyncio.sleep(0.01)
-            fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
-            assert len(fan.outputs[0].mean) == 3
-            assert (await zone.ask(ParametersQuestion((0.5,)))).summary.parameters.shape == (10, 1)
-            zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
-            assert zone.status().state == "running"
-            await zone.end("only")
-            async with asyncio.timeout(180):
-                while zone.status().state != "stalled":
-                    await asyncio.sleep(0.005)
-            assert "come to an end" in zone.status().reason
-            await finished(zone, running)
-
-    asyncio.run(scenario())
+async def test_a_zone_says_what_it_waits_for(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        assert (zone.status().state, zone.latest(), await zone.ask(question(3))) == ("waiting", None, None)
+        assert await zone.ask(ParametersQuestion((0.5,))) is None
+        running = await fed(zone, [sample(0, y=float("nan")), sample(1)])
+        async with asyncio.timeout(180):
+            while zone.latest() is None:
+                await asyncio.sleep(0.01)
+        fan = await zone.ask(question(2, {"u_heat": np.array([0.0, 500.0])}))
+        assert len(fan.outputs[0].mean) == 3
+        assert (await zone.ask(ParametersQuestion((0.5,)))).summary.parameters.shape == (10, 1)
+        zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
+        assert zone.status().state == "running"
+        await zone.end("only")
+        async with asyncio.timeout(180):
+            while zone.status().state != "stalled":
+                await asyncio.sleep(0.005)
+        assert "come to an end" in zone.status().reason
+        await finished(zone, running)
 
 
-def test_samples_without_a_checkpoint_belong_to_their_network_too(tmp_path):
+async def test_samples_without_a_checkpoint_belong_to_their_network_too(tmp_path):
     """Killed before its first checkpoint, a zone must not meet another network's samples in the journal."""
-
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            await zone.prepare()
-            await shared.store.append("z", sample(0))
-            with pytest.raises(StateMismatch, match="--reset z"):
-                await make(shared, mark="other").prepare()
-            assert await make(shared).prepare() == 0
-
-    asyncio.run(scenario())
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        await zone.prepare()
+        await shared.store.append("z", sample(0))
+        with pytest.raises(StateMismatch, match="--reset z"):
+            await make(shared, mark="other").prepare()
+        assert await make(shared).prepare() == 0
 
 
-def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tmp_path):
-    async def scenario():
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer) as shared:
-            zone = make(shared)
-            running = await fed(zone, [sample(0)])
-            zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
-            await zone.source_failed("bms", "sources.bms: the file is gone; put it back")
-            assert zone.status().state == "stalled"
-            assert "the file is gone" in zone.status().reason
-            assert announcer.states[-1] == "stalled"
-            await zone.deliver("bms", [], 0.0)
-            await finished(zone, running)
-            assert zone.status().state == "running"
-
-    asyncio.run(scenario())
+async def test_a_source_that_does_not_deliver_shows_on_its_zone_until_it_does(tmp_path):
+    announcer = Announced()
+    async with plumbing(tmp_path, announcer) as shared:
+        zone = make(shared)
+        running = await fed(zone, [sample(0)])
+        zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
+        await zone.source_failed("bms", "sources.bms: the file is gone; put it back")
+        assert zone.status().state == "stalled"
+        assert "the file is gone" in zone.status().reason
+        assert announcer.states[-1] == "stalled"
+        await zone.deliver("bms", [], 0.0)
+        await finished(zone, running)
+        assert zone.status().state == "running"
 
 
-def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            running = await fed(zone, [sample(0)])
-            zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
-            assert zone.status().channels == zone.network.channels
-            zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z", setpoint_age=3600.0)))
-            await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
-            *_, last = StatusPayload.of(zone.status(), None).channels
-            assert (last.channel, last.last_good, last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
-            await finished(zone, running)
-
-    asyncio.run(scenario())
+async def test_a_set_point_is_among_the_channels_of_a_zone_that_has_one(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        running = await fed(zone, [sample(0)])
+        zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z")))
+        assert zone.status().channels == zone.network.channels
+        zone.align(Alignment(zone.network, PERIOD, ["bms"], Rules(zone="z", setpoint_age=3600.0)))
+        await zone.deliver("bms", [Reading("z/setpoint", PERIOD + 10.0, 21.0)], 2 * PERIOD)
+        *_, last = StatusPayload.of(zone.status(), None).channels
+        assert (last.channel, last.last_good, last.age_s) == ("setpoint", PERIOD + 10.0, PERIOD - 10.0)
+        await finished(zone, running)
 
 
-def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            await finished(zone, await fed(zone, [sample(0), sample(1)]))
-        announcer = Announced()
-        async with plumbing(tmp_path, announcer) as shared:
-            zone = make(shared)
-            await zone.prepare()
-            zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
-            await zone.end("only")
-            assert zone.status().now == 2 * PERIOD
-            await finished(zone, asyncio.create_task(zone.run()))
-            assert announcer.states == ["running", "stalled"]
-
-    asyncio.run(scenario())
+async def test_a_recording_that_had_ended_before_this_start_still_tells_its_time(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        await finished(zone, await fed(zone, [sample(0), sample(1)]))
+    announcer = Announced()
+    async with plumbing(tmp_path, announcer) as shared:
+        zone = make(shared)
+        await zone.prepare()
+        zone.align(Alignment(zone.network, PERIOD, ["only"], Rules(zone="z")))
+        await zone.end("only")
+        assert zone.status().now == 2 * PERIOD
+        await finished(zone, asyncio.create_task(zone.run()))
+        assert announcer.states == ["running", "stalled"]
 
 
-def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            items = [sample(k) for k in range(12)]
-            await zone.prepare()
-            await zone.intake.accept(items)
-            zone.hurry()
-            await zone.run()
-            assert zone.status().samples < len(items)
-            again = make(shared)
-            assert await again.prepare() == items[-1].time
-            assert comparable(again.latest()) == straight(items)[-1]
-
-    asyncio.run(scenario())
+async def test_a_hurried_zone_saves_and_leaves_the_rest_to_the_journal(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        items = [sample(k) for k in range(12)]
+        await zone.prepare()
+        await zone.intake.accept(items)
+        zone.hurry()
+        await zone.run()
+        assert zone.status().samples < len(items)
+        again = make(shared)
+        assert await again.prepare() == items[-1].time
+        assert comparable(again.latest()) == straight(items)[-1]
 
 
-def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            running = await fed(zone, [sample(0)])
-            await finished(zone, running)
-            shared.stopping.set()
-            with pytest.raises(ServiceError, match="the daemon is stopping"):
-                await zone.ask(question(500))
-
-    asyncio.run(scenario())
+async def test_a_fan_is_given_up_when_the_daemon_stops(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        running = await fed(zone, [sample(0)])
+        await finished(zone, running)
+        shared.stopping.set()
+        with pytest.raises(ServiceError, match="the daemon is stopping"):
+            await zone.ask(question(500))
 
 
-def test_two_recordings_with_their_own_times_show_the_earlier_one(tmp_path):
-    async def scenario():
-        async with plumbing(tmp_path) as shared:
-            zone = make(shared)
-            await zone.prepare()
-            zone.align(Alignment(zone.network, PERIOD, ["a", "b"], Rules(zone="z")))
-            await zone.deliver("a", [], 5000.0)
-            await zone.deliver("b", [], 900.0)
-            await zone.deliver("a", [], 6000.0)
-            assert zone.status().now == 900.0
-
-    asyncio.run(scenario())
+async def test_two_recordings_with_their_own_times_show_the_earlier_one(tmp_path):
+    async with plumbing(tmp_path) as shared:
+        zone = make(shared)
+        await zone.prepare()
+        zone.align(Alignment(zone.network, PERIOD, ["a", "b"], Rules(zone="z")))
+        await zone.deliver("a", [], 5000.0)
+        await zone.deliver("b", [], 900.0)
+        await zone.deliver("a", [], 6000.0)
+        assert zone.status().now == 900.0

@@ -70,26 +70,23 @@ def take(ingest: Ingest, posted: Sequence[Posted], zone: str | None = None) -> A
     return asyncio.run(ingest.take(posted, zone))
 
 
-def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_order_of_time(
+async def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_order_of_time(
     feeds: list[Feed], zones: dict[str, Taking]
 ) -> None:
     posted = [Posted("living", 20.0, float(time), "T_i") for time in range(5 * TOGETHER, 0, -1)]
     posted += [Posted("nobody", 20.0, None, f"field {k}") for k in range(5 * TOGETHER)]
     turns = 0
 
-    async def run() -> Any:
-        async def other() -> None:
-            nonlocal turns
-            while True:
-                turns += 1
-                await asyncio.sleep(0)
+    async def other() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
 
-        beside = asyncio.create_task(other())
-        taken = await Ingest(lambda: feeds, lambda: True).take(posted, None)
-        beside.cancel()
-        return taken
-
-    taken = asyncio.run(run())
+    beside = asyncio.create_task(other())
+    taken = await Ingest(lambda: feeds, lambda: True).take(posted, None)
+    beside.cancel()
+    taken = taken
     assert turns >= 10
     assert (taken.accepted, taken.unknown, len(taken.unknown_names)) == (5 * TOGETHER, 5 * TOGETHER, 5)
     times = [reading.time for _, readings in zones["living"].taken for reading in readings]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 from collections.abc import AsyncIterator
 from types import SimpleNamespace
@@ -40,7 +39,7 @@ class Failing:
         self.closed = True
 
 
-def test_a_source_that_works_again_says_so_once(
+async def test_a_source_that_works_again_says_so_once(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(module, "FIRST_PAUSE", 0.001)
@@ -49,15 +48,11 @@ def test_a_source_that_works_again_says_so_once(
     config: Any = SimpleNamespace(
         weather={"office": object()}, weather_series=lambda name: (), build_weather=lambda name: source
     )
-
-    async def scenario() -> None:
+    with caplog.at_level(logging.INFO):
         feeds = WeatherFeeds(WeatherBook())
         await feeds.follow(config)
         await until(lambda: source.calls > 4)
         await feeds.stop()
-
-    with caplog.at_level(logging.INFO):
-        asyncio.run(scenario())
     assert source.closed
     assert caplog.text.count("weather 'office' works again") == 1
     assert "weather.office: nobody answers; trying again in" in caplog.text
