@@ -42,17 +42,20 @@ class Trust:
         "true while something acts on the zone that its model does not know", default=False, kw_only=True
     )
     horizons: tuple[HorizonTrust, ...] = shown("from the shortest", default=())
+    usual: float = hidden(default=0.0, kw_only=True)
+    """Mean width [K] of the 95 % intervals one step ahead in seven days, when it was last looked up."""
+    # Checkpoints hold the fields in the order of the constructor: what comes new comes last.
     beaten: str = shown(
         "where simpler forecasts were better in 7 days, and where the zone's were, as one sentence; else empty",
         default="",
+        kw_only=True,
     )
     good_up_to: int = shown(
         "the longest horizon up to which no simpler forecast was better in 7 days, s; 0: none, or none is verified",
         key="good_up_to_s",
         default=0,
+        kw_only=True,
     )
-    usual: float = hidden(default=0.0, kw_only=True)
-    """Mean width [K] of the 95 % intervals one step ahead in seven days, when it was last looked up."""
 
     def at(self, lead: float) -> HorizonTrust | None:
         """The horizon that a forecast over `lead` s falls into: the shortest that is not shorter, else the longest."""
