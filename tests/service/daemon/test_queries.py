@@ -12,7 +12,7 @@ import pytest
 import zenoh
 from fastapi import FastAPI
 from support.harness import free_port
-from support.http_client import get, post, problem
+from support.http_client import get, post
 from support.publishing import opened, settings
 from support.site_of_rooms import Room, site_of
 from support.zenoh_plant import session as session_of
@@ -138,9 +138,3 @@ def test_questions_that_wait_are_bounded(publisher_and_session: tuple[Publisher,
     for reply in held:
         reply(Reply(True, b"{}"))
     assert [reply.ok.payload.to_bytes() for replies in waiting for reply in replies] == [b"{}"] * MOST_QUESTIONS
-
-
-def test_parameters_that_nobody_knows_are_refused_on_every_question(app: tuple[FastAPI, FastAPI]) -> None:
-    _, questions = app
-    for path in ("/forecasts?horizn=3", f"/zones/{next(iter(ROOMS))}/forecast?foo=1"):
-        assert "not known" in problem(post(questions, path, {"horizon": "1h"}), 422)["detail"]

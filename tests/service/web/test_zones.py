@@ -268,15 +268,6 @@ def test_mistakes_in_a_plan(app: FastAPI, zones: dict[str, FakeZone], body: Any,
     assert zones["living"].asked == []
 
 
-@pytest.mark.parametrize("word", ["NaN", "Infinity", "-Infinity"])
-def test_a_plan_that_is_not_finite_is_refused(app: FastAPI, word: str) -> None:
-    content = f'{{"horizon": "1h", "inputs": {{"u_heat": {word}}}}}'
-    answer = request(
-        app, "POST", "/zones/living/forecast", content=content, headers={"Content-Type": "application/json"}
-    )
-    assert "finite" in problem(answer, 422)["errors"][0]
-
-
 def test_a_body_that_is_not_json(app: FastAPI) -> None:
     headers = {"Content-Type": "application/json"}
     answer = request(app, "POST", "/zones/living/forecast", content='{"horizon": ', headers=headers)
