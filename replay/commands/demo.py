@@ -9,6 +9,7 @@ from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
+from replay.commands.options import Option, add_options
 from replay.commands.simulate_bms import LARGEST_PACE, SMALLEST_PACE
 from service.cli.arguments import AddCommand, load_config, number, positive, whole
 
@@ -23,20 +24,11 @@ def add_to(add: AddCommand) -> None:
     demo.add_argument(
         "--directory", type=Path, metavar="DIR", help="keep files and state here (default: a temporary folder)"
     )
-    demo.add_argument(
-        "--port",
-        type=whole(0, 65535),
-        default=_HTTP_PORT,
-        metavar="N",
-        help="HTTP port, 0 for any free one (default 8080)",
-    )
-    demo.add_argument(
-        "--pace",
-        type=number(SMALLEST_PACE, LARGEST_PACE),
-        default=600.0,
-        metavar="X",
-        help="multiple of real time, at most 3600 (default 600)",
-    )
+    options: dict[str, Option] = {
+        "--port": (whole(0, 65535), str(_HTTP_PORT), "N", "HTTP port, 0 for any free one"),
+        "--pace": (number(SMALLEST_PACE, LARGEST_PACE), "600", "X", "multiple of real time, at most 3600"),
+    }
+    add_options(demo, options)
     demo.add_argument(
         "--duration", type=positive, metavar="SECONDS", help="stop after so many seconds (default: never)"
     )

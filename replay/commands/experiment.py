@@ -56,20 +56,13 @@ def add_to(add: AddCommand) -> None:
         metavar="NAME",
         help="local time of --config's nights, such as Europe/Berlin (default: that of its recording)",
     )
-    parser.add_argument(
-        "--building", action="append", default=[], metavar="NAME", help="a building of EnergyPlus (control; repeatable)"
-    )
-    parser.add_argument(
-        "--contender",
-        action="append",
-        default=[],
-        metavar="NAME[:OPTIONS]",
-        help="who forecasts, such as ridge, bank or mkf:particles=64 (hours-ahead; repeatable)",
-    )
-    parser.add_argument(
-        "--recording", action="append", default=[], metavar="NAME", help="one recording (hours-ahead; repeatable)"
-    )
-    parser.add_argument("--case", action="append", default=[], metavar="NAME", help="one case (control; repeatable)")
+    for name, value, meaning in (
+        ("--building", "NAME", "a building of EnergyPlus (control; repeatable)"),
+        ("--case", "NAME", "one case (control; repeatable)"),
+        ("--recording", "NAME", "one recording (hours-ahead; repeatable)"),
+        ("--contender", "NAME[:OPTIONS]", "who forecasts, such as bank or mkf:particles=64 (hours-ahead; repeatable)"),
+    ):
+        parser.add_argument(name, action="append", default=[], metavar=value, help=meaning)
     parser.add_argument(
         "--jobs", type=whole(1, 256), metavar="N", help="processes (default: as many as there are processors)"
     )

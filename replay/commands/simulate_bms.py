@@ -6,6 +6,7 @@ import argparse
 from dataclasses import fields
 from pathlib import Path
 
+from replay.commands.options import Option, add_options
 from service.cli.arguments import AddCommand, number, whole
 
 _MOST_ZONES = 80
@@ -38,59 +39,27 @@ def add_to(add: AddCommand) -> None:
         help="of the plant energyplus: chicago, denver, san-francisco, tampa or washington, or the path of an EPW file "
         "(default denver)",
     )
-    parser.add_argument(
-        "--port",
-        type=whole(0, 65535),
-        default=5020,
-        metavar="N",
-        help="Modbus port, 0 for any free one (default 5020)",
-    )
-    parser.add_argument(
-        "--control-port",
-        type=whole(0, 65535),
-        default=5021,
-        metavar="N",
-        help="HTTP port of the control surface, 0 for any free one (default 5021)",
-    )
-    parser.add_argument(
-        "--zenoh",
-        type=_endpoint,
-        default="tcp/127.0.0.1:7448",
-        metavar="ENDPOINT",
-        help='where the BMS listens for Zenoh, "off" for nowhere (default tcp/127.0.0.1:7448)',
-    )
-    parser.add_argument(
-        "--bacnet",
-        type=_bacnet,
-        default=None,
-        metavar="PORT",
-        help='UDP port of the BACnet/IP devices (such as 47808), 0 for any free one, "off" for none (default off)',
-    )
-    parser.add_argument(
-        "--pace",
-        type=number(SMALLEST_PACE, LARGEST_PACE),
-        default=60.0,
-        metavar="X",
-        help="simulated seconds per second, at most 3600 (default 60)",
-    )
-    parser.add_argument(
-        "--seed", type=whole(0, 2**63 - 1), default=1, metavar="N", help="of building, weather and people (default 1)"
-    )
-    parser.add_argument(
-        "--devices",
-        type=whole(0, _MOST_METERS),
-        default=0,
-        dest="meters",
-        metavar="N",
-        help="further devices for load (default 0)",
-    )
-    parser.add_argument(
-        "--registers",
-        type=whole(1, _MOST_REGISTERS),
-        default=100,
-        metavar="N",
-        help="registers of each further device (default 100)",
-    )
+    options: dict[str, Option] = {
+        "--port": (whole(0, 65535), "5020", "N", "Modbus port, 0 for any free one"),
+        "--control-port": (whole(0, 65535), "5021", "N", "HTTP port of the control surface, 0 for any free one"),
+        "--zenoh": (
+            _endpoint,
+            "tcp/127.0.0.1:7448",
+            "ENDPOINT",
+            'where the BMS listens for Zenoh, "off" for nowhere',
+        ),
+        "--bacnet": (
+            _bacnet,
+            "off",
+            "PORT",
+            'UDP port of the BACnet/IP devices (such as 47808), 0 for any free one, "off" for none',
+        ),
+        "--pace": (number(SMALLEST_PACE, LARGEST_PACE), "60", "X", "simulated seconds per second, at most 3600"),
+        "--seed": (whole(0, 2**63 - 1), "1", "N", "of building, weather and people"),
+        "--devices": (whole(0, _MOST_METERS), "0", "N", "further devices for load"),
+        "--registers": (whole(1, _MOST_REGISTERS), "100", "N", "registers of each further device"),
+    }
+    add_options(parser, options, devices="meters")
     parser.add_argument(
         "--fault",
         action="append",

@@ -7,6 +7,7 @@ import sys
 from datetime import date
 from pathlib import Path
 
+from replay.commands.options import Option, add_options
 from service.cli.arguments import AddCommand, whole
 
 _FIRST_DAY = "2025-01-06"
@@ -18,21 +19,20 @@ def add_to(add: AddCommand) -> None:
         "simulate-energyplus", simulate, "Record a building that EnergyPlus simulates, with the truth beside it."
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the files")
-    parser.add_argument("--building", default="house", metavar="NAME", help="house, timber or office (default house)")
-    parser.add_argument(
-        "--weather",
-        default="denver",
-        metavar="NAME|EPW",
-        help="chicago, denver, san-francisco, tampa or washington, or the path of an EPW file (default denver)",
-    )
-    parser.add_argument(
-        "--heating", default="on-off", metavar="NAME", help="on-off, proportional or planned (default on-off)"
-    )
-    parser.add_argument(
-        "--begin", type=_day, default=_FIRST_DAY, metavar="DATE", help=f"first day (default {_FIRST_DAY})"
-    )
-    parser.add_argument("--days", type=whole(1, 3660), default=28, metavar="N", help="how many days (default 28)")
-    parser.add_argument("--seed", type=whole(0, 2**63 - 1), default=1, metavar="N", help="of the people (default 1)")
+    options: dict[str, Option] = {
+        "--building": (str, "house", "NAME", "house, timber or office"),
+        "--weather": (
+            str,
+            "denver",
+            "NAME|EPW",
+            "chicago, denver, san-francisco, tampa or washington, or the path of an EPW file",
+        ),
+        "--heating": (str, "on-off", "NAME", "on-off, proportional or planned"),
+        "--begin": (_day, _FIRST_DAY, "DATE", "first day"),
+        "--days": (whole(1, 3660), "28", "N", "how many days"),
+        "--seed": (whole(0, 2**63 - 1), "1", "N", "of the people"),
+    }
+    add_options(parser, options)
 
 
 def simulate(arguments: argparse.Namespace) -> int:
