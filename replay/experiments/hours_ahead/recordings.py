@@ -10,10 +10,9 @@ from replay.errors import ReplayError
 from replay.experiments.checkout import laboratory
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import Series
-from replay.experiments.series.networks import zone_of
+from replay.experiments.series.networks import chosen
 from replay.experiments.series.recorded_zone import bridged, read_zone
 from replay.localtime import DAY
-from service.config.load import load
 from service.config.site import Config, Whereabouts, ZoneConfig
 
 
@@ -49,7 +48,7 @@ class Recording(NamedTuple):
 def recordings(request: Request) -> list[Recording]:
     """The zone of --config, or what the laboratory has at hand, or --recording of it; ReplayError if there is none."""
     if request.config is not None:
-        found = [of_zone(load(request.config, request.overrides), zone_of(request))]
+        found = [of_zone(*chosen(request))]
     else:
         benchmark = laboratory("experiments.recordings", "experiment hours-ahead without --config")
         found = benchmark.at_hand(request.file, request.recording)

@@ -7,7 +7,7 @@ from replay.errors import ReplayError
 from replay.experiments.request import Request
 from service.config.load import load
 from service.config.networks import preset_network
-from service.config.site import ZoneConfig
+from service.config.site import Config, ZoneConfig
 
 
 def network_of(request: Request, default: str) -> Network:
@@ -21,13 +21,19 @@ def network_of(request: Request, default: str) -> Network:
 
 def zone_of(request: Request) -> ZoneConfig:
     """The zone of --config that --zone names, or its only one; ReplayError or ConfigError says what is wrong."""
+    return chosen(request)[1]
+
+
+def chosen(request: Request) -> tuple[Config, ZoneConfig]:
+    """As `zone_of`, with the configuration."""
     path = request.configuration
     if path is None:
         raise ReplayError("there is no configuration; name one with --config")
-    zones = {zone.id: zone for zone in load(path, request.overrides).zones}
+    config = load(path, request.overrides)
+    zones = {zone.id: zone for zone in config.zones}
     if request.zone is None and len(zones) == 1:
-        return next(iter(zones.values()))
+        return config, config.zones[0]
     if request.zone not in zones:
         wrong = f"there is no zone '{request.zone}'" if request.zone else "it has several zones; choose one with --zone"
         raise ReplayError(f"{path}: {wrong}; the zones are {', '.join(zones)}")
-    return zones[request.zone]
+    return config, zones[request.zone]

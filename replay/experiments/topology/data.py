@@ -11,12 +11,12 @@ from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.checkout import laboratory
 from replay.experiments.request import Request
-from replay.experiments.series.networks import network_of, zone_of
+from replay.experiments.series.networks import chosen, network_of
 from replay.experiments.series.recorded_zone import ZoneRecord, live_zone, read_zone
 from replay.experiments.topology.candidates import OWN, Candidate, candidates_for
 from replay.experiments.topology.toml import Place
 from replay.localtime import DAY
-from service.config.load import load
+from replay.scores.windows import Window
 from service.config.site import Config, ZoneConfig
 
 
@@ -57,7 +57,7 @@ def _of_zone(request: Request) -> Recording:
     path, live = request.configuration, request.state
     if path is None:
         raise ValueError("a zone needs a configuration")
-    table, config = zone_of(request), load(path, request.overrides)
+    config, table = chosen(request)
     zone = request.time_zone or _clock_of(config, table)
     return Recording(
         table.id,
@@ -91,6 +91,4 @@ def _clock_of(config: Config, table: ZoneConfig) -> str | None:
 
 def _first_days(record: ZoneRecord, days: int) -> ZoneRecord:
     kept = int(np.searchsorted(record.times, record.times[0] + days * DAY))
-    return ZoneRecord(
-        record.times[:kept], record.period, {name: values[:kept] for name, values in record.columns.items()}
-    )
+    return record.rows(Window(0, kept))

@@ -355,27 +355,6 @@ def test_a_contender_is_named_with_its_options() -> None:
             contenders(Request(contender=(text,)))
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--data", "."], "it holds none of flexhouse_prbs1/inputPRBS1.csv"),
-        (["--data", ".", "--config", "x.toml"], "give one of the two"),
-        (["--network", "tite"], "--network means nothing to this experiment"),
-        (["--recording", "twin house attic"], "there is none; there are FlexHouse, "),
-        (["--recording", "FlexHouse"], "its file is not there; name the folder that has it with --data"),
-        (["--recording", "building 67", "--days", "2", "--contender", "mkf:particels=3"], "particels"),
-    ],
-)
-def test_mistakes_are_one_sentence(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["experiment", "hours-ahead", *options]) in (1, 2)
-    complaint = capsys.readouterr().err
-    assert said in complaint
-    assert complaint.count("\n") == 1
-
-
 def read(name: str) -> Recording:
     found = RECORDINGS[name](DATA)
     assert found is not None

@@ -14,7 +14,7 @@ from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.series.recorded_zone import ZoneRecord, pieces, read_zone
 from replay.experiments.topology import experiment as topology
-from replay.experiments.topology.candidates import Candidate, ecolar_candidates
+from replay.experiments.topology.candidates import ecolar_candidates
 from replay.experiments.topology.data import Recording, recordings
 from replay.experiments.topology.fit import TopologyRun, TopologyScores, fit, score, segments, split
 from replay.experiments.topology.published import TABLE_3
@@ -227,25 +227,6 @@ def test_the_ecolar_standins_stand_beside_the_papers_table(tmp_path: Path, monke
     assert (tmp_path / "network-spring-seed5.toml").exists()
 
 
-def test_own_networks_and_mistakes_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = ["--data", str(EXAMPLES / "data" / "ecolar-standin.csv.gz")]
-    assert experiment(tmp_path, "--network", "titeth", *log) == 1
-    assert "--network titeth needs T_i, which the recording ecolar-standin.csv lacks" in capsys.readouterr().err
-    both = ["--config", str(EXAMPLES / "ecolar.toml"), "--data", "x.csv"]
-    assert experiment(tmp_path, *both) == 1
-    assert "give one of the two" in capsys.readouterr().err
-    assert experiment(tmp_path, "--particles", "100") == 1
-    assert "--particles means nothing" in capsys.readouterr().err
-    assert experiment(tmp_path, "--time-zone", "Mars/Base") == 2
-    assert "is no time zone" in capsys.readouterr().err
-
-
-def test_short_recordings_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    wrong = ["--config", str(EXAMPLES / "flexhouse.toml"), "--set", "zones.office.channels.I_sol.valid=[5000, 6000]"]
-    assert experiment(tmp_path, *wrong) == 1
-    assert "no 12 h of the recording have all of" in capsys.readouterr().err
-
-
 def test_a_weather_file_brings_the_sun_to_a_log(tmp_path: Path) -> None:
     log = EXAMPLES / "data" / "ecolar-standin.csv.gz"
     plain = recordings(Request(data=(log,)))[0]
@@ -289,8 +270,3 @@ u_heat = {{ source = "log", column = "u", unit = "W" }}
     config = load(path)
     found = read_zone(config, config.zones[0])
     assert np.isnan(found.columns["T_out"]).tolist() == [False] * 6 + [True] * 3 + [False] * 3
-
-
-def test_candidates_compare_with_their_free_parameters() -> None:
-    network = presets.network("tite").with_fixed(["C_i"])
-    assert Fitted(Candidate("own", network, False), scores(1, 1), ()).complexity == (3, 0, 2)

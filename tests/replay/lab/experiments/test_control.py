@@ -43,7 +43,6 @@ from replay.lab.experiments.control.runs import (
 )
 from replay.lab.experiments.control.scores import Scores
 from replay.reports.kit.report import write_report
-from service.cli.main import main
 
 SHORT = Scene("timber", "denver", UNDISTURBED, seed=1, days=2, controlled=1)
 
@@ -157,25 +156,6 @@ def test_every_run_has_a_file_of_its_own() -> None:
     scenes = [job.payload.scene for job in made.jobs()]
     assert {scene.case for scene in scenes} == set(CASES)
     assert {(scene.days, scene.controlled) for scene in scenes} == {(3, 2), (2, 2)}
-
-
-@needs_energyplus
-@pytest.mark.parametrize(
-    ("arguments", "gist"),
-    [
-        (["--case", "flood"], "there is no case 'flood'; the cases are undisturbed"),
-        (["--building", "castle"], "there is no building 'castle'"),
-        (["--days", "2"], "--days 2: a third of them is history"),
-        (["--particles", "60"], "--particles means nothing to this experiment"),
-    ],
-)
-def test_mistakes_are_one_sentence(
-    arguments: list[str], gist: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["experiment", "control", "--out", str(tmp_path), *arguments]) == 1
-    said = capsys.readouterr().err
-    assert gist in said
-    assert len(said.splitlines()) == 1
 
 
 def test_without_the_extra_it_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

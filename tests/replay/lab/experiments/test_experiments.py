@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from support.energyplus import needs_energyplus
 
 from estimator.network.presets import titeth
 from replay.errors import ReplayError
@@ -19,6 +20,10 @@ from replay.experiments.series.networks import network_of, zone_of
 from service.cli.main import main
 
 ROOT = Path(__file__).parents[4]
+EXAMPLES = ROOT / "deploy" / "examples"
+LOG = str(EXAMPLES / "data" / "ecolar-standin.csv.gz")
+DARK = ["--set", "zones.office.channels.I_sol.valid=[5000, 6000]"]
+"""No sun that counts."""
 SHORT = ["--days", "2", "--particles", "60", "--seeds", "2", "--jobs", "2"]
 
 
@@ -192,6 +197,20 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
         (["ecolar", "--state", "var"], "--state means nothing to this experiment"),
         (["sensitivity", "--case", "undisturbed"], "--case means nothing to this experiment"),
         (["hours-ahead", "--zone", "living"], "name that with --config"),
+        (["hours-ahead", "--data", "."], "it holds none of flexhouse_prbs1/inputPRBS1.csv"),
+        (["hours-ahead", "--data", ".", "--config", "x.toml"], "give one of the two"),
+        (["hours-ahead", "--network", "tite"], "--network means nothing to this experiment"),
+        (["hours-ahead", "--recording", "twin house attic"], "there is none; there are FlexHouse, "),
+        (["hours-ahead", "--recording", "FlexHouse"], "its file is not there; name the folder that has it with --data"),
+        (["hours-ahead", "--recording", "building 67", "--days", "2", "--contender", "mkf:particels=3"], "particels"),
+        (["topology", "--network", "titeth", "--data", LOG], "needs T_i, which the recording ecolar-standin.csv lacks"),
+        (["topology", "--config", f"{EXAMPLES}/ecolar.toml", "--data", "x.csv"], "give one of the two"),
+        (["topology", "--particles", "100"], "--particles means nothing"),
+        (["topology", "--time-zone", "Mars/Base"], "is no time zone"),
+        (["topology", "--config", f"{EXAMPLES}/flexhouse.toml", *DARK], "no 12 h of the recording have all of"),
+        pytest.param(["control", "--case", "flood"], "there is no case 'flood'", marks=needs_energyplus),
+        pytest.param(["control", "--building", "castle"], "there is no building 'castle'", marks=needs_energyplus),
+        pytest.param(["control", "--days", "2"], "--days 2: a third of them is history", marks=needs_energyplus),
         (["ecolar", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
         (["topology", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
         (["nonsense"], "invalid choice: 'nonsense'"),
