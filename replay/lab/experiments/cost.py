@@ -136,13 +136,5 @@ def _report(results: Results, here: str) -> Report:
                 ),
             ),
             Section("What it costs", (), (table,)),
-            Section(
-                "What to set",
-                (
-                    "Zones are independent: add up the times of yours and divide by the number of cores. If the sum is "
-                    "well below the sampling period there is nothing to set. Otherwise reduce `particles`; `thermogate "
-                    "experiment sensitivity` shows what that costs in accuracy.",
-                ),
-            ),
         ),
     )

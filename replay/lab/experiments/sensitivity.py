@@ -93,48 +93,35 @@ def prepare(request: Request) -> Study:
 
 def _report(results: Results, changed: list[Change], request: Request) -> Report:
     weather = "weather generated for Konstanz" if request.file is None else f"weather from `{request.file.name}`"
-    tables = [
-        Table(
-            f"sensitivity-{base.split(',')[0]}",
-            f"Around '{base}', one thing changed at a time (5.1.5)",
-            ("changed", *COLUMNS, "paper"),
-            tuple(
-                (
-                    change.label,
-                    *(results.spread(base, change.label, figure) for figure in COLUMNS.values()),
-                    change.published,
-                )
-                for change in changed
-            ),
-            "Open-loop RMSE: median over low-disturbance segments of at least 12 h, final parameters.",
-        )
-        for base in results.recordings
-    ]
+    done = (
+        f"The building of the semi-synthetic experiment, over {weather}, was learned again and again with one setting "
+        "changed at a time; figures are means over seeds ± standard deviation. The paper's findings stand in the last "
+        "column; its coverages and widths are of the `filtered` convention."
+    )
     return Report(
         "Sensitivity of the particle filter",
         tuple(_most(results, base) for base in results.recordings),
         (
-            Section(
-                "What was done",
-                (
-                    f"The building of the semi-synthetic experiment, over {weather}, was learned again and again with "
-                    "one setting changed at a time; figures are means over seeds ± standard deviation. The paper's "
-                    "findings stand in the last column; its coverages and widths are of the `filtered` convention.",
-                ),
-            ),
+            Section("What was done", (done,)),
             *(
-                Section(f"Settings around '{base}'", (), (table,))
-                for base, table in zip(results.recordings, tables, strict=True)
-            ),
-            Section(
-                "What to set",
-                (
-                    "`measurement_sd` is the one setting that only you can know: the noise of your sensor, from its "
-                    "data sheet. Leave the others at their defaults unless a row is better by more than its standard "
-                    "deviation in every column that you care about.",
-                ),
+                Section(f"Settings around '{base}'", (), (_table(results, base, changed),))
+                for base in results.recordings
             ),
         ),
+    )
+
+
+def _table(results: Results, base: str, changed: list[Change]) -> Table:
+    rows = (
+        (one.label, *(results.spread(base, one.label, figure) for figure in COLUMNS.values()), one.published)
+        for one in changed
+    )
+    return Table(
+        f"sensitivity-{base.split(',')[0]}",
+        f"Around '{base}', one thing changed at a time (5.1.5)",
+        ("changed", *COLUMNS, "paper"),
+        tuple(rows),
+        "Open-loop RMSE: median over low-disturbance segments of at least 12 h, final parameters.",
     )
 
 

@@ -52,7 +52,6 @@ def report(results: Results, scenes: Mapping[str, Scene], every: Sequence[Scene]
                 Section(name, (CASES[scene.case].what,), (_table(results, name, scene),))
                 for name, scene in scenes.items()
             ),
-            _settings(),
         ),
     )
 
@@ -153,16 +152,5 @@ def _table(results: Results, name: str, scene: Scene) -> Table:
             " Share of the way from the thermostat to perfect knowledge in cost, at the controller's own discomfort."
             if swept
             else ""
-        ),
-    )
-
-
-def _settings() -> Section:
-    return Section(
-        "What to set",
-        (
-            f'For a controller: `estimator = "{ESTIMATOR}"`, `installed` for every heater, `stuck_after` for the '
-            "thermometers, a forecast of the weather, and the plans of neighbouring rooms in the request. Plan as far "
-            "as the trust reaches, and let a thermostat look at the room every few minutes where it does not.",
         ),
     )

@@ -159,14 +159,6 @@ def _report(results: Results, request: Request, periods: Mapping[str, Series]) -
                 ),
                 (_nights(results, bool(request.data)),),
             ),
-            Section(
-                "What to set",
-                (
-                    "`measurement_sd` from the data sheet of the room sensor. Bounds or values of what is known of the "
-                    "building: `thermogate networks ecolar-6r4c` prints those in force, and a parameter that ends at a "
-                    "bound is one to look up.",
-                ),
-            ),
         ),
     )
 

@@ -221,14 +221,6 @@ def _report(results: Results, network: Network, request: Request, cases: Mapping
                 ("Alpha should rise when unmeasured heat acts, widen the interval and stop the learning.",),
                 _noticed(results, held_to),
             ),
-            Section(
-                "What to set",
-                (
-                    "Leave the estimator at its default and give the two things that only you know: the network, and "
-                    "`measurement_sd`, the noise of the thermometer. Where a parameter is known, from plans or a "
-                    "nameplate, fix it or narrow its bounds: compare '6 free' with '10 free' for what that is worth.",
-                ),
-            ),
         ),
     )
 
