@@ -10,8 +10,9 @@ import numpy as np
 
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
-from replay.reports.kit.report import Report
+from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Spread, Table, spread
+from replay.reports.kit.verdict import Verdict, verdict_table
 
 Figures = Mapping[str, float]
 """What a run came to, by name; NaN where a figure is not defined."""
@@ -104,6 +105,13 @@ class Results:
                 if any(cell is not None for cell in cells):
                     rows.append((recording, label, *cells))
         return Table(name, title, ("recording", heading, *self.contenders), tuple(rows), note)
+
+
+def targets(found: Sequence[Verdict], *notes: str) -> Section:
+    """How many targets are met, `notes` on them, and all of them as a table."""
+    met, missed = (sum(verdict.met is state for verdict in found) for state in (True, False))
+    counted = f"{met} of {len(found)} are met, {missed} missed, {len(found) - met - missed} open."
+    return Section("Targets", (counted, *notes), (verdict_table(found),))
 
 
 @dataclass(frozen=True)

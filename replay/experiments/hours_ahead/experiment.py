@@ -20,11 +20,11 @@ from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, WI
 from replay.experiments.hours_ahead.recordings import Recording, recordings
 from replay.experiments.hours_ahead.runs import SAMPLES
 from replay.experiments.request import Request
-from replay.experiments.study import Contender, Results, Run, Study
+from replay.experiments.study import Contender, Results, Run, Study, targets
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Table
-from replay.reports.kit.verdict import Verdict, at_most, between, verdict_table
+from replay.reports.kit.verdict import Verdict, at_most, between
 
 SEEDS = 5
 """Of the estimators; the recordings stay the same."""
@@ -125,18 +125,12 @@ def _done(results: Results, known: Mapping[str, Recording], request: Request, se
 
 def _targets(results: Results, known: Mapping[str, Recording]) -> Section:
     found = verdicts(results, known)
-    met, missed = (sum(verdict.met is state for verdict in found) for state in (True, False))
     if not found:
         return Section("Targets", ("The targets are those of the bank, which was not among the contenders.",))
-    return Section(
-        "Targets",
-        (
-            f"{met} are met, {missed} missed, {len(found) - met - missed} open. They are meant for whole recordings, "
-            "default particles, five seeds and all contenders.",
-            "Coverage takes many forecasts: an honest 95 % interval misses one in twenty, and forecasts that overlap "
-            "miss together.",
-        ),
-        (verdict_table(found),),
+    return targets(
+        found,
+        "They are meant for whole recordings, default particles, five seeds and all contenders. Coverage takes many "
+        "forecasts: an honest 95 % interval misses one in twenty, and forecasts that overlap miss together.",
     )
 
 

@@ -101,16 +101,9 @@ def unbroken_series(output: Array, inputs: list[Array], period: int) -> Series:
 
 def read_columns(path: Path, *names: str) -> list[Array]:
     """The named columns (K,) of a published CSV file; ReplayError where it is not what it should be."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
+    with rooms.explained(path), path.open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.DictReader(file))
         table = [np.array([float(row[name]) for row in rows]) for name in names]
-    except OSError as error:
-        raise ReplayError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
-    except KeyError as error:
-        raise ReplayError(f"{path}: column {error} is missing; this is not the published file") from error
-    except (ValueError, TypeError) as error:
-        raise ReplayError(f"{path}: a cell is not a number ({error}); this is not the published file") from error
     if not rows or not all(np.isfinite(values).all() for values in table):
         raise ReplayError(f"{path}: it is empty or has gaps; this is not the published file")
     return table

@@ -6,7 +6,8 @@ docs/benchmark.md says where each is had, under which licence, and what its colu
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import NamedTuple
@@ -113,21 +114,27 @@ def read_room(name: str, folder: Path | None) -> Recording | None:
     )
 
 
+@contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """ReplayError in place of what reading the file at `path` raises."""
+    try:
+        yield
+    except OSError as error:
+        raise ReplayError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise ReplayError(f"{path}: {error} is not what docs/benchmark.md says of its columns; look there") from error
+
+
 def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
     """UTC s (K,) and channels (K,), inputs held."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.DictReader(file) if room.room is None or row["room"] == room.room]
-        zone = timezone(timedelta(hours=room.ahead_of_utc))
+    zone = timezone(timedelta(hours=room.ahead_of_utc))
+    with explained(path), path.open(encoding="utf-8-sig", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if room.room is None or row["room"] == room.room]
         times = np.array([round(_dated(row["time"], zone).timestamp()) for row in rows], dtype=np.int64)
         table = {
             channel: factor * np.array([float(row[column] or "nan") for row in rows]) if column else np.zeros(len(rows))
             for channel, (column, factor) in room.channels.items()
         }
-    except OSError as error:
-        raise ReplayError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
-    except (KeyError, ValueError) as error:
-        raise ReplayError(f"{path}: {error} is not what docs/benchmark.md says of its columns; look there") from error
     if not rows:
         raise ReplayError(f"{path}: it has no rows of the room; look at docs/benchmark.md")
     inputs = {channel: _held(times, values) for channel, values in table.items() if channel != "T_i"}

@@ -63,7 +63,6 @@ def test_a_fault_for_later_says_when() -> None:
     ("body", "gist"),
     [
         ({"kind": "explosion"}, 'there is no fault "explosion"'),
-        ({"kind": "slow", "device": "attic"}, 'there is no device "attic"'),
         ({"kind": "slow", "for": "soon"}, '"soon" is not a duration'),
         ({"kind": "slow", "strength": 3}, "'strength' is not known"),
         ({}, "'kind' is missing"),

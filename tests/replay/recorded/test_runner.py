@@ -94,11 +94,6 @@ def test_a_recording_whose_every_cell_is_refused_says_so(tmp_path):
         replay(tmp_path, 'sources.simulation.timestamp.format="%m/%d/%Y"')
 
 
-def test_an_unknown_zone_is_said(tmp_path):
-    with pytest.raises(ServiceError, match="there is no zone 'attic'; the zones are building-67"):
-        replay(tmp_path, zone="attic")
-
-
 def test_an_output_folder_that_cannot_be_made_is_said(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ServiceError, match="cannot be written"):

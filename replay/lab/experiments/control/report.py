@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from replay.experiments.study import Figures, Results
+from replay.experiments.study import Figures, Results, targets
 from replay.lab.experiments.control.cases import CASES, PRICES, UNDISTURBED, WARMEST, Scene
 from replay.lab.experiments.control.front import share_of_the_way
 from replay.lab.experiments.control.perfect import PASSES
@@ -14,7 +14,7 @@ from replay.lab.experiments.control.runs import CONTROLLERS, ESTIMATOR, PERFECT,
 from replay.lab.experiments.control.scores import Scores
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Table, spread
-from replay.reports.kit.verdict import Verdict, at_least, at_most, verdict_table
+from replay.reports.kit.verdict import Verdict, at_least, at_most
 
 OF_THE_WAY = 0.8
 """Target of Thermogate's controller: its share of the way from the thermostat to perfect knowledge."""
@@ -38,16 +38,12 @@ def figures(scores: Scores) -> Figures:
 
 def report(results: Results, scenes: Mapping[str, Scene], every: Sequence[Scene]) -> Report:
     """The report; `scenes` has one scene of each recording, a building in a case, and `every` those of all seeds."""
-    found = verdicts(results, scenes)
-    met, missed = (sum(verdict.met is state for verdict in found) for state in (True, False))
-    full = min(scene.controlled for scene in every) >= 28
-    note = "" if full else " The targets are meant for four controlled weeks; read a shorter run as an orientation."
     return Report(
         "The loop closed",
         tuple(_lead(results, name, scene) for name, scene in scenes.items()),
         (
             _done(every),
-            Section("Targets", (f"{met} are met, {missed} missed.{note}",), (verdict_table(found),)),
+            targets(verdicts(results, scenes), "They are meant for four controlled weeks."),
             *(
                 Section(name, (CASES[scene.case].what,), (_table(results, name, scene),))
                 for name, scene in scenes.items()

@@ -17,7 +17,7 @@ from replay.experiments.request import Request
 from replay.experiments.series.filtering import FLOOR, REGIMES, FilterRun, Trace, filter_job
 from replay.experiments.series.least_squares import LeastSquaresRun, least_squares_job, segments_of
 from replay.experiments.series.networks import network_of
-from replay.experiments.study import Contender, Figures, Results, Run, Study
+from replay.experiments.study import Contender, Figures, Results, Run, Study, targets
 from replay.lab.experiments import published
 from replay.lab.experiments.semi_synthetic.case import HELD, Case, simulated_case
 from replay.lab.experiments.semi_synthetic.figures import (
@@ -35,7 +35,7 @@ from replay.lab.experiments.semi_synthetic.figures import (
 )
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Table
-from replay.reports.kit.verdict import Verdict, at_least, at_most, between, near, verdict_table, within
+from replay.reports.kit.verdict import Verdict, at_least, at_most, between, near, within
 from replay.simulated.semi_synthetic import FULL_DAYS, MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
 
 SEEDS = 5
@@ -178,22 +178,14 @@ def verdicts(results: Results) -> list[Verdict]:
 
 
 def _report(results: Results, network: Network, request: Request, cases: Mapping[int, Case]) -> Report:
-    held_to, found = network.name == BUILDING, verdicts(results)
-    met, missed = (sum(verdict.met is state for verdict in found) for state in (True, False))
-    targets = Section(
-        "Targets",
-        (
-            f"{met} of {len(found)} are met, {len(found) - met - missed} open. docs/experiments.md says why others are "
-            "missed.",
-        ),
-        (verdict_table(found),),
-    )
+    held_to = network.name == BUILDING
+    target = targets(verdicts(results), "docs/experiments.md says why some are missed.")
     return Report(
         f"Semi-synthetic building: {network.name}",
         _lead(results),
         (
             _done(network, request, cases),
-            *((targets,) if held_to else ()),
+            *((target,) if held_to else ()),
             Section(
                 "Can the intervals be trusted?",
                 (

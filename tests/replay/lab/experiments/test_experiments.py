@@ -97,7 +97,7 @@ def test_a_day_without_unmeasured_heat_has_its_report(tmp_path: Path) -> None:
     targets = rows(out / "verdicts.csv")
     met, missed = (sum(row["verdict"] == word for row in targets) for word in ("met", "missed"))
     assert met + missed < len(targets)
-    said = f"{met} of {len(targets)} are met, {len(targets) - met - missed} open"
+    said = f"{met} of {len(targets)} are met, {missed} missed, {len(targets) - met - missed} open"
     assert said in (out / "report.html").read_text(encoding="utf-8")
 
 
