@@ -8,8 +8,6 @@ its correction misses, because a building is not quite linear, the next pass kno
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.linalg import toeplitz
 from scipy.optimize import linprog
@@ -30,13 +28,6 @@ _REMEMBERED = 4 * _AHEAD
 """Steps of a plan after which a pulse is forgotten."""
 
 
-class Responses(NamedTuple):
-    """(N, N, L): K of each room (first) at the end of each step of a plan after one W in a room (second) over the
-    first."""
-
-    kelvin: Array
-
-
 class Replayed:
     """Heats as in an earlier life, and `extra` (K, N) W more."""
 
@@ -52,8 +43,9 @@ class Replayed:
         """Nothing is learned."""
 
 
-def responses(scene: Scene, before: Lived) -> Responses:
-    """Measured on the plant by pulses on top of the life `before`, one every _REMEMBERED steps of a plan."""
+def responses(scene: Scene, before: Lived) -> Array:
+    """(N, N, L): K of each room (first) at the end of each step of a plan after one W in a room (second) over the
+    first. Measured on the plant by pulses on top of the life `before`, one every _REMEMBERED steps of a plan."""
     rooms = len(scene.of.rooms)
     apart = _REMEMBERED * EVERY
     starts = np.arange(0, scene.steps - apart, apart) + EVERY
@@ -72,15 +64,15 @@ def responses(scene: Scene, before: Lived) -> Responses:
         seen = [moved[start + EVERY : start + apart + 1 : EVERY] for start in starts]
         length = min(map(len, seen))
         kelvin[:, room, :length] = np.mean([each[:length] for each in seen], axis=0).T
-    return Responses(kelvin)
+    return kelvin
 
 
 class Foreseeing:
     """Plans all rooms together from the life `before`, by the same costs, horizon, step and limits as `mpc.py`."""
 
-    def __init__(self, scene: Scene, before: Lived, response: Responses, margin: float) -> None:
+    def __init__(self, scene: Scene, before: Lived, kelvin: Array, margin: float) -> None:
         self._scene, self._before, self._margin = scene, before, margin
-        self._kelvin, self._life = response.kelvin, scene.life()
+        self._kelvin, self._life = kelvin, scene.life()
         self._thermostat = Thermostat(scene, margin)
         rooms = len(scene.of.rooms)
         self._rated = [room.heater for room in scene.of.rooms]
