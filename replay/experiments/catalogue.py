@@ -41,6 +41,10 @@ EXPERIMENTS = {
         "experiments.control.experiment",
         "the loop closed over buildings of EnergyPlus: thermostat, planners, and perfect knowledge",
     ),
+    "preheat": Entry(
+        "experiments.preheat",
+        "is a room of EnergyPlus warm in time, and not much too early, when its heating starts as Thermogate says",
+    ),
     "sensitivity": Entry(
         "experiments.sensitivity",
         "what particles, volatility noise, gate thresholds and sensor noise do (5.1.5)",
