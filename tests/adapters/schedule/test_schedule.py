@@ -1,5 +1,6 @@
 """A weekly schedule: what it has when, how it is written, and that forecasts know it."""
 
+from contextlib import aclosing
 from datetime import datetime
 
 import numpy as np
@@ -42,12 +43,9 @@ def test_a_value_holds_from_its_time_of_day_until_the_next(time, value):
 
 async def test_the_source_delivers_what_the_schedule_has_now():
     source = table().build("hours", [])
-
     assert isinstance(source, ScheduleSource)
-    async for batch in source.batches(None):
-        await source.close()
-        found = batch
-    assert found.readings == []
+    async with aclosing(source.batches(None)) as stream:
+        assert (await anext(stream)).readings == []
     assert source.check() == []
 
 
@@ -83,7 +81,7 @@ u_heat = { source = "posted", unit = "W" }
     times = np.array([datetime.fromisoformat(f"2025-07-01T{hour}:00+02:00").timestamp() for hour in ("05:59", "06:00")])
     assert zone.setpoint.foreknown(times) == pytest.approx([50 / 3, 190 / 9])
 
-    async for batch in config.build_source("hours").batches(None):
-        ((channel, _, value, *_),) = batch.readings
+    async with aclosing(config.build_source("hours").batches(None)) as stream:
+        ((channel, _, value, *_),) = (await anext(stream)).readings
     assert channel == "room/setpoint"
     assert value in (pytest.approx(50 / 3), pytest.approx(190 / 9))
