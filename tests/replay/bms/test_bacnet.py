@@ -117,73 +117,63 @@ def test_faults_act_on_bacnet_too() -> None:
     look(job)
 
 
-def test_subscribers_are_told_of_changes_and_counters_are_polled(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_subscribers_are_told_of_changes_and_counters_are_polled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
-
-    async def main() -> None:
-        plant = simulation(Clock(), pace=600.0)
-        server = await BacnetServer.start(plant, 0)
-        telling = asyncio.create_task(server.run())
-        table = network(server.port, poll=0.05, device=1012)
-        channels = [
-            bound(table, "z/T", unit="degC", object="analog-input,1"),
-            bound(table, "z/meter", unit="Wh", object="accumulator,1"),
-        ]
-        source = table.build("bms", channels)
-        clock = plant._clock
-        assert isinstance(clock, Clock)
-        try:
-            async with asyncio.timeout(PATIENCE), aclosing(source.batches(None)) as stream:
-                first = {reading.channel: reading.value for reading in (await anext(stream)).readings}
-                while not source._sessions[1012]._not_offered:
-                    await anext(stream)
-                clock.now += 60.0
-                plant.catch_up()
-                latest = dict(first)
-                while latest["z/T"] == first["z/T"] or latest["z/meter"] == first["z/meter"]:
-                    batch = await anext(stream)
-                    latest |= {reading.channel: reading.value for reading in batch.readings}
-                assert {str(object) for object in source._sessions[1012]._subscribed} == {"analog-input,1"}
-                plant.faults.add(parse_spec("nan:room2/T_air"))
-                while {reading.fault for reading in (await anext(stream)).readings} != {Fault.REPORTED_BAD, None}:
-                    pass
-        finally:
-            telling.cancel()
-            await asyncio.gather(telling, return_exceptions=True)
-            await server.stop()
-
-    asyncio.run(main())
+    plant = simulation(Clock(), pace=600.0)
+    server = await BacnetServer.start(plant, 0)
+    telling = asyncio.create_task(server.run())
+    table = network(server.port, poll=0.05, device=1012)
+    channels = [
+        bound(table, "z/T", unit="degC", object="analog-input,1"),
+        bound(table, "z/meter", unit="Wh", object="accumulator,1"),
+    ]
+    source = table.build("bms", channels)
+    clock = plant._clock
+    assert isinstance(clock, Clock)
+    try:
+        async with asyncio.timeout(PATIENCE), aclosing(source.batches(None)) as stream:
+            first = {reading.channel: reading.value for reading in (await anext(stream)).readings}
+            while not source._sessions[1012]._not_offered:
+                await anext(stream)
+            clock.now += 60.0
+            plant.catch_up()
+            latest = dict(first)
+            while latest["z/T"] == first["z/T"] or latest["z/meter"] == first["z/meter"]:
+                batch = await anext(stream)
+                latest |= {reading.channel: reading.value for reading in batch.readings}
+            assert {str(object) for object in source._sessions[1012]._subscribed} == {"analog-input,1"}
+            plant.faults.add(parse_spec("nan:room2/T_air"))
+            while {reading.fault for reading in (await anext(stream)).readings} != {Fault.REPORTED_BAD, None}:
+                pass
+    finally:
+        telling.cancel()
+        await asyncio.gather(telling, return_exceptions=True)
+        await server.stop()
 
 
-def test_nothing_can_be_written() -> None:
+async def test_nothing_can_be_written() -> None:
     from bacpypes3.apdu import ErrorPDU
     from bacpypes3.primitivedata import ObjectIdentifier
     from support.bacnet_plant import Peer
 
-    async def main() -> None:
-        plant = simulation(Clock())
-        server = await BacnetServer.start(plant, 0)
-        stranger = Peer(77, server.port)
-        await stranger.server.ready()
-        what = ObjectIdentifier(("analog-input", 1))
-        try:
-            with pytest.raises(ErrorPDU, match="write-access-denied"):
-                await stranger.write_property(f"127.0.1.3:{server.port}", what, "present-value", 5.0)
-        finally:
-            stranger.close()
-            await server.stop()
-
-    asyncio.run(main())
+    plant = simulation(Clock())
+    server = await BacnetServer.start(plant, 0)
+    stranger = Peer(77, server.port)
+    await stranger.server.ready()
+    what = ObjectIdentifier(("analog-input", 1))
+    try:
+        with pytest.raises(ErrorPDU, match="write-access-denied"):
+            await stranger.write_property(f"127.0.1.3:{server.port}", what, "present-value", 5.0)
+    finally:
+        stranger.close()
+        await server.stop()
 
 
-def test_a_port_that_another_has_is_one_sentence() -> None:
-    async def main() -> None:
-        port = free_udp_port()
-        server = await BacnetServer.start(simulation(Clock()), port)
-        try:
-            with pytest.raises(ReplayError, match=rf"--bacnet {port}: 127\.0\.1\.1:{port} cannot be used \(another"):
-                await BacnetServer.start(simulation(Clock()), port)
-        finally:
-            await server.stop()
-
-    asyncio.run(main())
+async def test_a_port_that_another_has_is_one_sentence() -> None:
+    port = free_udp_port()
+    server = await BacnetServer.start(simulation(Clock()), port)
+    try:
+        with pytest.raises(ReplayError, match=rf"--bacnet {port}: 127\.0\.1\.1:{port} cannot be used \(another"):
+            await BacnetServer.start(simulation(Clock()), port)
+    finally:
+        await server.stop()

@@ -69,18 +69,15 @@ async def test_values_move_as_time_passes(client, plant, clock):
     assert low + 65536 * high == pytest.approx(plant.world.now.energy[1] / 3600 / 60, abs=0.51)
 
 
-def test_time_moves_by_itself_at_the_pace_that_was_asked_for() -> None:
-    async def main() -> None:
-        plant = simulation(time.monotonic, pace=3600.0)
-        async with served(plant) as client:
-            living = asyncio.create_task(plant.run())
-            before = await room2(client)
-            while plant.world.elapsed < 1800:
-                await asyncio.sleep(0.02)
-            assert await room2(client) != before
-            living.cancel()
-
-    asyncio.run(main())
+async def test_time_moves_by_itself_at_the_pace_that_was_asked_for() -> None:
+    plant = simulation(time.monotonic, pace=3600.0)
+    async with served(plant) as client:
+        living = asyncio.create_task(plant.run())
+        before = await room2(client)
+        while plant.world.elapsed < 1800:
+            await asyncio.sleep(0.02)
+        assert await room2(client) != before
+        living.cancel()
 
 
 def test_a_building_that_is_behind_says_how_far_and_catches_up() -> None:

@@ -6,8 +6,8 @@ import asyncio
 import itertools
 import logging
 import sqlite3
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import closing
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, closing
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,7 +18,7 @@ from support.fake_zones import PERIOD, START, make_sample, make_update
 from support.postgres import Server
 from support.running_zone import Announced, fed, finished, make, plumbing, straight
 from support.waiting import PATIENCE
-from support.zone_samples import comparable, sample, worker
+from support.zone_samples import comparable, sample
 
 from adapters.reading import Quality, Reading
 from service.errors import JournalError, StateMismatch
@@ -32,7 +32,6 @@ from service.store.postgres.store import PostgresStore
 from service.store.retention import Limits
 from service.store.series import bucket_of
 from service.store.store import JOURNAL, Store
-from service.zone.zone import Zone
 
 Result = TypeVar("Result")
 
@@ -52,19 +51,16 @@ class Kept:
         self.change = change
         """Run a statement of SQL beside the store, with {} before the name of a table."""
 
-    def run(self, use: Callable[[JournalStore], Awaitable[Result]], zones: str = "z") -> Result:
-        """Open it, claim zones with the fingerprint "f", use it, close it."""
-
-        async def scenario() -> Result:
-            store = self.open()
-            try:
-                for zone in zones:
-                    await store.claim(zone, "f")
-                return await use(store)
-            finally:
-                store.close()
-
-        return asyncio.run(scenario())
+    @asynccontextmanager
+    async def opened(self, zones: str = "z") -> AsyncIterator[JournalStore]:
+        """The store, open, with zones that are claimed with the fingerprint "f"."""
+        store = self.open()
+        try:
+            for zone in zones:
+                await store.claim(zone, "f")
+            yield store
+        finally:
+            store.close()
 
 
 @pytest.fixture(params=["sqlite", "postgres"])
@@ -107,30 +103,26 @@ def bits(item: Sample) -> tuple[Any, ...]:
     return item.time, values, item.output_quality, item.input_quality
 
 
-def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept: Kept) -> None:
+async def test_a_sample_is_durable_when_append_returns_bit_for_bit_and_only_once(kept: Kept) -> None:
     # A NaN with a payload, the negative zero, the smallest number.
     odd = np.frombuffer(bytes.fromhex("010000000000f8ff") + np.array([-0.0, 5e-324]).tobytes())
     item = Sample(START, odd[:1], odd, (Quality.BAD,), (Quality.BAD, Quality.GOOD, Quality.UNCERTAIN), np.float64(20.5))
     none = Sample(START + 1, odd[:0], odd[:0], (), ())
 
-    async def write(store: JournalStore) -> None:
+    async with kept.opened() as store:
         await store.append("z", item)
         await store.append("z", item._replace(outputs=np.array([99.0])))
         await store.append("z", none)
         await store.append("z", item)
 
-    kept.run(write)
-
-    async def read(store: JournalStore) -> list[Sample]:
-        return await store.samples_after("z", None)
-
-    assert [bits(one) for one in kept.run(read)] == [bits(item), bits(none)]
+    async with kept.opened() as store:
+        assert [bits(one) for one in await store.samples_after("z", None)] == [bits(item), bits(none)]
 
 
-def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
+async def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
     zones = [f"zone-{index}" for index in range(200)]
 
-    async def scenario(store: JournalStore) -> tuple[list[int | None], int]:
+    async with kept.opened() as store:
         for zone in zones:
             await store.claim(zone, "f")
         commits, real = 0, store.journal.append_all  # type: ignore[attr-defined]
@@ -143,82 +135,65 @@ def test_zones_whose_samples_come_at_once_share_commits(kept: Kept) -> None:
         store.journal.append_all = append_all  # type: ignore[attr-defined]
         for step in (0, 1):
             await asyncio.gather(*(store.append(zone, make_sample(step)) for zone in zones))
-        return [await store.run(store.journal.last_sample_time, zone) for zone in zones], commits
-
-    times, commits = kept.run(scenario)
+        times = [await store.run(store.journal.last_sample_time, zone) for zone in zones]
     assert times == [make_sample(1).time] * 200
     assert commits <= 4
 
 
-def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(kept: Kept) -> None:
-    async def scenario(store: JournalStore) -> int | None:
+async def test_one_who_is_stopped_does_not_take_the_commit_of_the_others_along(kept: Kept) -> None:
+    async with kept.opened("ab") as store:
         stopped = asyncio.create_task(store.append("a", sample(0)))
         waiting = asyncio.create_task(store.append("b", sample(0)))
         await asyncio.sleep(0)
         stopped.cancel()
         await waiting
         assert stopped.cancelled()
-        return await store.run(store.journal.last_sample_time, "b")
-
-    assert kept.run(scenario, "ab") == sample(0).time
+        assert await store.run(store.journal.last_sample_time, "b") == sample(0).time
 
 
-def test_samples_come_back_in_pages_and_in_order_without_the_skipped_ones(kept: Kept) -> None:
-    async def write(store: JournalStore) -> None:
+async def test_samples_come_back_in_pages_and_in_order_without_the_skipped_ones(kept: Kept) -> None:
+    async with kept.opened() as store:
         await asyncio.gather(*(store.append("z", make_sample(step)) for step in range(1200)))
         await store.write(store.journal.skip, "z", make_sample(3).time, "failed 3 times: it's broken")
         with pytest.raises(JournalError, match=r"no sample of zone 'z' at 7 to skip"):
             await store.write(store.journal.skip, "z", 7, "there is none")
-
-    async def read(store: JournalStore) -> tuple[list[int], int, int]:
+    async with kept.opened() as store:
         found: list[Sample] = []
         while page := await store.samples_after("z", found[-1].time if found else None):
             found += page
         ahead = await store.run(store.journal.samples_ahead, "z", make_sample(1000).time)
-        return [item.time for item in found], ahead, len(await store.samples_after("nobody", None))
-
-    kept.run(write)
-    times, ahead, nobody = kept.run(read)
-    assert times == [make_sample(step).time for step in range(1200) if step != 3]
+        nobody = len(await store.samples_after("nobody", None))
+    assert [item.time for item in found] == [make_sample(step).time for step in range(1200) if step != 3]
     assert (ahead, nobody) == (199, 0)
 
 
-def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_opening(kept: Kept) -> None:
+async def test_an_older_sample_is_passed_over_and_the_chain_goes_on_after_each_opening(kept: Kept) -> None:
     for steps in ([0, 1, 2], [1, 3], [3, 2, 4]):
-
-        async def write(store: JournalStore, steps: list[int] = steps) -> None:
+        async with kept.opened() as store:
             for step in steps:
                 await store.append("z", make_sample(step))
-
-        kept.run(write)
-
-    async def read(store: JournalStore) -> list[int]:
-        return [item.time for item in await store.samples_after("z", make_sample(0).time)]
-
-    assert kept.run(read) == [make_sample(step).time for step in (1, 2, 3, 4)]
+    async with kept.opened() as store:
+        found = await store.samples_after("z", make_sample(0).time)
+    assert [item.time for item in found] == [make_sample(step).time for step in (1, 2, 3, 4)]
 
 
-def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
+async def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
     first = make_update(0)._replace(score=None, y=(float("nan"),), log_likelihood=-0.0, setpoint=21.5)
 
-    async def write(store: JournalStore) -> tuple[int, int]:
+    async with kept.opened() as store:
         store.record("z", make_update(0))
         seen = len(await store.run(store.journal.history, "z", None, None, 10))
         store.record("z", first)
         for step in range(1, 1500):
             store.record("z", make_update(step))
         unread = len(await store.run(store.journal.history, "other", None, None, 10))
-        return seen, unread
+        assert (seen, unread) == (1, 0)
 
-    assert kept.run(write) == (1, 0)
-
-    async def read(store: JournalStore) -> tuple[list[Any], list[int], list[int]]:
+    async with kept.opened() as store:
         early = await store.run(store.journal.history, "z", None, START + 2 * PERIOD, 10)
         newest = await store.run(store.journal.history, "z", None, None, 3)
         middle = await store.run(store.journal.history, "z", START + 4 * PERIOD, START + 6 * PERIOD, 10)
-        return early, [row.time for row in newest], [row.time for row in middle]
-
-    early, newest, middle = kept.run(read)
+        early, newest, middle = early, [row.time for row in newest], [row.time for row in middle]
     assert [row.time for row in early] == [START, START + PERIOD]
     assert (early[0].log_likelihood, early[0].setpoint) == (0.0, 21.5)
     assert np.isnan(early[0].y)
@@ -229,12 +204,12 @@ def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> None:
 
 
 @pytest.mark.parametrize("page", [7, 4000])
-def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.store.interface.SERIES_ROWS", page)
 
     there = [*range(40), *range(60, 120)]
 
-    async def write(store: JournalStore) -> Any:
+    async with kept.opened() as store:
         end = START + 120 * PERIOD
         stretch = Stretch("z", START, end, PERIOD, bucket_of(START, end, PERIOD, 30), 3)
         empty = await store.series(stretch)
@@ -242,9 +217,7 @@ def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeyp
         await asyncio.gather(*(store.append("z", make_sample(step)) for step in there))
         for step in there:
             store.record("z", make_update(step))
-        return await store.series(stretch)
-
-    found = kept.run(write)
+        found = await store.series(stretch)
     assert len(found.times) <= 30
     for index, begin in enumerate(found.times.tolist()):
         steps = [s for s in there if begin <= START + s * PERIOD < begin + found.bucket]
@@ -267,8 +240,8 @@ STATEMENTS = [
 
 
 @pytest.mark.parametrize("statement", STATEMENTS)
-def test_a_damaged_or_missing_sample_is_told(kept: Kept, statement: str) -> None:
-    async def use(store: JournalStore) -> None:
+async def test_a_damaged_or_missing_sample_is_told(kept: Kept, statement: str) -> None:
+    async with kept.opened("zy") as store:
         for step in range(10):
             await store.append("z", make_sample(step))
             await store.append("y", make_sample(10 + step))
@@ -278,11 +251,9 @@ def test_a_damaged_or_missing_sample_is_told(kept: Kept, statement: str) -> None
         assert len(await store.samples_after("z", make_sample(7).time)) == 2, "what is not needed is not asked for"
         assert len(await store.samples_after("y", None)) == 10, "the other zone is sound"
 
-    kept.run(use, "zy")
 
-
-def test_a_damaged_row_of_history_is_left_out_and_told_once(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    async def use(store: JournalStore) -> None:
+async def test_a_damaged_row_of_history_is_left_out_and_told_once(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    async with kept.opened() as store:
         for step in range(6):
             await store.append("z", make_sample(step))
             store.record("z", make_update(step))
@@ -293,49 +264,41 @@ def test_a_damaged_row_of_history_is_left_out_and_told_once(kept: Kept, caplog: 
             assert [row.time for row in rows] == [make_sample(step).time for step in (0, 1, 2, 3, 5)]
         found = await store.series(Stretch("z", START, START + 6 * PERIOD, PERIOD, PERIOD, 3))
         assert np.isnan(found.means["y"]).tolist() == [step == 4 for step in range(6)]
-
-    kept.run(use)
     assert caplog.text.count("damaged history row of zone 'z'") == 1
 
 
 READINGS = [Reading("z/T_i", START + 0.5, np.float64(21.5)), Reading("z/u", START + 1.0, -0.0, Quality.UNCERTAIN)]
 
 
-def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
-    async def write(store: JournalStore) -> None:
+async def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(kept: Kept) -> None:
+    async with kept.opened() as store:
         await store.write(store.journal.keep, "z", READINGS)
         await store.write(
             store.journal.keep, "z", [READINGS[0]._replace(value=3.0), Reading("z/T_i", START + 2.0, 22.0)]
         )
         await store.write(store.journal.keep, "z", [])
-
-    async def read(store: JournalStore) -> tuple[list[Reading], list[Reading], list[Reading]]:
+    async with kept.opened() as store:
         all_of_them = await store.run(store.journal.kept, "z", 0.0)
         between = await store.run(store.journal.kept, "z", START + 1.0, START + 1.5)
-        return all_of_them, between, await store.run(store.journal.kept, "nobody", 0.0, inf)
-
-    async def go_on(store: JournalStore) -> list[int]:
+        all_of_them, between, nobody = all_of_them, between, await store.run(store.journal.kept, "nobody", 0.0, inf)
+    assert all_of_them == [*READINGS, Reading("z/T_i", START + 2.0, 22.0)], "the first one stays"
+    assert (between, nobody) == ([READINGS[1]], [])
+    async with kept.opened() as store:
         left = []
         for time in (START + REMEMBERED, START + 1 + REMEMBERED):
             await store.append("z", make_sample(0)._replace(time=time))
             left.append(len(await store.run(store.journal.kept, "z", 0.0)))
-        return left
-
-    kept.run(write)
-    all_of_them, between, nobody = kept.run(read)
-    assert all_of_them == [*READINGS, Reading("z/T_i", START + 2.0, 22.0)], "the first one stays"
-    assert (between, nobody) == ([READINGS[1]], [])
-    assert kept.run(go_on) == [3, 2]
+        assert left == [3, 2]
 
 
 @pytest.mark.parametrize("change", ["value = value + 1", "quality = 'uncertain'", "channel = 'z/X'", "time = time - 1"])
-def test_a_damaged_reading_is_left_out_and_told(kept: Kept, change: str, caplog: pytest.LogCaptureFixture) -> None:
-    async def use(store: JournalStore) -> list[Reading]:
+async def test_a_damaged_reading_is_left_out_and_told(
+    kept: Kept, change: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with kept.opened() as store:
         await store.write(store.journal.keep, "z", READINGS)
         kept.change(f"UPDATE {{}}readings SET {change} WHERE channel = 'z/T_i'")
-        return await store.run(store.journal.kept, "z", 0.0)
-
-    assert kept.run(use) == [READINGS[1]]
+        assert (await store.run(store.journal.kept, "z", 0.0)) == [READINGS[1]]
     assert "damaged reading of zone 'z'" in caplog.text
 
 
@@ -343,92 +306,72 @@ def checkpoint(step: int, fingerprint: str = "f") -> Checkpoint:
     return Checkpoint(fingerprint, step, {"x": np.arange(5.0) + step, "n": np.array(3)}, {"a": [1, None]}, {"b": "c"})
 
 
-def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
-    async def write(store: JournalStore) -> tuple[int | None, int | None]:
+async def test_the_newest_three_checkpoints_are_kept_whole(kept: Kept) -> None:
+    async with kept.opened() as store:
         assert store.checkpoints.load("z", "f") is None
         before = store.checkpoints.oldest("z")
         for step in (100, 200, 300, 400):
             store.checkpoints.save("z", checkpoint(step))
-        return before, store.checkpoints.oldest("z")
+        assert (before, store.checkpoints.oldest("z")) == (None, 200)
 
-    assert kept.run(write) == (None, 200)
-
-    async def read(store: JournalStore) -> Checkpoint | None:
+    async with kept.opened() as store:
         with pytest.raises(StateMismatch):
             store.checkpoints.load("z", "another")
-        return store.checkpoints.load("z", "f")
-
-    found = kept.run(read)
+        found = store.checkpoints.load("z", "f")
     assert found is not None
     assert (found.step, found.meta, found.about, found.zone) == (400, {"a": [1, None]}, {"b": "c"}, "z")
     np.testing.assert_array_equal(found.arrays["x"], np.arange(5.0) + 400)
 
 
-def test_instead_of_a_damaged_checkpoint_the_one_before_is_used(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    async def write(store: JournalStore) -> None:
+async def test_the_one_before_a_damaged_checkpoint_is_used(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+    async with kept.opened() as store:
         for step in (100, 200, 300):
             store.checkpoints.save("z", checkpoint(step))
-
-    kept.run(write)
     kept.damage_checkpoint(300)
 
-    async def read(store: JournalStore) -> tuple[int, int]:
+    async with kept.opened() as store:
         found = store.checkpoints.load("z", "f")
         again = store.checkpoints.load("z", "f")
         assert found is not None
         assert again is not None
-        return found.step, again.step
-
-    assert kept.run(read) == (200, 200)
+        assert (found.step, again.step) == (200, 200)
     assert caplog.text.count("is damaged") == 1
 
 
-def test_stored_samples_belong_to_one_network(kept: Kept) -> None:
-    async def empty(store: JournalStore) -> None:
+async def test_stored_samples_belong_to_one_network(kept: Kept) -> None:
+    async with kept.opened() as store:
         await store.claim("z", "another")
         await store.claim("z", "f")
         await store.append("z", make_sample(0))
-
-    async def full(store: JournalStore) -> None:
+    async with kept.opened() as store:
         with pytest.raises(StateMismatch, match=r"zone 'z': the stored state in .* belongs to another network"):
             await store.claim("z", "another")
 
-    kept.run(empty)
-    kept.run(full)
 
-
-def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
-    async def write(store: JournalStore) -> None:
+async def test_a_zone_is_forgotten_whole_and_begins_anew(kept: Kept) -> None:
+    async with kept.opened() as store:
+        await store.claim("other", "f")
         await store.append("z", make_sample(5))
         await store.append("other", make_sample(5))
         store.record("z", make_update(5))
         await store.write(store.journal.keep, "z", READINGS)
         store.checkpoints.save("z", checkpoint(make_sample(5).time))
         await store.forget("z")
-
-    async def read(store: JournalStore) -> list[Any]:
+    async with kept.opened("") as store:
         await store.claim("z", "another")
-        found = [await store.samples_after("z", None), await store.run(store.journal.history, "z", None, None, 9)]
-        found += [
-            await store.run(store.journal.kept, "z", 0.0),
-            store.checkpoints.load("z", "f"),
-            await store.run(store.journal.last_sample_time, "z"),
-        ]
+        assert await store.samples_after("z", None) == []
+        assert await store.run(store.journal.history, "z", None, None, 9) == []
+        assert await store.run(store.journal.kept, "z", 0.0) == []
+        assert store.checkpoints.load("z", "f") is None
+        assert await store.run(store.journal.last_sample_time, "z") is None
         await store.append("z", make_sample(0))
-        return [*found, len(await store.samples_after("z", None)), len(await store.samples_after("other", None))]
-
-    async def both(store: JournalStore) -> None:
-        await store.claim("other", "f")
-        await write(store)
-
-    kept.run(both)
-    assert kept.run(read, "") == [[], [], [], None, None, 1, 1]
+        assert [len(await store.samples_after(zone, None)) for zone in ("z", "other")] == [1, 1]
 
 
-def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
+async def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
     now = make_sample(5).time
 
-    async def write(store: JournalStore) -> int:
+    async with kept.opened() as store:
         for step in range(10):
             await store.append("z", make_sample(step))
             store.record("z", make_update(step))
@@ -437,11 +380,9 @@ def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
         await store.write(store.journal.keep, "z", [Reading("z/T_i", now + 5000.0, 1.0)])
         ahead = await store.run(store.journal.samples_ahead, "z", now)
         await store.set_back("z", checkpoint(make_sample(9).time), checkpoint(now), now)
-        return ahead
+        assert ahead == 4
 
-    assert kept.run(write) == 4
-
-    async def read(store: JournalStore) -> tuple[Any, ...]:
+    async with kept.opened() as store:
         found = store.checkpoints.load("z", "f")
         newest, readings = (
             await store.run(store.journal.last_sample_time, "z"),
@@ -450,16 +391,14 @@ def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
         history = await store.run(store.journal.history, "z", None, None, 100)
         await store.append("z", make_sample(6))
         samples = await store.samples_after("z", None)
-        return found and found.step, newest, len(readings), len(history), len(samples)
-
-    assert kept.run(read) == (now, now, 0, 6, 7)
+        assert (found and found.step, newest, len(readings), len(history), len(samples)) == (now, now, 0, 6, 7)
 
 
-def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+async def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
     steps, per_day = 12 * 48, DAY // PERIOD
     needed = make_sample(5 * per_day // 4).time
 
-    async def write(store: JournalStore) -> None:
+    async with kept.opened("ab") as store:
         for zone in "ab":
             await asyncio.gather(*(store.append(zone, make_sample(step)) for step in range(steps)))
             for step in range(steps):
@@ -480,10 +419,8 @@ def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: p
                 await asyncio.sleep(0.01)
         pruning.cancel()
 
-    kept.run(write, "ab")
-
-    async def read(store: JournalStore) -> list[Any]:
-        found: list[Any] = []
+    async with kept.opened("ab") as store:
+        found: list[int] = []
         for zone in "ab":
             samples, history = (
                 await store.samples_after(zone, None),
@@ -492,9 +429,8 @@ def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: p
             found += [samples[0].time, len(history)]
             await store.append(zone, make_sample(steps))
             assert (await store.samples_after(zone, samples[-1].time))[0].time == make_sample(steps).time
-        return [*found, await store.resume_after("a", None)]
-
-    first_a, history_a, first_b, history_b, last = kept.run(read, "ab")
+        last = await store.resume_after("a", None)
+    first_a, history_a, first_b, history_b = found
     newest = make_sample(steps - 1).time
     assert newest - DAY / 4 - DAY <= first_a <= newest - DAY / 4
     assert first_b == needed + PERIOD, "what follows the oldest checkpoint stays"
@@ -503,65 +439,40 @@ def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, caplog: p
     assert "it has learned anew from the later ones" in caplog.text, "the pruned samples were no part of any checkpoint"
 
 
-def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: Path) -> None:
+async def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: Path) -> None:
     items = [sample(k) for k in range(60)]
-    announced: list[str] = []
+    announcer = Announced()
     for part, saved in ((items[:25], 1e9), (items[25:50], 1e-9), (items[50:], 1e9)):
-
-        async def run(part: list[Sample] = part, saved: float = saved) -> None:
-            announcer = Announced()
-            async with plumbing(tmp_path, announcer, saved, store=kept.open()) as shared:
-                zone = make(shared)
-                await finished(zone, await fed(zone, part))
-            announced.extend(comparable(update) for _, update in announcer.updates)
-
-        asyncio.run(run())
+        async with plumbing(tmp_path, announcer, saved, store=kept.open()) as shared:
+            zone = make(shared)
+            await finished(zone, await fed(zone, part))
+    announced = [comparable(update) for _, update in announcer.updates]
     assert list(dict.fromkeys(announced)) == straight(items), "what was restored is announced once more"
-
-    async def rows(store: JournalStore) -> int:
-        return len(await store.run(store.journal.history, "z", None, None, 100))
-
-    assert kept.run(rows, "") == 60
+    async with kept.opened("") as store:
+        assert len(await store.run(store.journal.history, "z", None, None, 100)) == 60
 
 
-def test_without_its_checkpoints_a_zone_learns_again_from_the_journal(kept: Kept, tmp_path: Path) -> None:
+async def test_without_its_checkpoints_a_zone_learns_again_from_the_journal(kept: Kept, tmp_path: Path) -> None:
     items = [sample(k) for k in range(30)]
-
-    async def run(part: list[Sample]) -> list[str]:
+    for part in (items, []):
         announcer = Announced()
         async with plumbing(tmp_path, announcer, store=kept.open()) as shared:
-            zone = Zone("z", "rbpf", "mark", worker(), shared)
+            zone = make(shared)
             await finished(zone, await fed(zone, part))
-        return [comparable(update) for _, update in announcer.updates]
-
-    asyncio.run(run(items))
-
-    async def spoil(store: JournalStore) -> None:
-        await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
-
-    asyncio.run(_with(kept, "mark", spoil))
-    assert asyncio.run(run([]))[-1:] == straight(items)[-1:]
+        async with kept.opened("") as store:
+            await store.claim("z", "mark")
+            await asyncio.to_thread(store.checkpoints.set_aside, "z", 0)
+        assert [comparable(update) for _, update in announcer.updates][-1:] == straight(items)[-1:]
 
 
-async def _with(kept: Kept, fingerprint: str, use: Callable[[JournalStore], Awaitable[None]]) -> None:
-    store = kept.open()
-    try:
-        await store.claim("z", fingerprint)
-        await use(store)
-    finally:
-        store.close()
-
-
-def test_it_answers_and_has_no_problems(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
-    async def ask(store: JournalStore) -> list[str]:
-        await store.run(int)
-        watching = asyncio.create_task(store.watch())
-        await store.run(int)
-        watching.cancel()
-        assert [measure.name for measure in store.measures()] == ["thermogate_journal_bytes"]
-        store.close()
-        return store.problems()
-
+async def test_it_answers_and_has_no_problems(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.ERROR):
-        assert kept.run(ask) == []
+        async with kept.opened() as store:
+            await store.run(int)
+            watching = asyncio.create_task(store.watch())
+            await store.run(int)
+            watching.cancel()
+            assert [measure.name for measure in store.measures()] == ["thermogate_journal_bytes"]
+            store.close()
+            assert store.problems() == []
     assert not caplog.records
