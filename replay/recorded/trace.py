@@ -14,11 +14,15 @@ from estimator.diagnosis.finding import Diagnosis
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from estimator.verification.hindsight import SAMPLES
-from replay.localtime import DAY, HOUR, Seconds
+from replay.localtime import DAY, HOUR, Seconds, wall_clock
 from service.config.site import ZoneConfig
+from service.forecast.answers import LearnedLaw, Room
+from service.forecast.learned import learned_laws
+from service.forecast.room import Past, RoomQuestion
 from service.records.history import HistoryRow
 from service.records.skill import Skill
 from service.records.update import Update
+from service.zone.foresight.outlook import NO_WEATHER
 from service.zone.worker import ZoneWorker
 
 LEVELS = (0.025, 0.5, 0.975)
@@ -28,8 +32,12 @@ EVERY = 6 * HOUR
 """s between two looks at the posterior: quantiles of thousands of particles cost tens of ms."""
 
 
+_ROOM_DAYS = 28
+"""Days of the period that say how the room does."""
+
+
 class Fan(NamedTuple):
-    """A forecast over a day under the inputs that really followed, in hindsight."""
+    """A forecast over a local day under the inputs that really followed, in hindsight."""
 
     times: Seconds
     """(h,): UTC s of the samples that it is about."""
@@ -65,6 +73,21 @@ class Trace(NamedTuple):
     """Refused readings by kind."""
     notes: tuple[str, ...] = ()
     """Sentences on where these figures come from."""
+    laws: tuple[LearnedLaw, ...] = ()
+    """Of the thermostat."""
+    room: Room | None = None
+    """How the room did over the last weeks of the period, and what to do; None without a sample."""
+    time_zone: str | None = None
+    """IANA name; None: UTC."""
+
+    def local(self, times: Seconds) -> Seconds:
+        """UTC s `times` as seconds of the site's wall clock."""
+        return times if self.time_zone is None else wall_clock(times, self.time_zone)
+
+    @property
+    def clock(self) -> str:
+        """What the times of `local` are called."""
+        return self.time_zone or "UTC"
 
     @property
     def gain(self) -> Array:
@@ -128,8 +151,25 @@ class Tracer:
             fans=self._fans,
             skill=worker.skill(),
             diagnosis=worker.diagnosis(),
+            laws=learned_laws(worker),
+            room=self._room(),
+            time_zone=zone.whereabouts.time_zone,
             faults=faults,
         )
+
+    def _room(self) -> Room | None:
+        if not self._rows:
+            return None
+        rows, table = self._rows[-_ROOM_DAYS * DAY // self._worker.period :], np.array(self._inputs)
+        names = ("time", "y", "setpoint", "gain_median")
+        times, y, setpoint, gain = np.array(
+            [[getattr(row, name) for name in names] for row in rows], dtype=np.float64
+        ).T
+        inputs = table.reshape(len(self._rows), -1)[-len(rows) :]
+        past = Past(times, float(self._worker.period), y, setpoint, gain, inputs)
+        area = self._zone.floor_area
+        question = RoomQuestion(past, np.nan if area is None else area, self._zone.whereabouts.time_zone)
+        return question(self._worker, NO_WEATHER, lambda: False)
 
     def _look(self, update: Update) -> None:
         period = self._worker.period
@@ -144,13 +184,18 @@ class Tracer:
         period, standing = self._worker.period, self._worker.standing
         last = update.time + period
         self._followed[update.time] = held
-        if last % DAY or standing is None:
+        if self._local(last) % DAY or standing is None:
             return
         sample = self._worker.estimator.issue(standing.state, SAMPLES)
         issue, self._issue = self._issue, _Issue(last, update.segment, sample)
-        if issue is not None and issue.segment == update.segment and last - issue.first == DAY:
+        if issue is not None and issue.segment == update.segment and last - issue.first <= DAY + HOUR:
             self._fans.append(self._unfolded(issue, last))
         self._followed = {}
+
+    def _local(self, time: int) -> int:
+        """Seconds of the wall clock at UTC s `time`."""
+        name = self._zone.whereabouts.time_zone
+        return time if name is None else int(wall_clock(np.array([time]), name)[0])
 
     def _unfolded(self, issue: _Issue, until: int) -> Fan:
         """What `issue` made of the inputs that followed; one that was missing is held, as the worker did."""

@@ -100,7 +100,11 @@ def _said(language: str, text: str) -> str | None:
     # Titles are entries that begin with a capital.
     lower = text[:1].lower() + text[1:]
     found = _said(language, lower) if lower != text else None
-    return None if found is None else found[:1].upper() + found[1:]
+    if found is not None:
+        return found[:1].upper() + found[1:]
+    first, parts, rest = text.partition("; ")
+    found = _said(language, first) if parts else None
+    return None if found is None else f"{found}; {_said(language, rest) or rest}"
 
 
 def _value(language: str, name: str, value: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from tqdm import tqdm
 
 from estimator.network.network import Network
@@ -14,40 +15,41 @@ from replay.reports.advice import advice
 from replay.reports.drawing import picture
 from replay.reports.kit.report import Picture, Report, Section
 from replay.reports.residuals import diagnostics
+from service.forecast.answers import Room
 
 
 def report(site: str, traces: Sequence[Trace], progress: bool = False) -> Report:
     """The report of the zones in `traces`, which all have rows. With `progress` a terminal shows how far it is."""
-    table = tables.skill(traces)
     drawn = tqdm(traces, unit=" zones", desc="page", delay=SLOW, disable=not progress)
+    several = len(traces) > 1
+    first = (Section("All rooms", (), (tables.to_do(traces),)),) if several else ()
     return Report(
         f"Thermogate report: {site}",
         (*(note for trace in traces for note in trace.notes), *map(_in_a_sentence, traces)),
         (
-            Section("All zones", (), (tables.zones(traces), table)),
-            *(section for trace in drawn for section in _zone(trace, len(traces) > 1)),
+            *first,
+            *(section for trace in drawn for section in _zone(trace, several)),
+            Section("All zones", (), (tables.zones(traces), *([tables.skill(traces)] if several else []))),
         ),
     )
 
 
 def _in_a_sentence(trace: Trace) -> str:
-    """How a zone did, for a hurried reader."""
-    judged = [one for one in tables.horizons(trace) if one.forecasts]
-    if not judged:
-        return f"`{trace.zone}`: no forecast has come due."
-    farthest = judged[-1]
-    findings = len(trace.diagnosis.findings)
-    return (
-        f"`{trace.zone}`: {tables.ahead(trace, farthest)} ahead the error is {farthest.rmse:.2g} K (RMSE), "
-        f"{_against(farthest.skill_against_persistence)}, and {100 * farthest.coverage:.0f} % of the 95 % intervals "
-        f"held; {findings or 'no'} finding{'' if findings == 1 else 's'}."
-    )
+    """How a room did, for a hurried reader."""
+    if trace.room is None:
+        return f"`{trace.zone}`: no sample could be used."
+    first = next(iter(trace.room.to_do), None)
+    verdict = trace.room.answers[0].sentence.split("; ")[0]
+    return f"`{trace.zone}`: {verdict}. " + ("Nothing is to be done." if first is None else f"To do: {first.what}.")
 
 
-def _against(persistence: float) -> str:
-    if persistence != persistence:
-        return "with nothing to compare it with"
-    return f"{abs(100 * persistence):.0f} % {'less' if persistence >= 0 else 'more'} than if nothing changed"
+def _room(title: str, trace: Trace, room: Room) -> Section:
+    """The answers, and what to do."""
+    to_do = tuple(f"{place}. {one.what}: {one.why}." for place, one in enumerate(room.to_do, start=1))
+    heat = (plots.heat(trace, room),) if max(np.nanmax(room.sun), np.nanmax(room.people)) > 0.0 else ()
+    said = tuple(f"{one.sentence}." for one in room.answers)
+    done = ("What to do:", *to_do) if to_do else ("Nothing is to be done.",)
+    return Section(title, (*said, *done), plots=heat)
 
 
 def _zone(trace: Trace, named: bool) -> list[Section]:
@@ -58,24 +60,27 @@ def _zone(trace: Trace, named: bool) -> list[Section]:
     if trace.fans:
         seen.append(plots.fans(trace))
     else:
-        said.append("No whole day between two midnights (UTC) was forecast yet, so there is no fan to verify.")
+        said.append("No whole day between two midnights was forecast yet, so there is no fan to verify.")
     if len(trace.gain):
         seen.append(plots.gain(trace))
     else:
         said.append(f"The estimator `{trace.estimator}` has no model of unmeasured heat; `mkf` and `bank` have one.")
     known = tables.parameters(trace) if looked else None
+    answers = [] if trace.room is None else [_room(_title(head, "how is this room?"), trace, trace.room)]
     return [
-        Section(_title(head, "what to change"), tuple(advice(trace, found))),
-        Section(_title(head, "forecasts"), tuple(said), plots=tuple(seen)),
+        *answers,
+        Section(_title(head, "forecasts"), tuple(said), (tables.skill([trace]),), tuple(seen)),
+        *([Section(_title(head, "thermostat"), (), (tables.laws(trace),))] if trace.laws else []),
+        Section(_title(head, "for experts: what to change in the configuration"), tuple(advice(trace, found))),
         Section(
-            _title(head, "parameters"),
+            _title(head, "for experts: parameters"),
             () if looked else ("No parameters: the estimator has no physics, or the period is shorter than 6 h.",),
             () if known is None else (known,),
             (plots.parameters(trace),) if looked else (),
             (_picture(trace.network, trace),),
         ),
         Section(
-            _title(head, "residuals"),
+            _title(head, "for experts: residuals"),
             () if len(found.pit) else ("No forecast was compared with a measurement.",),
             plots=(plots.pit(found), plots.memory(found), plots.against_inputs(found, trace.period))
             if len(found.pit)

@@ -14,6 +14,7 @@ from replay.recorded.trace import Trace
 from replay.reports.kit.report import Plot
 from replay.reports.residuals import Diagnostics
 from replay.scores import pit_histogram
+from service.forecast.answers import Room
 
 _INK, _BLUE, _BAND, _WARM, _LINE = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a", "#5b6776"
 _GREEN = "#2e7d4f"
@@ -22,6 +23,8 @@ _SYMBOLS = {"degC": "°C", "W/m2": "W/m²"}
 _DRAWN = 2500
 """Points of a line at most: more are not to be seen and make the page heavy."""
 _BINS = 20
+_RARE, _WILD = 0.001, 0.05
+"""Shares of a line and of a band that may lie beyond either end of a chart."""
 _FANS = 30
 """Days of fans that are drawn, the newest."""
 
@@ -39,23 +42,24 @@ def record(trace: Trace) -> Plot:
     y, lower, upper = (np.array([getattr(row, name) for row in trace.rows]) for name in ("y", "lower", "upper"))
     times = np.array([row.time for row in trace.rows], dtype=np.int64)
     every = -(-len(times) // _DRAWN)
-    edges = _with_gaps(times[::every], trace.period * every, y[::every], lower[::every], upper[::every])
+    edges = _with_gaps(trace, times[::every], trace.period * every, y[::every], lower[::every], upper[::every])
     stamps, (y, lower, upper) = edges
     _band(figure, stamps, lower, upper, f"{100 * trace.level:g} % interval", row=1)
     figure.add_trace(_line(stamps, y, trace.network.measured[0], _INK), row=1, col=1)
     setpoint = np.array([row.setpoint for row in trace.rows])[::every]
     if np.isfinite(setpoint).any():
-        stamps, (meant,) = _with_gaps(times[::every], trace.period * every, setpoint)
+        stamps, (meant,) = _with_gaps(trace, times[::every], trace.period * every, setpoint)
         line = _line(stamps, meant, "set-point", _GREEN)
         figure.add_trace(line.update(line_shape="hv", line_dash="dash"), row=1, col=1)
+    figure.update_yaxes(range=_legible((y, setpoint), (lower, upper)), row=1, col=1)
     for place, channel in enumerate(inputs):
-        stamps, (values,) = _with_gaps(times[::every], trace.period * every, trace.inputs[::every, place])
+        stamps, (values,) = _with_gaps(trace, times[::every], trace.period * every, trace.inputs[::every, place])
         row = 2 + units.index(trace.network.channel_unit(channel))
         line = _line(stamps, values, channel, _COLOURS[place % len(_COLOURS)])
         figure.add_trace(line.update(line_shape="hv"), row=row, col=1)
     for row, unit in enumerate(["degC", *units], start=1):
         figure.update_yaxes(title_text=_SYMBOLS.get(unit, unit), row=row, col=1)
-    figure.update_xaxes(title_text="UTC", row=1 + len(units), col=1)
+    figure.update_xaxes(title_text=trace.clock, row=1 + len(units), col=1)
     return Plot(
         "The record, and the band that was published before each measurement",
         figure,
@@ -72,19 +76,33 @@ def fans(trace: Trace) -> Plot:
     times = np.concatenate([fan.times for fan in drawn])
     values = np.concatenate([fan.quantiles for fan in drawn]).T
     every = -(-len(times) // _DRAWN)
-    stamps, (lower, median, upper) = _with_gaps(times[::every], trace.period * every, *values[:, ::every])
+    stamps, (lower, median, upper) = _with_gaps(trace, times[::every], trace.period * every, *values[:, ::every])
     _band(figure, stamps, lower, upper, "95 % of the forecast")
     figure.add_trace(_line(stamps, median, "forecast", _BLUE))
     rows = [row for row in trace.rows if first <= row.time <= last][::every]
     moments = np.array([row.time for row in rows], dtype=np.int64)
-    stamps, (y,) = _with_gaps(moments, trace.period * every, np.array([row.y for row in rows]))
+    stamps, (y,) = _with_gaps(trace, moments, trace.period * every, np.array([row.y for row in rows]))
     figure.add_trace(_line(stamps, y, "measured", _INK))
-    figure.update_layout(yaxis_title="°C", xaxis_title="UTC")
+    figure.update_layout(yaxis_title="°C", xaxis_title=trace.clock, yaxis_range=_legible((y, median), (lower, upper)))
     return Plot(
-        "A day ahead: forecasts issued at midnight (UTC), and what came",
+        "A day ahead: forecasts issued at midnight, and what came",
         figure,
         "Each forecast covers the 24 h after its midnight, under the inputs that really followed, and knew no "
         "temperature after it. So it shows what the model makes of the inputs, not how well anybody foresaw them.",
+    )
+
+
+def heat(trace: Trace, room: Room) -> Plot:
+    """Heat besides the heating, by the hour of the day."""
+    figure, hours = go.Figure(), [f"{hour}:30" for hour in range(24)]
+    for name, values, colour in (("people and appliances", room.people, _BLUE), ("sun", room.sun, _WARM)):
+        figure.add_trace(go.Bar(x=hours, y=values, name=name, marker_color=colour))
+    figure.update_layout(barmode="stack", bargap=0.1, yaxis_title="W", xaxis_title=trace.clock)
+    return Plot(
+        "Heat besides the heating, by the hour of the day",
+        figure,
+        "Means of the days, as the model has learned them. What nobody measures counts as people and appliances.",
+        height=280,
     )
 
 
@@ -94,10 +112,10 @@ def gain(trace: Trace) -> Plot:
     times = np.array([row.time for row in trace.rows], dtype=np.int64)
     every = -(-len(times) // _DRAWN)
     columns = trace.gain[::every].T
-    stamps, (lower, median, upper) = _with_gaps(times[::every], trace.period * every, *columns)
+    stamps, (lower, median, upper) = _with_gaps(trace, times[::every], trace.period * every, *columns)
     _band(figure, stamps, lower, upper, "95 % interval")
     figure.add_trace(_line(stamps, median, "median", _WARM))
-    figure.update_layout(yaxis_title="W", xaxis_title="UTC")
+    figure.update_layout(yaxis_title="W", xaxis_title=trace.clock, yaxis_range=_legible((median,), (lower, upper)))
     return Plot(
         "Heat that no channel measures",
         figure,
@@ -114,7 +132,7 @@ def parameters(trace: Trace) -> Plot:
     figure = make_subplots(
         rows=rows, cols=2, subplot_titles=[*named, "heat loss [W/K]"], vertical_spacing=0.35 / max(rows, 2)
     )
-    stamps = _stamps(trace.looks)
+    stamps = _stamps(trace, trace.looks)
     for panel, place in enumerate([*learned, None]):
         row, col = panel // 2 + 1, panel % 2 + 1
         values = trace.heat_loss if place is None else trace.parameters[:, place]
@@ -126,6 +144,9 @@ def parameters(trace: Trace) -> Plot:
             for bound in (parameter.lower, parameter.upper):
                 figure.add_hline(y=bound, row=row, col=col, line={"color": _WARM, "width": 1.5, "dash": "dash"})
         figure.update_yaxes(type="log", row=row, col=col)
+        if place is None:
+            low, median, high = (np.log10(column) for column in values.T)
+            figure.update_yaxes(range=_legible((median,), (low, high)), row=row, col=col)
     return Plot(
         "Parameters over time",
         figure,
@@ -191,15 +212,31 @@ def _white(figure: go.Figure, found: Diagnostics) -> None:
         figure.add_hline(y=bound, line={"color": _WARM, "width": 1, "dash": "dash"})
 
 
-def _with_gaps(times: Seconds, period: float, *columns: Array) -> tuple[Array, list[Array]]:
-    """Stamps and columns with a NaN wherever more than a period lies between two rows: a line ends there."""
+def _with_gaps(trace: Trace, times: Seconds, period: float, *columns: Array) -> tuple[Array, list[Array]]:
+    """Stamps of the site's clock and columns; where more than a period lies between two rows, a NaN ends the line."""
     after = np.flatnonzero(np.diff(times) > 1.5 * period) + 1
     stamps = np.insert(times, after, times[after] - 1) if len(after) else times
-    return _stamps(stamps), [np.insert(column, after, np.nan) if len(after) else column for column in columns]
+    return _stamps(trace, stamps), [np.insert(column, after, np.nan) if len(after) else column for column in columns]
 
 
-def _stamps(times: Seconds) -> Array:
-    return times.astype("datetime64[s]").astype("datetime64[ms]")
+def _stamps(trace: Trace, times: Seconds) -> Array:
+    return trace.local(times).astype("datetime64[s]").astype("datetime64[ms]")
+
+
+def _legible(lines: Sequence[Array], bands: Sequence[Array]) -> list[float] | None:
+    """A range that shows most of the lines whole, and as much of the bands as leaves them legible: neither a first day
+    nor one wild band flattens a chart. None where there is nothing to show."""
+    known = np.concatenate([line[np.isfinite(line)] for line in lines])
+    if not len(known):
+        return None
+    low, high = np.quantile(known, [_RARE, 1.0 - _RARE]).tolist()
+    room = max(high - low, 1e-3)
+    lower, upper = (
+        float(np.quantile(finite, level)) if len(finite := band[np.isfinite(band)]) else middle
+        for band, level, middle in zip(bands, (_WILD, 1.0 - _WILD), (low, high), strict=True)
+    )
+    low, high = max(min(low, lower), low - room), min(max(high, upper), high + room)
+    return [low - 0.05 * room, high + 0.05 * room]
 
 
 def _line(stamps: Array, values: Array, name: str, colour: str) -> go.Scatter:

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from adapters.fields.times import written_time
+from adapters.fields.times import utc
 from estimator.diagnosis.finding import amount
 from replay.localtime import HOUR
 from replay.recorded.trace import LEVELS, Trace
 from replay.reports.kit.table import Cell, Table, shown
 from service.cli.tables import aligned
+from service.forecast.answers import Range
 from service.records.skill import HorizonSkill
 
 _HEADER = ("zone", "ahead", "forecasts", "coverage", "width [K]", "RMSE [K]", "against persistence", "against ARX")
@@ -72,8 +73,8 @@ def zones(traces: Sequence[Trace]) -> Table:
             trace.zone,
             trace.network.name,
             trace.estimator,
-            written_time(trace.rows[0].time),
-            written_time(trace.rows[-1].time),
+            moment(trace, trace.rows[0].time),
+            moment(trace, trace.rows[-1].time),
             len(trace.rows),
             sum(trace.faults.values()),
             len(trace.diagnosis.findings),
@@ -81,7 +82,49 @@ def zones(traces: Sequence[Trace]) -> Table:
         for trace in traces
     ]
     columns = ("zone", "network", "estimator", "from", "to", "samples", "refused readings", "findings")
-    return Table("zones", "Zones", columns, tuple(rows), "Times are UTC.")
+    clocks = " and ".join(dict.fromkeys(trace.clock for trace in traces))
+    return Table("zones", "Zones", columns, tuple(rows), f"Times are those of {clocks}.")
+
+
+def to_do(traces: Sequence[Trace]) -> Table:
+    """What to do in each zone, those first that need it most."""
+    rows: list[tuple[Cell, ...]] = []
+    for trace in sorted(traces, key=_need):
+        for one in () if trace.room is None else trace.room.to_do:
+            rows.append((trace.zone, one.what, one.why))
+    return Table("to-do", "What to do, the room first that needs it most", ("zone", "what", "why"), tuple(rows))
+
+
+def _need(trace: Trace) -> float:
+    """How little a zone needs somebody."""
+    if trace.room is None:
+        return 0.0
+    uncomfortable = trace.room.answers[0].value / (24.0 * max(trace.room.days, 1.0))
+    return -len(trace.room.to_do) - uncomfortable
+
+
+def laws(trace: Trace) -> Table:
+    """What the thermostat was seen to do."""
+    rows: list[tuple[Cell, ...]] = [
+        (law.channel, law.side, law.law, *(_between(part) for part in (law.power, law.offset, law.band)), law.days)
+        for law in trace.laws
+    ]
+    columns = ("channel", "side", "law", "power [W]", "offset [K]", "band [K]", "days")
+    note = (
+        "Power is all that it gives; offset is how far below the set-point (cooling: above) it gives half of it, and "
+        "band over how many K it goes from nothing to all. In brackets are 95 % intervals."
+    )
+    return Table(f"thermostat-{trace.zone}", "What the thermostat does", columns, tuple(rows), note)
+
+
+def _between(part: Range) -> str:
+    return f"{amount(part.mean)} ({amount(part.lower)} to {amount(part.upper)})"
+
+
+def moment(trace: Trace, time: int) -> str:
+    """UTC s `time` as the clocks of the site show it."""
+    local = int(trace.local(np.array([time], dtype=np.int64))[0])
+    return f"{utc(local):%Y-%m-%d %H:%M}"
 
 
 def parameters(trace: Trace) -> Table:
@@ -98,6 +141,6 @@ def parameters(trace: Trace) -> Table:
         "Parameters at the end",
         ("parameter", "unit", low, median, high, "lower bound", "upper bound", "kind"),
         tuple(rows),
-        f"At {written_time(int(trace.looks[-1]))}. The bounds are those of the network; a learned parameter cannot "
+        f"At {moment(trace, int(trace.looks[-1]))}. The bounds are those of the network; a learned parameter cannot "
         "leave them.",
     )

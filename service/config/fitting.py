@@ -7,7 +7,7 @@ The daemon and `thermogate replay` both build their zones here, so that a record
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import ceil
+from math import ceil, nan
 
 from adapters.channel import ChannelConfig
 from adapters.timestamps import EARLIEST
@@ -108,6 +108,7 @@ def surroundings(config: Config, zone: ZoneConfig, outputs: Outputs | None = Non
             for name, channel in inputs.items()
             if channel.forecast is not None
         },
+        floor_area=nan if zone.floor_area is None else zone.floor_area,
     )
 
 

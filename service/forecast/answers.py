@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from service.records.record import Moment, Number, record, shown
 
 
@@ -103,3 +105,34 @@ class Comparison:
     horizon_s: Number
     plans: list[PlanOutcome]
     differences: list[PlanOutcome] = shown("of every other plan; the interval is of the difference itself")
+
+
+@record
+class RoomAnswer:
+    """One answer about a room: a sentence, and the number in it with its 95 % interval."""
+
+    about: str = shown("comfort, heat_loss, cooling, heating, other_heat, energy or saving")
+    sentence: str
+    unit: str
+    value: Number = shown("null where it is not known", default=math.nan)
+    lower: Number = shown("null where there is no interval to believe", default=math.nan)
+    upper: Number = shown(default=math.nan)
+
+
+@record
+class ToDo:
+    """Something to do about a room, and why."""
+
+    what: str
+    why: str
+
+
+@record
+class Room:
+    """How a room did over some days, what it is like, and what to do: the first thing on its page and in its report."""
+
+    days: Number = shown("days that were looked at, gaps left out")
+    answers: tuple[RoomAnswer, ...]
+    sun: tuple[Number, ...] = shown("heat of the sun in each hour of the local day, W: mean of the days")
+    people: tuple[Number, ...] = shown("the same of people, appliances and whatever else nobody measures")
+    to_do: tuple[ToDo, ...] = shown("at most three, the most important first")

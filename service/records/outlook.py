@@ -108,6 +108,8 @@ class Surroundings(NamedTuple):
     """Inputs that are the output of another zone: (zone, output)."""
     weather: Mapping[str, WeatherLink] = {}
     """Inputs that a forecast of the weather foresees."""
+    floor_area: float = float("nan")
+    """m2; NaN where nobody says it."""
 
 
 NO_SURROUNDINGS = Surroundings()

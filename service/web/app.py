@@ -26,6 +26,7 @@ from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
 from service.web.page.outlook import Outlooks
 from service.web.page.overview import overview_routes
+from service.web.page.room import room_routes
 from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
 from service.web.readings import Bodies, Take, reading_routes
@@ -100,6 +101,7 @@ def create_app(
     app.include_router(reading_routes(site, zones, backend.take, limiter, Bodies(http.limits.body, malformed)))
     app.include_router(stream_routes(site, zones, backend.streams or Streams()))
     app.include_router(series_routes(site, zones))
+    app.include_router(room_routes(site, backend.time_zone, zones))
     app.include_router(overview_routes(site, backend.time_zone, zones, changes, Outlooks(zones, changes.note)))
     app.include_router(operation_routes(zones, metrics_registry, backend.version, backend.problems, backend.reload))
     api_pages.install(app)

@@ -17,10 +17,12 @@ from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.errors import NoModel, ServiceError
 from service.forecast.ahead import NextRise
-from service.forecast.answers import Preheat
+from service.forecast.answers import Preheat, Range, Room, RoomAnswer, ToDo
 from service.forecast.engine import FanQuestion
+from service.forecast.heating import PreheatQuestion
 from service.forecast.learned import ModelQuestion, Parameters, ParametersQuestion, SkillQuestion
 from service.forecast.plan import Grid, column
+from service.forecast.room import RoomQuestion
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import CompactOutputPayload, Fan
 from service.records.history import HistoryRow
@@ -34,6 +36,18 @@ from service.records.trust import HorizonTrust, Trust
 from service.records.update import Forecast, Gate, InputUsed, Interval, OutputForecast, Score, Update, Volatility
 from service.store.series import bucket_of, reduced
 from service.store.series import series_of as journal_series
+
+ROOM = Room(
+    7.0,
+    (
+        RoomAnswer("comfort", "Often too cold: 22 h too cold and 3 h too warm of 168 h", "h", 25.0),
+        RoomAnswer("heat_loss", "It loses 113 W for each K that it is warmer than outside", "W/K", 113.0),
+    ),
+    sun=tuple(10.0 * max(0, 6 - abs(hour - 12)) for hour in range(24)),
+    people=(80.0,) * 24,
+    to_do=(ToDo("shade the windows or air", "it was too warm for 3 h without much heating"),),
+)
+"""What a room answers."""
 
 START = 1_746_230_400  # 2025-05-03T00:00:00Z
 PERIOD = 300
@@ -143,6 +157,12 @@ class FakeZone:
             return self.skill()
         if isinstance(question, NextRise):
             return self.heating
+        if isinstance(question, RoomQuestion):
+            return ROOM if self.updates else None
+        if isinstance(question, PreheatQuestion):
+            warm, start = Range(21.0, 20.6, 21.4), question.by - 5400.0
+            return Preheat(START, "trusted", question.target, question.by, question.tolerance, question.probability,
+                           start, 90.0, 0.93, warm, Range(4.0, 3.0, 5.0), 17.0)  # fmt: skip
         assert isinstance(question, FanQuestion)
         return self._fan(question)
 

@@ -2,7 +2,7 @@
 
 import { element, svg, tableRow } from "./dom.js";
 import { amount, t } from "./text.js";
-import { findingSentence, findingText, learnedSentences, saidNode } from "./words.js";
+import { findingSentence, findingText, saidNode } from "./words.js";
 
 // Fills `place` from the zone's description and its parameters, which may be null.
 export function showLearned(place, zone, parameters) {
@@ -11,8 +11,6 @@ export function showLearned(place, zone, parameters) {
     place.append(element("p", { className: "muted", textContent: t("learned.none") }));
     return;
   }
-  const sentences = learnedSentences(parameters);
-  place.append(element("ul", { className: "sentences" }, ...sentences.map(([text, range]) => element("li", {}, `${text} `, element("span", { className: "muted", textContent: range })))));
   for (const { variant, weight } of parameters.variants.slice(0, 3)) {
     place.append(element("p", { className: "muted", textContent: t("learned.variant", { variant, share: amount(100 * weight, 2) }) }));
   }

@@ -45,11 +45,14 @@ function translation(text) {
     const values = Object.fromEntries(names.map((name, index) => [name, name === name.toUpperCase() ? said(match[index + 1]).text : localised(match[index + 1])]));
     return translated.replace(GAP, (all, name) => (name === undefined ? all[0] : values[name]));
   }
+  // A sentence that begins with a capital may be in the file as a part of others.
+  const small = text.charAt(0).toLowerCase() + text.slice(1);
+  const told = small === text ? null : translation(small);
+  if (told !== null) return told.charAt(0).toUpperCase() + told.slice(1);
   // Several reasons stand one after the other.
   for (let at = text.indexOf("; "); at >= 0; at = text.indexOf("; ", at + 1)) {
-    const first = text.slice(0, at);
-    const told = translation(first);
-    if (told !== null) return `${told}; ${said(text.slice(at + 2)).text}`;
+    const first = translation(text.slice(0, at));
+    if (first !== null) return `${first}; ${said(text.slice(at + 2)).text}`;
   }
   return null;
 }

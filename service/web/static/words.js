@@ -65,32 +65,9 @@ export function doubts({ status, forecast, trust }) {
     const one = distrusted.find(({ reason: why }) => why === reason);
     found.push({ text: t("doubt.trust", { lead: duration(one.lead_s), trust: trustText(one.trust) }), own: reason });
   }
-  for (const finding of status.findings) if (finding.finding !== "narrower-bounds") found.push({ text: findingSentence(finding) });
   if (forecast?.regime === "high") found.push({ text: t("doubt.disturbed", { gate: share(forecast.gate) }) });
-  if (trust?.beaten) found.push({ text: "", own: `${trust.beaten}.` });
+  if (trust?.beaten) found.push({ text: "", own: trust.beaten });
   if (horizons.every(({ trust: level }) => level === "learning")) found.push({ text: t("doubt.young", { samples: number(status.samples) }) });
-  return found;
-}
-
-const middle = (quantiles) => quantiles[Math.floor(quantiles.length / 2)];
-const scaled = (quantiles, factor) => quantiles.map((value) => (value === null ? null : value * factor));
-// A collapsed interval has no ends.
-const range = (quantiles, show) => quantiles[0] === null ? "–" : t("between", { low: show(quantiles[0]), high: show(quantiles.at(-1)) });
-
-// What the parameters say of the room: [sentence, interval] pairs.
-export function learnedSentences(parameters) {
-  const found = [];
-  const loss = parameters.heat_loss.quantiles;
-  if (middle(loss) !== null) found.push([t("learned.loss", { value: amount(middle(loss)) }), range(loss, (value) => `${amount(value)} W/K`)]);
-  const constants = parameters.time_constants.filter(({ quantiles }) => middle(quantiles) > 0);
-  if (!constants.length) return found;
-  const half = scaled(constants.at(-1).quantiles, 3600 * Math.LN2);
-  found.push([t("learned.cools", { value: duration(middle(half)) }), range(half, duration)]);
-  const quick = scaled(constants[0].quantiles, 3600);
-  if (constants.length > 1) {
-    const heater = parameters.parameters.some(({ name }) => /^C_(h|heater|rad|hk)/.test(name));
-    found.push([t(heater ? "learned.heater" : "learned.quick", { value: duration(middle(quick)) }), range(quick, duration)]);
-  }
   return found;
 }
 

@@ -6,6 +6,7 @@ import { element, paced, set, tableRow } from "./dom.js";
 import { historyChart } from "./history_chart.js";
 import { showLearned } from "./learned.js";
 import { nextHours } from "./next_hours.js";
+import { roomCard } from "./room.js";
 import { said } from "./said.js";
 import { follow } from "./stream.js";
 import { amount, celsius, duration, number, share, t, unitText } from "./text.js";
@@ -20,7 +21,7 @@ const SHOW_MS = 250;
 export function showZone(place, frame, id) {
   // The stream begins with what there is; it brings gain and trust only where they are known.
   const known = { zone: null, status: null, forecast: null, gain: null, skill: null, trust: null };
-  const cards = { history: null, next: null };
+  const cards = { history: null, next: null, room: null };
   let ended = false;
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
 
@@ -78,11 +79,13 @@ export function showZone(place, frame, id) {
   function build(zone) {
     cards.history = historyChart(id, known.zone.period_s * 1000, { expert: () => expert.open, failed: failing("history") });
     cards.next = nextHours(id, zone, failing("next"));
+    cards.room = roomCard(id, failing("room"));
     place.replaceChildren(
       element("nav", { "aria-label": t("zone.back") }, element("a", { href: "#/", textContent: `← ${t("zone.back")}` })),
       element("div", { className: "zone-head" }, element("h1", { textContent: id }), pill, about),
       trouble,
       doubt,
+      cards.room.node,
       figures,
       element("div", { className: "columns" }, cards.history.node, cards.next.node, skill, learned),
       expert,
@@ -160,6 +163,7 @@ export function showZone(place, frame, id) {
     const last = known.status.last_sample_time;
     if (!last) return;
     const time = Date.parse(last) + known.zone.period_s * 1000;
+    cards.room.ask();
     cards.history.sample(time);
     if (known.forecast) cards.next.sample(time);
   }
@@ -209,6 +213,7 @@ export function showZone(place, frame, id) {
     learn.cancel();
     cards.history?.end();
     cards.next?.end();
+    cards.room?.end();
     dark.removeEventListener("change", restyle);
   };
 }

@@ -74,3 +74,11 @@ def test_at_night_it_is_dark_and_on_paper_light(page):
     page.wait_for_function(f"{first} === 'white'")
     page.emulate_media(media="screen", color_scheme="light")
     assert page.said == []
+
+
+def test_it_prints_whole_as_a_small_pdf(page):
+    printed = page.pdf()
+    assert printed.startswith(b"%PDF")
+    assert len(printed) < 2_000_000
+    assert page.evaluate("document.querySelectorAll('.plot > script').length") == 0, "every plot was drawn"
+    assert page.said == []

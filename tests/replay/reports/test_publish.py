@@ -117,15 +117,17 @@ def test_the_page_is_whole_and_loads_nothing(replayed, tmp_path):
     page = Page((tmp_path / "report.html").read_text())
     assert page.loads == []
     assert page.headings == [
-        *("All zones", "Zones", "What the forecasts were worth", "What to change", "Forecasts"),
+        *("How is this room?", "Heat besides the heating, by the hour of the day"),
+        *("Forecasts", "What the forecasts were worth"),
         "The record, and the band that was published before each measurement",
-        "A day ahead: forecasts issued at midnight (UTC), and what came",
-        "Heat that no channel measures",
-        *("Parameters", "Parameters at the end", "The network building-67", "Parameters over time", "Residuals"),
+        "A day ahead: forecasts issued at midnight, and what came",
+        *("Heat that no channel measures", "For experts: what to change in the configuration"),
+        *("For experts: parameters", "Parameters at the end", "The network building-67", "Parameters over time"),
+        "For experts: residuals",
         *("Calibration (probability integral transform)", "Does an error predict the next?"),
-        "Do the errors follow an input?",
+        *("Do the errors follow an input?", "All zones", "Zones"),
     ]
-    assert len(page.plots) == 7
+    assert len(page.plots) == 8
     assert all(figure["data"] for figure in page.plots)
 
 

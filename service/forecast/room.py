@@ -1,0 +1,384 @@
+"""How a room does, in the words of the people who run it: the answers that page, report and notebooks open with.
+
+One computation for all three: from what was measured in a period (`Past`), and from what the zone's worker has learned.
+Sentences are parts that "; " joins, each of which the page and the report have in other languages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from adapters.timestamps import time_zone
+from estimator.arrays import Array
+from estimator.diagnosis import finding as kinds
+from estimator.diagnosis.finding import Diagnosis, Finding, amount
+from estimator.network.network import Network
+from service.forecast.answers import Room, RoomAnswer, ToDo
+from service.records.outlook import Weather
+from service.records.series import Series
+from service.records.trust import UNTRUSTED, Trust
+from service.zone.worker import Standing, ZoneWorker
+
+COLD, WARM = 0.5, 1.0
+"""K below the set-point, and above the highest one of the last day, from which on a room is too cold and too warm: a
+room that cools down in a setback is not too warm."""
+
+BAND = (20.0, 26.0)
+"""degC within which a room without a set-point is comfortable: category II of EN 16798-1 for sedentary work, in both
+seasons."""
+
+RARE = 0.05
+"""Share of the time for which a room may be too cold or too warm and still counts as comfortable."""
+
+MOST = 3
+"""Things to do that are shown."""
+
+_HOUR, _DAY = 3600.0, 86400.0
+_COOLING = 6
+"""h over which a room is left to cool down."""
+_LEVELS = (0.025, 0.5, 0.975)
+_FULL, _LITTLE = 0.9, 0.1
+"""Shares of the largest heating from which it is at its limit, and up to which it hardly heats."""
+_MOSTLY = 0.3
+"""Share of the energy from which what 1 K less would save is no small change any more."""
+_WORTH = 20.0
+"""W of heat from elsewhere that are worth a sentence."""
+
+
+Mask = npt.NDArray[np.bool_]
+
+
+class Past(NamedTuple):
+    """K intervals of `step` s that were measured, oldest first; NaN where nothing was."""
+
+    times: Array
+    """(K,) UTC s."""
+    step: float
+    temperature: Array
+    """(K,) degC, of the first output."""
+    setpoint: Array
+    """(K,) degC."""
+    gain: Array
+    """(K,) W that nobody measures, as the estimator infers it."""
+    inputs: Array
+    """(K, n_u) in the network's units."""
+
+    @classmethod
+    def of(cls, series: Series) -> Past:
+        """A stretch of history."""
+        y, setpoint, gain = (series.means[name] for name in ("y", "setpoint", "gain_median"))
+        return cls(series.times.astype(np.float64), float(series.bucket), y, setpoint, gain, series.inputs)
+
+
+class RoomQuestion(NamedTuple):
+    """Asks how a room did in `past` and what it is like.
+
+    `area` [m2] is that of its floor, NaN if nobody says it, and `zone` the IANA name of its time zone (None: UTC).
+    """
+
+    past: Past
+    area: float = float("nan")
+    zone: str | None = None
+
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> Room | None:
+        """The answers; None before the first sample."""
+        standing = worker.standing
+        if standing is None or not len(self.past.times):
+            return None
+        loss = _loss(worker)
+        elsewhere = _Elsewhere.of(worker, self.past)
+        hours = _local_hours(self.past.times + self.past.step / 2.0, self.zone)
+        sun, people = (_by_hour(heat[:, 1], hours) for heat in elsewhere)
+        comfort = _Comfort.of(self.past)
+        diagnosis, trust = worker.diagnosis(), worker.trust
+        doubt = _doubt(diagnosis, loss)
+        answers = [
+            comfort.answer(),
+            _loss_answer(loss, self.area, doubt),
+            *_pace(worker, standing),
+            _heat_answer(elsewhere, sun, people),
+            *_energy(worker, self.past, loss, doubt),
+        ]
+        told = sorted(_told(worker.network, comfort, self.past, diagnosis, trust, standing), key=lambda one: one[0])
+        return Room(
+            days=len(self.past.times) * self.past.step / _DAY,
+            answers=tuple(answers),
+            sun=tuple(sun.tolist()),
+            people=tuple(people.tolist()),
+            to_do=tuple(one for _, one in told[:MOST]),
+        )
+
+
+class _Comfort(NamedTuple):
+    """Where it was too cold and too warm (K,), of the intervals that were measured."""
+
+    cold: Mask
+    warm: Mask
+    measured: Mask
+    hours: float
+    """Of each interval."""
+    against_setpoint: bool
+
+    @classmethod
+    def of(cls, past: Past) -> _Comfort:
+        setpoint = bool(np.isfinite(past.setpoint).any())
+        lower, upper = (np.full(len(past.times), limit) for limit in BAND)
+        if setpoint:
+            lower = past.setpoint - COLD
+            upper = _highest(past.setpoint, past.step, _DAY) + WARM
+        with np.errstate(invalid="ignore"):
+            cold, warm = past.temperature < lower, past.temperature > upper
+        return cls(cold, warm, np.isfinite(past.temperature), past.step / _HOUR, setpoint)
+
+    def share(self, where: Mask) -> float:
+        return float(where.sum() / max(1, self.measured.sum()))
+
+    def answer(self) -> RoomAnswer:
+        cold, warm, all_hours = (float(part.sum()) * self.hours for part in (self.cold, self.warm, self.measured))
+        if max(self.share(self.cold), self.share(self.warm)) <= RARE:
+            verdict = "Comfortable"
+        else:
+            verdict = "Often too cold" if cold >= warm else "Often too warm"
+        measure = (
+            f"too cold is more than {COLD:g} K below the set-point, too warm more than {WARM:g} K above the highest of "
+            "a day"
+            if self.against_setpoint
+            else f"no set-point is known, so comfortable is {BAND[0]:g} to {BAND[1]:g} degC"
+        )
+        sentence = f"{verdict}: {cold:.0f} h too cold and {warm:.0f} h too warm of {all_hours:.0f} h; {measure}"
+        return RoomAnswer("comfort", sentence, "h", cold + warm)
+
+
+def _highest(setpoint: Array, step: float, over: float) -> Array:
+    """(K,): the highest set-point in the `over` s up to each interval; NaN where there was none."""
+    width = max(1, round(over / step))
+    padded = np.concatenate([np.full(width - 1, np.nan), setpoint])
+    return np.fmax.reduce(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)
+
+
+def _after_a_rise(past: Past) -> Mask:
+    """(K,): where the set-point is higher than it was at some time in the last hours."""
+    with np.errstate(invalid="ignore"):
+        rose: Mask = past.setpoint > -_highest(-past.setpoint, past.step, _COOLING * _HOUR) + COLD
+    return rose
+
+
+def _loss(worker: ZoneWorker) -> Array | None:
+    """(3,): heat loss [W/K] at _LEVELS, with NaN for the ends of a collapsed interval; None if it is not known."""
+    summary = worker.parameters(_LEVELS)
+    return None if summary is None or not np.isfinite(summary.heat_loss[1]) else summary.heat_loss
+
+
+def _doubt(diagnosis: Diagnosis, loss: Array | None) -> str:
+    """Why the heat loss should not be believed; empty where it may."""
+    found = {one.finding for one in diagnosis.findings if one.subject == "heat_loss"}
+    if kinds.AGAINST_BALANCE in found:
+        return "do not rely on it, for it contradicts the energy that was used"
+    if kinds.MEMBERS_DISAGREE in found:
+        return "do not rely on it, for models of the room disagree"
+    if loss is not None and not np.isfinite(loss[0]):
+        return "how sure this is, is not known"
+    return ""
+
+
+def _loss_answer(loss: Array | None, area: float, doubt: str) -> RoomAnswer:
+    if loss is None:
+        return RoomAnswer("heat_loss", "Its heat loss is not known, for the estimator knows no building", "W/K")
+    low, median, high = loss.tolist()
+    parts = [f"It loses {amount(median)} W for each K that it is warmer than outside"]
+    if np.isfinite(low):
+        parts.append(f"95 % between {amount(low)} and {amount(high)} W/K")
+    if np.isfinite(area):
+        parts.append(f"{median / area:.2g} W/K for each m2 of floor")
+    return RoomAnswer("heat_loss", "; ".join([*parts, *([doubt] if doubt else [])]), "W/K", median, low, high)
+
+
+def _pace(worker: ZoneWorker, standing: Standing) -> Iterator[RoomAnswer]:
+    """How fast the room cools down and heats up from now on, neither sun nor people heating it."""
+    network, period, held = worker.network, worker.period, standing.carried.held.values
+    heat = _heating(network)
+    if worker.progress.stalled or not np.isfinite(held).all() or not heat:
+        return
+    off = np.where([network.channel_unit(channel).startswith("W") for channel in network.inputs], 0.0, held)
+    full = off.copy()
+    full[heat] = standing.carried.record.largest[heat]
+    hour, hours = max(1, ceil(_HOUR / period)), max(1, ceil(_COOLING * _HOUR / period))
+    issue, terms = worker.estimator.issue(standing.state, 64), (0, len(network.terms))
+    cold, warm = (
+        [
+            worker.estimator.quantiles(mixture, np.array(_LEVELS), 0)
+            for mixture in worker.estimator.unfold(issue, np.tile(np.pad(row, terms), (steps, 1))).each()
+        ]
+        for row, steps in ((off, hours), (full, hour))
+    )
+    fall = cold[0][1] - cold[-1][::-1]
+    sentence = (
+        f"Without heating, sun and people it cools by {fall[1]:.1f} K in {_COOLING} h at the weather of now; "
+        f"95 % between {fall[0]:.1f} and {fall[2]:.1f} K"
+    )
+    yield RoomAnswer("cooling", sentence, "K", *fall[[1, 0, 2]].tolist())
+    power, rise = float(full[heat].sum()), float(warm[-1][1] - cold[hour][1])
+    if power > 0.0:
+        sentence = f"An hour of full heating ({amount(power)} W) makes it {rise:.1f} K warmer than an hour without"
+        yield RoomAnswer("heating", sentence, "K", rise)
+
+
+def _heating(network: Network) -> list[int]:
+    """The inputs that are heating power [W]."""
+    heats = {
+        heat.channel
+        for heat in network.heat_inputs
+        if heat.unit == "W" and (heat.gain.parameter is not None or heat.gain.constant > 0.0)
+    }
+    return [place for place, channel in enumerate(network.inputs) if channel in heats]
+
+
+class _Elsewhere(NamedTuple):
+    """(K, 3) W that the sun brought, and people and appliances (habits, and what nobody measures), at _LEVELS. The
+    coefficients of each are taken to err together, which no interval is narrower for."""
+
+    sun: Array
+    people: Array
+
+    @classmethod
+    def of(cls, worker: ZoneWorker, past: Past) -> _Elsewhere:
+        gain = np.where(np.isfinite(past.gain), past.gain, 0.0)
+        found = cls(np.zeros((len(gain), 3)), np.tile(gain[:, None], 3))
+        summary, network = worker.parameters(_LEVELS), worker.network
+        if summary is None or not len(summary.coefficients):
+            return found
+        inputs = np.where(np.isfinite(past.inputs), past.inputs, 0.0)
+        drive = worker.loop.driving(past.times, inputs)[:, len(network.inputs) :]
+        for term, coefficients, known in zip(network.terms, summary.coefficients, drive.T, strict=True):
+            if np.isfinite(coefficients).all():
+                heat = found.sun if term.name.startswith("sun") else found.people
+                heat += np.outer(known, coefficients)
+        return found
+
+
+def _local_hours(times: Array, zone: str | None) -> Array:
+    """(K,): hour of the day, 0 to 23."""
+    local = UTC if zone is None else time_zone(zone)
+    return np.array([datetime.fromtimestamp(when, local).hour for when in times.tolist()], dtype=np.int64)
+
+
+def _by_hour(heat: Array, hours: Array) -> Array:
+    """(24,): mean of `heat` [W] in each hour of the day; NaN for an hour that is not there."""
+    count = np.bincount(hours, minlength=24)
+    with np.errstate(invalid="ignore"):
+        found: Array = np.bincount(hours, heat, minlength=24) / count
+    return found
+
+
+def _heat_answer(elsewhere: _Elsewhere, sun: Array, people: Array) -> RoomAnswer:
+    low, mean, high = (elsewhere.sun + elsewhere.people).mean(axis=0).tolist()
+    parts = []
+    for name, heat in (("the sun", sun), ("people and appliances", people)):
+        if np.isfinite(heat).any() and np.nanmax(heat) >= _WORTH:
+            hour = int(np.nanargmax(heat))
+            parts.append(
+                f"heat from {name}: {np.nanmean(heat):.0f} W on average, {np.nanmax(heat):.0f} W around {hour}:30"
+            )
+    if not parts:
+        return RoomAnswer("other_heat", "No heat besides the heating is known", "W", mean)
+    if high > low:
+        parts.append(f"95 % between {low:.0f} and {high:.0f} W on average")
+    sentence = "; ".join(parts)
+    return RoomAnswer("other_heat", sentence[0].upper() + sentence[1:], "W", mean, low, high)
+
+
+def _energy(worker: ZoneWorker, past: Past, loss: Array | None, doubt: str) -> Iterator[RoomAnswer]:
+    """What the heating used, and what 1 K less would have saved: the loss of 1 K, but no more than a day used."""
+    heat = _heating(worker.network)
+    power = np.nansum(past.inputs[:, heat], axis=1)
+    days = (past.times // _DAY).astype(np.int64)
+    used = np.bincount(days - days[0], power * past.step / 3.6e6)
+    total, length = float(used.sum()), len(past.times) * past.step / _DAY
+    if not heat or total <= 0.0:
+        return
+    yield RoomAnswer("energy", f"The heating used {amount(total)} kWh in {length:.1f} days", "kWh", total)
+    if loss is None or "rely" in doubt:
+        return
+    hours = np.bincount(days - days[0]) * past.step / _HOUR
+    low, saved, high = (float(np.minimum(one * hours / 1000.0, used).sum()) for one in loss)
+    if saved > _MOSTLY * total:
+        sentence = "What 1 K less would have saved is not known, for mostly other heat keeps the room warm"
+        yield RoomAnswer("saving", sentence, "kWh")
+        return
+    parts = [f"1 K less would have saved about {amount(saved)} kWh ({100.0 * saved / total:.0f} %)"]
+    if np.isfinite(low):
+        parts.append(f"95 % between {amount(low)} and {amount(high)} kWh")
+    yield RoomAnswer("saving", "; ".join(parts), "kWh", saved, low, high)
+
+
+_FROM_FINDINGS = dict.fromkeys(kinds.TELEMETRY, -1) | {
+    kinds.CALLS_WITHOUT_HEAT: 0,
+    kinds.IMPLAUSIBLE: 1,
+    kinds.HEAT_WITHOUT_CALL: 2,
+    kinds.AGAINST_BALANCE: 4,
+    kinds.MISSES_SOMETHING: 5,
+}
+"""Findings that call for something to be done, and how urgent that is; the others are for who reads parameters."""
+
+
+def _told(
+    network: Network, comfort: _Comfort, past: Past, diagnosis: Diagnosis, trust: Trust, standing: Standing
+) -> Iterator[tuple[float, ToDo]]:
+    """What to do, each with how urgent it is (0: first)."""
+    for one in _grouped(diagnosis.findings):
+        problem, _, remedy = one.sentence.partition("; ")
+        yield _FROM_FINDINGS[one.finding], ToDo(remedy, problem)
+    if comfort.share(comfort.cold) > RARE:
+        yield 3.0, _against_cold(network, comfort, past, standing)
+    if comfort.share(comfort.warm) > RARE:
+        yield 3.5, _against_warmth(network, comfort, past, standing)
+    told = {one.sentence for one in diagnosis.findings}
+    untrusted = [one.reason for one in trust.horizons if one.level == UNTRUSTED]
+    if untrusted:
+        # What follows from a finding is mended with it.
+        if untrusted[0] not in told:
+            yield 4.5, ToDo("do not let a controller rely on the forecasts yet", untrusted[0])
+    elif trust.beaten:
+        *reasons, remedy = trust.beaten.split("; ")
+        yield 4.5, ToDo(remedy, reasons[0])
+
+
+def _against_cold(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> ToDo:
+    reason = f"it was too cold for {float(comfort.cold.sum()) * comfort.hours:.0f} h"
+    if comfort.share(comfort.cold & ~_after_a_rise(past)) <= RARE / 2.0:
+        what = "start heating earlier; the page works out when, under Warm by"
+        return ToDo(what, f"{reason} after a setback")
+    if _heated(network, past, standing, comfort.cold) > _FULL:
+        return ToDo("have the heating looked at, or lower the set-point", f"{reason} at full heating")
+    if comfort.against_setpoint:
+        return ToDo("look for what keeps the heating from following the set-point, such as a closed valve", reason)
+    return ToDo("heat more, or give the zone its set-point", reason)
+
+
+def _against_warmth(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> ToDo:
+    reason = f"it was too warm for {float(comfort.warm.sum()) * comfort.hours:.0f} h"
+    if _heated(network, past, standing, comfort.warm) > _LITTLE:
+        return ToDo("lower the heating or look for a valve that does not close", f"{reason} while it was heated")
+    return ToDo("shade the windows or air", f"{reason} without much heating")
+
+
+def _heated(network: Network, past: Past, standing: Standing, when: Mask) -> float:
+    """Mean heating power `when` something was so, as a share of the largest; 0 without heating."""
+    heat = _heating(network)
+    most = float(standing.carried.record.largest[heat].sum())
+    return float(np.nansum(past.inputs[when][:, heat], axis=1).mean()) / most if most > 0.0 else 0.0
+
+
+def _grouped(findings: Sequence[Finding]) -> list[Finding]:
+    """One finding of each kind that calls for something to be done."""
+    first: dict[str, Finding] = {}
+    for one in findings:
+        if one.finding in _FROM_FINDINGS:
+            first.setdefault(one.finding, one)
+    return sorted(first.values(), key=lambda one: kinds.FINDINGS.index(one.finding))

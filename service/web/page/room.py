@@ -1,0 +1,52 @@
+"""The route that the page of a room opens with: how it does, what it is like, and what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from pydantic import Field
+
+from service.forecast.answers import Room
+from service.forecast.room import Past, RoomQuestion
+from service.records.record import document, document_of
+from service.records.view import ZoneView
+from service.web.access import Asking, find_zone
+from service.web.models import Query as QueryModel
+from service.web.problems import documented
+from service.web.zones import no_forecast
+
+_DAY = 86400
+_POINTS = 48
+"""Intervals of a day that are looked at."""
+
+
+class RoomQuery(QueryModel):
+    """Query of GET /zones/{zone}/room."""
+
+    days: int = Field(default=7, ge=1, le=28, description="days up to the newest sample that are looked at")
+
+
+def room_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView]) -> APIRouter:
+    """The route over `zones`; hours are those of `time_zone` (IANA), or of UTC."""
+    router = APIRouter(prefix="/zones", tags=["zones"])
+
+    @router.get(
+        "/{zone}/room",
+        response_model=document_of(Room),
+        responses=documented(404, 422, 500, 503),
+        summary="How the room does, what it is like, and what to do, in sentences",
+    )
+    async def room(zone: str, caller: Asking, query: Annotated[RoomQuery, Query()]) -> Response:
+        view = find_zone(zones, zone, caller)
+        last = view.status().last_sample_time
+        end = 0 if last is None else math.ceil(last + view.period)
+        series = await view.series(end - query.days * _DAY, end, query.days * _POINTS + 1)
+        found = await view.ask(RoomQuestion(Past.of(series), view.surroundings.floor_area, time_zone))
+        if found is None:
+            raise no_forecast(view)
+        return Response(document(found, site, zone), media_type="application/json")
+
+    return router

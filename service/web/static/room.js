@@ -1,0 +1,86 @@
+// How a room does, what it is like, what to do, and when to start heating: the card that the page of a room opens with.
+
+import { get, getIfAny, zonePath } from "./api.js";
+import { element, paced, svg } from "./dom.js";
+import { said } from "./said.js";
+import { duration, number, share, t } from "./text.js";
+import { moment } from "./time.js";
+import { saidNode } from "./words.js";
+
+const ASK_MS = 300_000;
+const HEIGHT = 60;
+const WORTH = 20;
+
+// The card of zone `id`; `failed(error)` is told what went wrong, and null once it works again.
+export function roomCard(id, failed) {
+  const answers = element("div", {}, element("p", { className: "muted", textContent: t("loading") }));
+  const node = element("section", { className: "card answers" }, element("h2", { textContent: t("room.title") }), answers, preheatForm(id));
+  const ask = paced(async () => {
+    try {
+      const room = await getIfAny(`${zonePath(id)}/room`);
+      answers.replaceChildren(...(room ? told(room) : [element("p", { className: "muted", textContent: t("learned.none") })]));
+      failed(null);
+    } catch (error) {
+      failed(error);
+    }
+  }, ASK_MS);
+  return { node, ask, end: () => ask.cancel() };
+}
+
+function told(room) {
+  const list = room.to_do.map(({ what, why }) => element("li", {}, element("strong", {}, saidNode(capital(what))), " – ", saidNode(why)));
+  return [
+    element("ul", { className: "sentences" }, ...room.answers.map(({ sentence }) => element("li", {}, saidNode(sentence), "."))),
+    ...profile(room),
+    element("h3", { textContent: t("room.to_do") }),
+    list.length ? element("ol", { className: "findings" }, ...list) : element("p", { className: "muted", textContent: t("room.nothing") }),
+  ];
+}
+
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+
+// Heat besides the heating by the hour of the day, as bars: people below, the sun on top of them.
+function profile({ sun, people }) {
+  const kinds = [people, sun].map((heat) => heat.map((value) => Math.max(0, value ?? 0)));
+  const most = Math.max(...kinds[0].map((value, hour) => value + kinds[1][hour]));
+  if (most < WORTH) return [];
+  const scale = HEIGHT / most;
+  const bars = kinds[0].flatMap((own, hour) => {
+    const [low, high] = [own * scale, kinds[1][hour] * scale];
+    return [
+      svg("rect", { x: hour * 10 + 0.6, width: 8.8, y: (HEIGHT - low).toFixed(1), height: low.toFixed(1), class: "people" }),
+      svg("rect", { x: hour * 10 + 0.6, width: 8.8, y: (HEIGHT - low - high).toFixed(1), height: high.toFixed(1), class: "sun" }),
+    ];
+  });
+  return [
+    element("p", { className: "muted kinds" }, element("span", {}, element("span", { className: "swatch sun" }), t("room.sun")), element("span", {}, element("span", { className: "swatch people" }), t("room.people")), t("room.by_hour", { most: number(most) })),
+    svg("svg", { viewBox: `0 0 240 ${HEIGHT}`, class: "profile", preserveAspectRatio: "none", role: "img", "aria-label": t("room.by_hour", { most: number(most) }) }, ...bars),
+    element("p", { className: "muted profile-axis", "aria-hidden": "true" }, ...["0", "6", "12", "18", "24"].map((hour) => element("span", { textContent: hour }))),
+  ];
+}
+
+// "Warm by 06:30 at 21": when to start.
+function preheatForm(id) {
+  const target = element("input", { type: "number", min: "5", max: "35", step: "0.5", value: "21", required: true });
+  const by = element("input", { type: "time", value: "06:30", required: true });
+  const result = element("p", { role: "status", className: "result" });
+  const form = element(
+    "form",
+    { className: "preheat" },
+    element("label", {}, `${t("preheat.by")} `, by),
+    element("label", {}, `${t("preheat.at")} `, target, " °C"),
+    element("button", { type: "submit", textContent: t("preheat.ask") }),
+  );
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try {
+      const answer = await get(`${zonePath(id)}/preheat?${new URLSearchParams({ target: target.value, by: by.value })}`);
+      const likely = { share: share(answer.reached), target: number(answer.target, 1) };
+      result.textContent = answer.start === null ? t("preheat.late", likely) : t("preheat.start", { ...likely, time: moment(Date.parse(answer.start)), before: duration(answer.minutes * 60) });
+    } catch (error) {
+      const { text, lang } = said(error.message);
+      result.replaceChildren(element("span", { lang, textContent: text }));
+    }
+  });
+  return element("div", {}, element("h3", { textContent: t("preheat.title") }), form, result);
+}

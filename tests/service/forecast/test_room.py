@@ -1,0 +1,148 @@
+"""The answers that page and report open with, against a house whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.thermostat_house import recorded
+
+import thermogate as tg
+from estimator.diagnosis import finding as kinds
+from estimator.diagnosis.finding import Diagnosis, Finding
+from service.forecast.room import MOST, Past, RoomQuestion
+from service.records.trust import HorizonTrust, Trust
+from service.zone.foresight.outlook import NO_WEATHER
+
+PERIOD, DAYS = 1800, 6
+OUTPUTS, INPUTS, SETPOINTS = recorded(DAYS, PERIOD)
+TIMES = 1_767_571_200.0 + PERIOD * np.arange(len(OUTPUTS))
+PAST = Past(TIMES, PERIOD, OUTPUTS[:, 0], SETPOINTS, np.full(len(OUTPUTS), np.nan), INPUTS)
+TRUE_LOSS = 1.0 / (1.0 / 600.0 + 1.0 / 140.0)
+"""W/K of the house: its two conductances in series."""
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    table = pd.DataFrame(
+        {"T_i": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1], "T_set": SETPOINTS},
+        index=pd.to_datetime(TIMES, unit="s", utc=True),
+    )
+    return tg.fit(table, "tite", estimator="ekf", progress=False)._session.worker
+
+
+@pytest.fixture
+def worker(fitted, monkeypatch):
+    """The worker of the house, trusted and without findings until a test says otherwise."""
+    monkeypatch.setattr(fitted, "trust", Trust())
+    monkeypatch.setattr(fitted, "diagnosis", Diagnosis)
+    return fitted
+
+
+def asked(worker, past=PAST, **about):
+    return RoomQuestion(past, **about)(worker, NO_WEATHER, lambda: False)
+
+
+def answers(room):
+    return {one.about: one for one in room.answers}
+
+
+def test_comfort_counts_hours_against_the_set_point(worker):
+    comfort = answers(asked(worker))["comfort"]
+    cold = (OUTPUTS[:, 0] < SETPOINTS - 0.5).sum() * PERIOD / 3600.0
+    assert cold > 5.0
+    assert f"{cold:.0f} h too cold" in comfort.sentence
+    assert comfort.value == pytest.approx(cold, abs=3.0), "in a setback it cools down, and is not too warm"
+
+
+def test_without_a_set_point_comfort_is_a_band(worker):
+    no_one = PAST._replace(setpoint=np.full(len(TIMES), np.nan), temperature=np.full(len(TIMES), 23.0))
+    comfort = answers(asked(worker, no_one))["comfort"]
+    assert comfort.sentence.startswith("Comfortable: 0 h too cold and 0 h too warm of 144 h; no set-point is known")
+    warm = answers(asked(worker, no_one._replace(temperature=np.full(len(TIMES), 27.0))))["comfort"]
+    assert (warm.value, warm.sentence.split(":")[0]) == (24.0 * DAYS, "Often too warm")
+
+
+def test_loss_energy_and_what_a_kelvin_less_would_have_saved(worker):
+    found = answers(asked(worker, area=120.0))
+    loss = found["heat_loss"]
+    assert loss.lower < loss.value < loss.upper
+    assert loss.value == pytest.approx(TRUE_LOSS, rel=0.15)
+    assert f"{loss.value / 120.0:.2g} W/K for each m2 of floor" in loss.sentence
+    assert found["energy"].value == pytest.approx(INPUTS[:, 1].sum() * PERIOD / 3.6e6)
+    saved = found["saving"]
+    assert saved.value == pytest.approx(loss.value * 24.0 * DAYS / 1000.0, rel=1e-6)
+    assert saved.lower == pytest.approx(loss.lower * 24.0 * DAYS / 1000.0, rel=1e-6)
+
+
+def test_a_loss_that_cannot_be_believed_saves_nothing(worker, monkeypatch):
+    doubt = Diagnosis((Finding(kinds.AGAINST_BALANCE, "heat_loss", "it contradicts the balance; check the unit"),))
+    monkeypatch.setattr(worker, "diagnosis", lambda: doubt)
+    room = asked(worker)
+    found = answers(room)
+    assert "do not rely on it" in found["heat_loss"].sentence
+    assert "saving" not in found
+    assert ("check the unit", "it contradicts the balance") in [(one.what, one.why) for one in room.to_do]
+
+
+def test_it_cools_and_heats_as_fast_as_the_house(worker):
+    found = answers(asked(worker))
+    assert found["cooling"].lower < found["cooling"].value < found["cooling"].upper
+    assert 0.5 < found["cooling"].value < 6.0
+    # 6000 W into 6 MJ/K of air, held back by the walls.
+    assert 1.0 < found["heating"].value < 3.6
+
+
+@pytest.mark.parametrize(("zone", "hour"), [(None, 12), ("Europe/Berlin", 13), ("America/New_York", 7)])
+def test_heat_from_elsewhere_is_told_by_the_local_hour(worker, zone, hour):
+    at_noon = np.where(TIMES // 3600 % 24 == 12, 240.0, 0.0)
+    room = asked(worker, PAST._replace(gain=at_noon), zone=zone)
+    assert room.people[hour] == pytest.approx(240.0)
+    assert sum(room.people) == pytest.approx(240.0)
+    assert f"10 W on average, 240 W around {hour}:30" in answers(room)["other_heat"].sentence
+
+
+def test_at_most_three_things_are_to_be_done_the_most_important_first(worker, monkeypatch):
+    found = [Finding(kind, "zone", f"{kind}; mend {kind}") for kind in reversed(kinds.FINDINGS)]
+    monkeypatch.setattr(worker, "diagnosis", lambda: Diagnosis((*found, *found)))
+    to_do = asked(worker).to_do
+    urgent = kinds.TELEMETRY[:MOST]
+    assert [(one.what, one.why) for one in to_do] == [(f"mend {kind}", kind) for kind in urgent]
+    found = [one for one in found if one.finding not in kinds.TELEMETRY]
+    urgent = (kinds.CALLS_WITHOUT_HEAT, kinds.IMPLAUSIBLE, kinds.HEAT_WITHOUT_CALL)
+    assert tuple(one.why for one in asked(worker).to_do) == urgent
+
+
+def cold_all_day(power):
+    """The house held 2 K below its set-point at a heating `power` [W]."""
+    inputs = np.column_stack([INPUTS[:, 0], np.full(len(TIMES), power)])
+    steady = np.full(len(TIMES), 21.0)
+    return PAST._replace(setpoint=steady, temperature=steady - 2.0, inputs=inputs)
+
+
+@pytest.mark.parametrize(
+    ("past", "what"),
+    [
+        (PAST, "start heating earlier"),
+        (cold_all_day(6000.0), "have the heating looked at"),
+        (cold_all_day(100.0), "look for what keeps the heating from following"),
+        (PAST._replace(setpoint=SETPOINTS - 9.0), "lower the heating"),
+        (PAST._replace(setpoint=SETPOINTS - 9.0, inputs=INPUTS * [1.0, 0.0]), "shade the windows"),
+    ],
+)
+def test_discomfort_has_a_remedy_that_fits_its_cause(worker, past, what):
+    (one,) = asked(worker, past).to_do
+    assert one.what.startswith(what)
+    assert " h" in one.why
+
+
+def test_forecasts_that_are_no_good_are_told(worker, monkeypatch):
+    calm = PAST._replace(setpoint=OUTPUTS[:, 0])
+    assert asked(worker, calm).to_do == ()
+    beaten = "6h ahead, no change is the better forecast; rely on the model 1h ahead"
+    monkeypatch.setattr(worker, "trust", Trust(beaten=beaten))
+    (one,) = asked(worker, calm).to_do
+    assert (one.what, one.why) == ("rely on the model 1h ahead", "6h ahead, no change is the better forecast")
+    monkeypatch.setattr(worker, "trust", Trust(0, (HorizonTrust(3600, "untrusted", "too narrow", 0),), beaten=beaten))
+    (one,) = asked(worker, calm).to_do
+    assert one.why == "too narrow"
