@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -27,29 +27,16 @@ from service.errors import StateMismatch
 from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.series import GAIN
-from service.store.checkpoint import Checkpoint
-from service.store.interface import SampleJournal
 from service.store.reading import read_state
 from service.zone import snapshot
 
+if TYPE_CHECKING:
+    from service.store.postgres.reading import StoredSite
+    from service.store.reading import StoredState
+
+    Stored = StoredState | StoredSite
+
 _MOST_ROWS = 2**31
-
-
-class Stored(Protocol):
-    """State that can be read: that of a folder, or that of a fleet's site."""
-
-    @property
-    def journal(self) -> SampleJournal:
-        """Samples and history."""
-        ...
-
-    def zones(self) -> dict[str, str]:
-        """The fingerprint of every zone with samples, by its id."""
-        ...
-
-    def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
-        """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
-        ...
 
 
 def stored_traces(state_dir: Path, zones: Sequence[ZoneConfig], days: int | None, progress: bool) -> list[Trace]:
