@@ -18,6 +18,7 @@ from adapters.fields.durations import DAY, format_duration, parse_duration
 from adapters.fields.numbers import is_level, number_in, whole_in
 from adapters.fields.sizes import format_size, parse_size
 from adapters.fields.words import shown
+from adapters.holidays import public_holidays
 from adapters.timestamps import timestamp_parser
 
 Checked = TypeVar("Checked")
@@ -246,6 +247,12 @@ def time_zone(value: object) -> str:
     return str(value)
 
 
+def country(value: object) -> str:
+    """The code of a country or a part of it whose public holidays are known."""
+    public_holidays(text(value))
+    return str(value)
+
+
 def timestamp_format(value: object) -> str:
     try:
         timestamp_parser(text(value))
@@ -319,6 +326,7 @@ Period = Annotated[int, BeforeValidator(period), _AsText]
 Pace = Annotated[float, PlainValidator(pace), PlainSerializer(_written_pace)]
 Endpoint = Annotated[str, BeforeValidator(endpoint)]
 TimeZone = Annotated[str, BeforeValidator(time_zone)]
+Country = Annotated[str, BeforeValidator(country)]
 TimestampFormat = Annotated[str, BeforeValidator(timestamp_format)]
 Delimiter = Annotated[str, BeforeValidator(delimiter)]
 Encoding = Annotated[str, BeforeValidator(encoding)]

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, model_va
 
 from adapters.channel import Binding, ChannelConfig, SourceConfig, edge_of
 from adapters.fields.tables import TABLE
-from adapters.fields.values import Number, Text, TimeZone, text
+from adapters.fields.values import Country, Number, Text, TimeZone
 from adapters.fields.words import listed, shown
 from adapters.holidays import public_holidays
 from adapters.schedule.week import HOLIDAY, WEEKDAYS, Week
@@ -33,11 +33,6 @@ def _clock(value: object) -> str:
 def _day(value: object) -> str:
     if value not in (*WEEKDAYS, HOLIDAY):
         raise ValueError(f"must be one of {', '.join((*WEEKDAYS, HOLIDAY))}, not {shown(value)}")
-    return str(value)
-
-
-def _country(value: object) -> str:
-    public_holidays(text(value))
     return str(value)
 
 
@@ -66,7 +61,6 @@ def _whole_week(days: tuple[DaysConfig, ...]) -> tuple[DaysConfig, ...]:
 
 
 _Days = Annotated[tuple[DaysConfig, ...], AfterValidator(_whole_week)]
-_Country = Annotated[str, BeforeValidator(_country)]
 
 
 class ScheduleChannelConfig(ChannelConfig):
@@ -75,7 +69,7 @@ class ScheduleChannelConfig(ChannelConfig):
     unit: Text = Field(default="degC", description="unit of the values")
     days: _Days | None = Field(default=None, description="another week than the source's")
     time_zone: TimeZone | None = Field(default=None, description="another time zone than the source's")
-    country: _Country | None = Field(default=None, description="another country than the source's")
+    country: Country | None = Field(default=None, description="another country than the source's")
 
     @property
     def address(self) -> str:
@@ -107,7 +101,7 @@ class ScheduleConfig(SourceConfig):
 
     kind: Literal["schedule"] = "schedule"
     time_zone: TimeZone = Field(description='the time zone of the times, such as "Europe/Berlin"')
-    country: _Country | None = Field(default=None, description='whose public holidays count, such as "DE-BW"')
+    country: Country | None = Field(default=None, description='whose public holidays count, such as "DE-BW"')
     days: _Days = Field(
         description='a list of tables such as { on = ["sat", "sun"], at = { "08:00" = 20.0, "22:00" = 17.0 } }'
     )

@@ -16,6 +16,7 @@ from adapters.channel import Binding, ChannelConfig, RecordedConfig, SourceConfi
 from adapters.fields.durations import DAY
 from adapters.fields.tables import TABLE
 from adapters.fields.values import (
+    Country,
     Duration,
     FilePath,
     Flag,
@@ -28,11 +29,9 @@ from adapters.fields.values import (
     TimeZone,
     context,
     number_between,
-    text,
     whole,
 )
 from adapters.fields.words import shown
-from adapters.holidays import public_holidays
 from adapters.reading import Source
 from adapters.weather.config import WeatherConfig
 from adapters.weather.forecast import WeatherSource
@@ -46,12 +45,6 @@ from service.config.network_tables import NetworkConfig
 from service.config.usual import usual
 from service.publish.kinds import SINK_KINDS
 from service.zone.alignment import SETPOINT, unit_of
-
-
-def _country(value: object) -> str:
-    """The code of a country or a part of it whose public holidays are known."""
-    public_holidays(text(value))
-    return str(value)
 
 
 def _sun(value: object) -> str | bool:
@@ -93,7 +86,7 @@ class SiteConfig(BaseModel):
     longitude: Annotated[float | None, BeforeValidator(number_between(-180, 180, "degrees"))] = Field(
         default=None, description="degrees east"
     )
-    country: Annotated[str | None, BeforeValidator(_country)] = Field(
+    country: Country | None = Field(
         default=None, description='country or part of one, such as `"DE-BW"`, whose public holidays count as weekends'
     )
 

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from support.config_samples import sound, write
 
-from estimator.bank.options import DEFAULT_MEMBERS
 from estimator.network import presets
 from estimator.network.boxes import PER_AREA, boxed
 from estimator.network.network import Network
@@ -18,7 +17,6 @@ from service.config.load import load
 from service.config.network_tables import PresetConfig
 from service.config.networks import preset_network, resolve
 from service.config.site import ZoneConfig
-from service.config.written import effective_toml
 
 SUN = {"source": "log", "column": "Sun", "unit": "W/m2"}
 NEIGHBOUR = {"source": "log", "column": "Bedroom", "unit": "degC"}
@@ -73,26 +71,6 @@ def test_the_sun_can_be_told_more_about(tmp_path: Path) -> None:
     network = living(tmp_path, table, {"I_sol": SUN}).network
     assert [heat.node for heat in network.heat_inputs if heat.channel == "I_sol"] == ["T_e"]
     assert network.parameter("A_w").upper == 12.0
-
-
-def test_what_is_shown_as_effective_is_the_same_network(tmp_path: Path) -> None:
-    tables = sound(tmp_path)
-    tables["zones"][0] |= {"network": "auto"}
-    path = write(tmp_path, tables)
-    config = load(path)
-    (tmp_path / "effective.toml").write_text(effective_toml(config), encoding="utf-8")
-    again = load(tmp_path / "effective.toml").zones[0].network
-    assert (again.name, set(again.parameters)) == ("auto", set(config.zones[0].network.parameters))
-
-
-def test_what_is_shown_as_effective_is_the_same_bank(tmp_path: Path) -> None:
-    tables = sound(tmp_path)
-    tables["zones"][0] |= {"network": "auto", "estimator": "bank", "estimator_options": {}}
-    shown = effective_toml(load(write(tmp_path, tables)))
-    (tmp_path / "effective.toml").write_text(shown, encoding="utf-8")
-    again = load(tmp_path / "effective.toml")
-    assert effective_toml(again) == shown
-    assert list(again.zones[0].options.members) == list(DEFAULT_MEMBERS)
 
 
 def built(**table: Any) -> Network:

@@ -16,7 +16,6 @@ from service.config.fitting import fingerprint, make_worker
 from service.config.known_heat import usually_heated
 from service.config.load import load
 from service.config.site import Config
-from service.config.written import effective_toml
 from service.store.journal import Journal
 from service.store.store import JOURNAL
 
@@ -96,17 +95,6 @@ def test_a_zone_that_learned_the_sun_by_the_hour_goes_on_so_when_the_site_gets_a
     now = loaded(tmp_path, PLACE, network="auto", estimator="mkf")
     assert fingerprint(now.zones[0]) == fingerprint(before.zones[0])
     assert "sun_12" in now.zones[0].network.drive
-
-
-@pytest.mark.parametrize("place", [{}, PLACE])
-def test_what_is_written_out_is_the_same_zone(tmp_path: Path, place: dict[str, Any]) -> None:
-    now = loaded(tmp_path, place, network="auto", floor_area=120)
-    kept = tmp_path / "kept.toml"
-    kept.write_text(effective_toml(now), encoding="utf-8")
-    again = load(kept)
-    assert again.zones[0].network.terms == now.zones[0].network.terms
-    assert fingerprint(again.zones[0]) == fingerprint(now.zones[0])
-    assert effective_toml(again) == effective_toml(now)
 
 
 def test_the_worker_knows_the_heat_of_its_zone(tmp_path: Path) -> None:

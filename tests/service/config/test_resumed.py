@@ -58,14 +58,6 @@ def test_a_zone_with_state_of_an_rbpf_goes_on_with_it(tmp_path: Path) -> None:
     assert estimators(load(kept)) == ["rbpf", "bank"]
 
 
-@pytest.mark.parametrize("network", ["tite", "auto"])
-def test_the_configuration_that_the_daemon_keeps_has_the_same_state(tmp_path: Path, network: str) -> None:
-    now = load(written(tmp_path, network=network))
-    kept = tmp_path / "kept.toml"
-    kept.write_text(effective_toml(now), encoding="utf-8")
-    assert [fingerprint(zone) for zone in load(kept).zones] == [fingerprint(zone) for zone in now.zones]
-
-
 def test_a_bank_goes_on_with_other_priors_but_not_with_other_members(tmp_path: Path) -> None:
     members = {"near": {"estimator": "mkf", "particles": 16}, "far": {"estimator": "arx"}}
 

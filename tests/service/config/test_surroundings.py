@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,9 @@ from support.config_samples import sound, write
 from support.running_zone import plumbing
 
 from service.cli.show import summary
-from service.config.fitting import fingerprint, surroundings
+from service.config.fitting import surroundings
 from service.config.load import load
 from service.config.site import Config
-from service.config.written import effective_toml
 from service.daemon.reload import compare, obstacles
 from service.daemon.reload import summary as changes_of
 from service.daemon.runtime import Runtime
@@ -72,16 +70,6 @@ def test_a_neighbour_is_whoever_is_measured_there(tmp_path: Path) -> None:
     assert living.neighbours == {"T_adj": ("bedroom", "T_i")}
     assert bedroom.neighbours == {"T_adj": ("living", "T_i")}
     assert surroundings(loaded(tmp_path, sound(tmp_path)), config.zones[0]).neighbours == {"T_adj": ("bedroom", "T_i")}
-
-
-def test_what_is_shown_can_be_loaded_and_state_stays_valid(tmp_path: Path) -> None:
-    config = loaded(tmp_path, tables(tmp_path))
-    shown = tomllib.loads(effective_toml(config))
-    assert shown["weather"]["outlook"]["refresh"] == "1h"
-    again = loaded(tmp_path, shown)
-    assert surroundings(again, again.zones[0]) == surroundings(config, config.zones[0])
-    plain = loaded(tmp_path, sound(tmp_path))
-    assert [fingerprint(zone) for zone in plain.zones] == [fingerprint(zone) for zone in config.zones]
 
 
 def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
