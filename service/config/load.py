@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from adapters.channel import ChannelConfig, SourceConfig, UnboundChannel
-from adapters.fields.problems import Place, Problems, unknown_key
+from adapters.fields.problems import Model, Place, Problems, unknown_key
 from adapters.fields.values import identifier
 from adapters.fields.words import shown, suggestion
 from adapters.kinds import SOURCE_KINDS
 from adapters.units import default_valid_range
-from adapters.weather.config import WEATHER_KINDS
+from adapters.weather.config import WEATHER_KINDS, WeatherConfig
 from estimator.network.network import Network
 from service.config.checks import (
     ZoneDraft,
@@ -235,39 +235,42 @@ def _read_source(name: str, table: Any, problems: Problems, context: Mapping[str
         identifier(name)
     except ValueError as error:
         problems.add(place, str(error))
-    kinds = ", ".join(SOURCE_KINDS)
-    if not isinstance(table, dict):
-        problems.add(place, f"must be a table with kind ({kinds}) and what belongs to it, not {shown(table)}")
-        return None
-    kind = table.get("kind")
-    if kind is None:
-        problems.add((*place, "kind"), f"is missing; give the kind of source, one of: {kinds}")
-    elif not isinstance(kind, str) or kind not in SOURCE_KINDS:
-        known = suggestion(kind, SOURCE_KINDS, "the kinds are")
-        problems.add((*place, "kind"), f"there is no source of kind {shown(kind)}; {known}")
-    else:
-        return problems.read(SOURCE_KINDS[kind], table, place, {**context, "source": name})
-    return None
+    return _of_its_kind(table, place, SOURCE_KINDS, "source", problems, {**context, "source": name})
 
 
-def _read_weather(tables: Any, problems: Problems, context: Mapping[str, Any]) -> dict[str, Any]:
+def _read_weather(tables: Any, problems: Problems, context: Mapping[str, Any]) -> dict[str, WeatherConfig | None]:
     """The [weather.<name>] tables by name; None for one that cannot be read."""
     if not isinstance(tables, dict):
         problems.add(("weather",), f"must be tables such as [weather.forecast], not {shown(tables)}")
         return {}
-    found: dict[str, Any] = {}
-    for name, table in tables.items():
-        place: Place = ("weather", name)
-        found[name] = None
-        kind = table.get("kind") if isinstance(table, dict) else None
-        if not isinstance(table, dict):
-            problems.add(place, f"must be a table with kind ({', '.join(WEATHER_KINDS)}), not {shown(table)}")
-        elif not isinstance(kind, str) or kind not in WEATHER_KINDS:
-            said = "is missing" if kind is None else f"there is no forecast of kind {shown(kind)}"
-            problems.add((*place, "kind"), f"{said}; the kinds are {', '.join(WEATHER_KINDS)}")
-        else:
-            found[name] = problems.read(WEATHER_KINDS[kind], table, place, context)
-    return found
+    return {
+        name: _of_its_kind(table, ("weather", name), WEATHER_KINDS, "forecast", problems, context)
+        for name, table in tables.items()
+    }
+
+
+def _of_its_kind(
+    table: Any,
+    place: Place,
+    kinds: Mapping[str, type[Model]],
+    what: str,
+    problems: Problems,
+    context: Mapping[str, Any],
+) -> Model | None:
+    """The table of a `what`, at `place`, as the model of its kind; None, with its mistakes noted, if it has any."""
+    names = ", ".join(kinds)
+    if not isinstance(table, dict):
+        problems.add(place, f"must be a table with kind ({names}) and what belongs to it, not {shown(table)}")
+        return None
+    kind = table.get("kind")
+    if kind is None:
+        problems.add((*place, "kind"), f"is missing; give the kind of {what}, one of: {names}")
+    elif not isinstance(kind, str) or kind not in kinds:
+        known = suggestion(kind, kinds, "the kinds are")
+        problems.add((*place, "kind"), f"there is no {what} of kind {shown(kind)}; {known}")
+    else:
+        return problems.read(kinds[kind], table, place, context)
+    return None
 
 
 _Known = Mapping[str, tuple[str | None, SourceConfig | None]]

@@ -105,6 +105,15 @@ class Peer(LoopbackDevice):
         await super().do_SubscribeCOVRequest(apdu)
 
 
+def one_device(value: float | None = 21.5, **settings: Any) -> tuple[int, Peer]:
+    """A port, and device 1201 there with "analog-input,1" at `value`, None for without."""
+    port = free_udp_port()
+    peer = Peer(1201, port, **settings)
+    if value is not None:
+        peer.add(value=value)
+    return port, peer
+
+
 @asynccontextmanager
 async def serving(*peers: Peer) -> AsyncIterator[None]:
     """Serve until the block ends; whatever came was a request that reads."""

@@ -15,7 +15,7 @@ from bacpypes3.apdu import (
     unconfirmed_request_types,
 )
 from bacpypes3.primitivedata import ObjectIdentifier, Real
-from support.bacnet_plant import READS, Peer, free_udp_port, serving
+from support.bacnet_plant import READS, free_udp_port, one_device, serving
 from support.sources import source_table
 
 from adapters.bacnet.client import BacnetLink
@@ -65,8 +65,7 @@ def _address(port):
 
 
 async def test_a_verb_dug_out_of_the_library_does_not_reach_a_device():
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     air = peer.add()
     async with serving(peer):
         link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
@@ -91,9 +90,7 @@ async def test_a_verb_dug_out_of_the_library_does_not_reach_a_device():
 async def test_others_can_neither_write_to_it_nor_silence_it():
     """What a stranger asks is refused, and it stays a client that reads."""
 
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     async with serving(peer):
         link = BacnetLink(source_table("bacnet", interface="127.0.0.1/8", port=port), lambda kind: None)
         await link.open()

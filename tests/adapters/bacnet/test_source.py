@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
 
-from support.bacnet_plant import Bbmd, Peer, free_udp_port, serving
+from support.bacnet_plant import Bbmd, Peer, free_udp_port, one_device, serving
 from support.sources import bound, source_table
 from support.waiting import PATIENCE, until
 
@@ -59,8 +59,7 @@ def run(job):
 
 
 async def test_present_values_are_polled_and_converted():
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     peer.add("analog-input,1", 21.5)
     peer.add("analog-value,7", 72.5, "degreesFahrenheit")
     peer.add("analog-input,2", 1.25, "kilowatts")
@@ -84,8 +83,7 @@ async def test_present_values_are_polled_and_converted():
 
 def test_answers_stay_within_what_the_device_can_send():
     async def job(longest, without):
-        port = free_udp_port()
-        peer = Peer(1201, port, longest=longest)
+        port, peer = one_device(None, longest=longest)
         peer.without = without
         channels = []
         for number in range(1, 13):
@@ -109,9 +107,7 @@ async def test_a_device_that_denies_what_it_offers_is_asked_one_by_one():
         bits[bit] = 1
         return bits
 
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     peer.add("analog-input,2", 5.0)
     services = peer.get_services_supported
     async with serving(peer):
@@ -130,8 +126,7 @@ async def ended(stream):
 async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 3600.0)
 
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     air = peer.add(value=20.0)
     bms = source(port, [channel(stuck_after=3600.0, cov=True)])
     async with serving(peer), aclosing(bms.batches(None)) as stream:
@@ -161,8 +156,7 @@ async def test_a_subscription_brings_changes_and_polling_stops(monkeypatch):
 async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
     monkeypatch.setattr(adapters.bacnet.session, "CONFIRM", 0.1)
 
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     air = peer.add(value=20.0, covIncrement=5.0)
     async with serving(peer), aclosing(source(port, [channel(cov=True)], lifetime=0.2).batches(None)) as stream:
         while peer.asked.count("SubscribeCOVRequest") < 3:
@@ -177,8 +171,7 @@ async def test_what_is_subscribed_to_is_confirmed_and_renewed(monkeypatch):
 async def test_what_is_not_offered_is_polled(caplog):
     caplog.set_level(logging.INFO)
 
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     offered, refused = peer.add("analog-input,1", 1.0), peer.add("analog-input,2", 2.0)
     peer.refused.add(("analog-input", 2))
     unwanted = peer.add("analog-input,3", 3.0)
@@ -209,8 +202,7 @@ async def test_what_is_not_offered_is_polled(caplog):
     ],
 )
 async def test_status_flags_become_quality(state, expected):
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     peer.add(**state)
     async with serving(peer):
         (batch,) = await collect(source(port, [channel()]), bool)
@@ -220,8 +212,7 @@ async def test_status_flags_become_quality(state, expected):
 
 
 async def test_values_that_cannot_be_used():
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    port, peer = one_device(None)
     peer.add("analog-input,1", 71.5, "degreesFahrenheit")
     peer.add("analog-input,2", math.nan)
     peer.add("analog-input,3", 200.0)
@@ -246,9 +237,7 @@ async def test_values_that_cannot_be_used():
 async def test_a_refused_object_loses_its_channel_only_and_is_asked_for_again(caplog):
     caplog.set_level(logging.INFO)
 
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     bms = source(port, [channel(), channel("two", "analog-input,2")])
     async with serving(peer), aclosing(bms.batches(None)) as stream:
         first = await anext(stream)
@@ -305,9 +294,7 @@ async def test_when_every_device_is_silent_the_source_is_not_there():
 
 
 async def test_the_address_of_a_device_can_be_given_and_is_checked():
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     async with serving(peer):
         bms = source(port, [channel(at=peer.where)], interface="127.0.0.1")
         assert values(await collect(bms, bool)) == {"z/T": 21.5}
@@ -347,9 +334,7 @@ async def test_channels_change_while_it_is_at_work():
 
 
 async def test_what_is_malformed_is_counted_and_harms_nothing(caplog):
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     bms = source(port, [channel()])
     async with serving(peer), aclosing(bms.batches(None)) as stream:
         await anext(stream)
@@ -378,9 +363,7 @@ async def test_what_is_malformed_is_counted_and_harms_nothing(caplog):
 
 
 async def test_a_flood_is_bounded_and_harms_nothing(caplog):
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     bms = source(port, [channel()], retries=3)
     # Who-Is, 20,000 of them as fast as they can be sent.
     frame = bytes.fromhex("810a000c0120ffff00ff1008")
@@ -398,9 +381,7 @@ async def test_a_flood_is_bounded_and_harms_nothing(caplog):
 
 async def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
     # Devices and BBMD on one port, the source on another: their broadcasts do not reach it.
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     bbmd = Bbmd(port)
     bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=bbmd.where, ttl=30.0)
     async with serving(peer):
@@ -415,8 +396,7 @@ async def test_as_a_foreign_device_it_finds_devices_through_the_bbmd():
 
 
 async def test_a_device_that_takes_no_foreign_devices_says_so():
-    port = free_udp_port()
-    peer = Peer(1201, port)
+    _, peer = one_device(None)
     async with serving(peer):
         bms = source(free_udp_port(), [channel()], interface="127.0.0.1", bbmd=peer.where, timeout=2.0)
         with pytest.raises(SourceUnavailable, match="refuses to register foreign devices"):
@@ -424,9 +404,7 @@ async def test_a_device_that_takes_no_foreign_devices_says_so():
 
 
 async def test_probe_shows_what_each_channel_brings():
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     peer.add("analog-input,2", 71.0, "degreesFahrenheit")
     peer.add("analog-input,3", 12.0, "kilowattHours")
     peer.add("analog-input,4", 99.0)
@@ -459,9 +437,7 @@ async def test_probe_shows_what_each_channel_brings():
 
 
 async def test_probe_works_beside_a_daemon_that_has_the_port():
-    port = free_udp_port()
-    peer = Peer(1201, port)
-    peer.add()
+    port, peer = one_device()
     daemon, beside = source(port, [channel()]), source(port, [channel()])
     async with serving(peer), aclosing(daemon.batches(None)) as stream:
         await anext(stream)
