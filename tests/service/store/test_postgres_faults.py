@@ -13,7 +13,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -72,18 +73,15 @@ class Shard:
         self.leases = Leases(connection, self.site)
         self.lease = self.leases.acquire("shard", "node", LONG)
 
-    def run(self, use: Use, connection: str | None = None) -> Any:
-        """Use a store with the zone "z"."""
-
-        async def scenario() -> Any:
-            store = PostgresStore(connection or self.connection, self.site, self.lease)
-            try:
-                await store.claim("z", "f")
-                return await use(store)
-            finally:
-                store.close()
-
-        return asyncio.run(scenario())
+    @asynccontextmanager
+    async def opened(self, connection: str | None = None) -> AsyncIterator[PostgresStore]:
+        """A store with the zone "z", open."""
+        store = PostgresStore(connection or self.connection, self.site, self.lease)
+        try:
+            await store.claim("z", "f")
+            yield store
+        finally:
+            store.close()
 
     def schema(self) -> str:
         return f'"thermogate_{self.site}"'
@@ -117,13 +115,16 @@ async def every_sample(store: PostgresStore, zone: str) -> list[Sample]:
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGQUIT])
-def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
+async def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
     fragile: Server, sign: signal.Signals, caplog: pytest.LogCaptureFixture
 ) -> None:
     shard = Shard(fragile.connection)
     zones = [f"z{n}" for n in range(20)]
 
-    async def feed(store: PostgresStore, zone: str, written: dict[str, int], ended: asyncio.Event) -> None:
+    written: dict[str, int] = dict.fromkeys(zones, -1)
+    ended = asyncio.Event()
+
+    async def feed(zone: str) -> None:
         for step in itertools.count():
             if ended.is_set():
                 return
@@ -131,13 +132,11 @@ def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
             await in_the_end(lambda step=step: store.append(zone, make_sample(step, 20 + step / 7)))
             written[zone] = step
 
-    async def use(store: PostgresStore) -> tuple[dict[str, int], list[list[Sample]], list[int]]:
-        written: dict[str, int] = dict.fromkeys(zones, -1)
-        ended = asyncio.Event()
+    async with shard.opened() as store:
         await store.take(zones)
         for zone in zones:
             await store.claim(zone, "f")
-        feeds = [asyncio.create_task(feed(store, zone, written, ended)) for zone in zones]
+        feeds = [asyncio.create_task(feed(zone)) for zone in zones]
         for _ in range(2):
             before = min(written.values())
             await until(lambda before=before: min(written.values()) >= before + 3)
@@ -148,16 +147,13 @@ def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
         ended.set()
         await asyncio.gather(*feeds)
         assert store.problems() == []
-        rows = [len(await store.run(store.journal.history, zone, None, None, 100_000)) for zone in zones]
-        return written, [await every_sample(store, zone) for zone in zones], rows
-
-    written, found, rows = shard.run(use)
+        for zone in zones:
+            samples, count = await every_sample(store, zone), written[zone] + 1
+            assert [item.time for item in samples] == [make_sample(step).time for step in range(count)]
+            assert [item.outputs[0] for item in samples] == [20 + step / 7 for step in range(count)]
+            assert len(await store.run(store.journal.history, zone, None, None, 100_000)) == count
     shard.leases.close()
     assert "failed (" in caplog.text, "the restarts came in between"
-    for zone, samples, count in zip(zones, found, rows, strict=True):
-        assert [item.time for item in samples] == [make_sample(step).time for step in range(written[zone] + 1)]
-        assert [item.outputs[0] for item in samples] == [20 + step / 7 for step in range(written[zone] + 1)]
-        assert count == written[zone] + 1
 
 
 async def _append(store: PostgresStore) -> None:
@@ -201,26 +197,24 @@ def cutting(postgres_server: Server) -> Iterator[Cutting]:
 
 @pytest.mark.parametrize("act", [_append, _keep, _skip, _save, _set_back, _forget, _give_up])
 @pytest.mark.parametrize("word", [b"COMMIT", b"zone"])
-def test_what_a_cut_connection_left_open_is_done_once(
+async def test_what_a_cut_connection_left_open_is_done_once(
     act: Use, word: bytes, shard: Shard, cutting: Cutting, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The server has committed, or has not, and the answer never comes: the caller need not know."""
 
-    async def use(store: PostgresStore) -> list[Any]:
-        store.record("z", make_update(0))
-        await store.append("z", make_sample(0))
-        cutting.word = word
-        await act(store)
-        assert cutting.cuts == 1
-        found = [
-            [item.time for item in await store.samples_after("z", None)],
-            await store.run(store.journal.kept, "z", 0.0),
-        ]
-        saved = store.checkpoints.load("z", "f")
-        return [*found, len(await store.run(store.journal.history, "z", None, None, 9)), saved and saved.step]
-
     with caplog.at_level(logging.INFO):
-        found = shard.run(use, cutting.connection)
+        async with shard.opened(cutting.connection) as store:
+            store.record("z", make_update(0))
+            await store.append("z", make_sample(0))
+            cutting.word = word
+            await act(store)
+            assert cutting.cuts == 1
+            found: list[Any] = [
+                [item.time for item in await store.samples_after("z", None)],
+                await store.run(store.journal.kept, "z", 0.0),
+            ]
+            saved = store.checkpoints.load("z", "f")
+            found += [len(await store.run(store.journal.history, "z", None, None, 9)), saved and saved.step]
     first, second = make_sample(0).time, make_sample(1).time
     assert (
         found
@@ -247,7 +241,7 @@ def test_a_lease_is_had_though_the_answer_was_cut_off(shard: Shard, cutting: Cut
     leases.close()
 
 
-def test_while_the_server_is_away_it_is_asked_at_growing_pauses(
+async def test_while_the_server_is_away_it_is_asked_at_growing_pauses(
     fragile: Server, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     import psycopg
@@ -261,33 +255,33 @@ def test_while_the_server_is_away_it_is_asked_at_growing_pauses(
         attempts += 1
         return real(*arguments, **named)
 
-    async def use(store: PostgresStore) -> None:
-        await asyncio.to_thread(fragile.stop)
-        monkeypatch.setattr(psycopg, "connect", connect)
-        for _ in range(200):
-            with pytest.raises(JournalError, match=r"the database postgres on .* failed \(.*\); (start|wait until) it"):
-                await store.append("z", make_sample(0))
-        assert len(store.problems()) == 1
-        with pytest.raises(ServiceError, match=r"\); start it"):
-            PostgresStore(shard.connection, shard.site, shard.lease)
-        monkeypatch.undo()
-        await asyncio.to_thread(fragile.start)
-        await in_the_end(lambda: store.append("z", make_sample(0)))
-        assert store.problems() == []
-
     began = time.monotonic()
     with caplog.at_level(logging.INFO):
-        shard.run(use)
+        async with shard.opened() as store:
+            await asyncio.to_thread(fragile.stop)
+            monkeypatch.setattr(psycopg, "connect", connect)
+            for _ in range(200):
+                with pytest.raises(
+                    JournalError, match=r"the database postgres on .* failed \(.*\); (start|wait until) it"
+                ):
+                    await store.append("z", make_sample(0))
+            assert len(store.problems()) == 1
+            with pytest.raises(ServiceError, match=r"\); start it"):
+                PostgresStore(shard.connection, shard.site, shard.lease)
+            monkeypatch.undo()
+            await asyncio.to_thread(fragile.start)
+            await in_the_end(lambda: store.append("z", make_sample(0)))
+            assert store.problems() == []
     shard.leases.close()
     assert attempts <= 4 + (time.monotonic() - began) / database.FIRST_PAUSE
     assert attempts < 100
     assert caplog.text.count("works again") == 1
 
 
-def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
+async def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
     shard = Shard(fragile.connection)
 
-    async def use(store: PostgresStore) -> None:
+    async with shard.opened() as store:
         store.record("z", make_update(0))
         await store.append("z", make_sample(0))
         fragile.run("ALTER SYSTEM SET default_transaction_read_only = on", "SELECT pg_reload_conf()")
@@ -312,19 +306,17 @@ def test_a_server_that_may_only_be_read_is_read(fragile: Server) -> None:
         await in_the_end(lambda: store.append("z", make_sample(1)))
         assert len(await store.samples_after("z", None)) == 2
         assert len(await store.run(store.journal.history, "z", None, None, 9)) == 2
-
-    shard.run(use)
     shard.leases.close()
 
 
-def test_on_a_full_disk_nothing_is_accepted_until_there_is_space(fragile: Server) -> None:
+async def test_on_a_full_disk_nothing_is_accepted_until_there_is_space(fragile: Server) -> None:
     if not fragile.environment:
         pytest.skip("there is no C compiler")
     shard = Shard(fragile.connection)
     mark = fragile.folder / "full"
     wide = make_sample(1)._replace(inputs=np.random.default_rng(1).standard_normal(100_000))
 
-    async def use(store: PostgresStore) -> None:
+    async with shard.opened() as store:
         await store.append("z", make_sample(0))
         mark.touch()
         try:
@@ -343,17 +335,15 @@ def test_on_a_full_disk_nothing_is_accepted_until_there_is_space(fragile: Server
         store.checkpoints.save("z", Checkpoint("f", 7, {"x": wide.inputs}, {}))
         (found,) = await store.samples_after("z", make_sample(0).time)
         assert found.inputs.tobytes() == wide.inputs.tobytes()
-
-    shard.run(use)
     shard.leases.close()
 
 
-def test_a_statement_that_takes_too_long_is_given_up(
+async def test_a_statement_that_takes_too_long_is_given_up(
     shard: Shard, postgres_server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import psycopg
 
-    async def use(store: PostgresStore) -> int:
+    async with shard.opened() as store:
         await store.append("z", make_sample(0))
         monkeypatch.setattr(database, "STATEMENT_SECONDS", 0.5)
         postgres_server.disconnect()
@@ -364,9 +354,7 @@ def test_a_statement_that_takes_too_long_is_given_up(
         monkeypatch.undo()
         postgres_server.disconnect()
         await in_the_end(lambda: store.append("z", make_sample(1)))
-        return len(await store.samples_after("z", None))
-
-    assert shard.run(use) == 2
+        assert len(await store.samples_after("z", None)) == 2
 
 
 def test_tables_of_a_newer_version_are_refused(shard: Shard, postgres_server: Server) -> None:
