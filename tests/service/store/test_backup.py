@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.running_zone import Announced, finished, plumbing, straight
-from support.zone_samples import comparable, sample, worker
+from support.running_zone import Announced, fed, finished, make, plumbing, straight
+from support.zone_samples import comparable, sample
 
 from service.errors import BackupError, JournalError, ServiceError
 from service.store import backup as module
@@ -29,13 +29,8 @@ from service.store.journal import Journal
 from service.store.ownership import database
 from service.store.retention import Limits, prune
 from service.store.store import CHECKPOINTS, CONFIGURATION, JOURNAL, RESTORING, Store
-from service.zone.zone import Zone
 
 ITEMS = [sample(k) for k in range(60)]
-
-
-def make(shared) -> Zone:  # type: ignore[no-untyped-def]
-    return Zone("z", "rbpf", "mark", worker(), shared)
 
 
 def fill(state: Path, items: list, in_the_middle: Callable[[], object] = lambda: None) -> None:
@@ -45,9 +40,7 @@ def fill(state: Path, items: list, in_the_middle: Callable[[], object] = lambda:
         for part in (items[: len(items) // 2], items[len(items) // 2 :]):
             async with plumbing(state) as shared:
                 zone = make(shared)
-                await zone.prepare()
-                running = asyncio.create_task(zone.run())
-                await zone.intake.accept(part)
+                running = await fed(zone, part)
                 if part[-1] is items[-1]:
                     while zone.status().last_sample_time != part[-1].time:
                         await asyncio.sleep(0.005)
