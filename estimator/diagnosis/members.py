@@ -117,7 +117,8 @@ def _heat_losses(summaries: Mapping[str, ParameterSummary]) -> dict[str, Array]:
 
 
 def _apart(subject: str, unit: str, rows: Mapping[str, Array]) -> list[Finding]:
-    """The finding that two of the intervals in `rows`, from their first to their last entry, do not overlap."""
+    """The finding that two of the intervals in `rows`, from their first to their last entry with the median in the
+    middle, do not overlap."""
     known = {name: row for name, row in rows.items() if np.isfinite(row).all()}
     if len(known) < 2:
         return []
@@ -125,9 +126,11 @@ def _apart(subject: str, unit: str, rows: Mapping[str, Array]) -> list[Finding]:
     below = min(known, key=lambda name: float(known[name][-1]))
     if known[above][0] <= known[below][-1]:
         return []
-    first, second = (f"{amount(known[name][0])} to {amount(known[name][-1])}" for name in (below, above))
+    first, second = (amount(known[name][len(known[name]) // 2]) for name in (below, above))
+    lowest, highest = (float(end([row[place] for row in known.values()])) for end, place in ((min, 0), (max, -1)))
+    values = "heat losses" if subject == "heat_loss" else f"values of {subject}"
     sentence = (
-        f"the members '{below}' and '{above}' disagree about {subject} ({first} against {second} {unit}); do not rely "
-        "on either value, and give the zone more days or more varied heating"
+        f"two ways of looking at this room give different {values}, {first} and {second} {unit}; treat it as "
+        f"{amount((lowest + highest) / 2.0)} +- {amount((highest - lowest) / 2.0)} {unit}"
     )
     return [Finding(MEMBERS_DISAGREE, subject, sentence)]

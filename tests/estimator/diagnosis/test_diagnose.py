@@ -1,5 +1,6 @@
 """Findings about real estimators: at the first heating, after days of data, and in a bank."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -110,7 +111,11 @@ def test_members_that_are_sure_of_different_values_disagree():
     apart = state._replace(members=sure)
     found = disagreement(estimator, apart, (0.025, 0.5, 0.975))
     assert not calm
-    assert (MEMBERS_DISAGREE, "C_i") in {(finding.finding, finding.subject) for finding in found}
+    told = {finding.subject: finding.sentence for finding in found if finding.finding == MEMBERS_DISAGREE}
+    assert re.fullmatch(
+        r"two ways of looking at this room give different values of C_i, \S+ and \S+ J/K; treat it as \S+ \+- \S+ J/K",
+        told["C_i"],
+    )
 
 
 def test_the_weights_of_variants_add_up_and_black_boxes_are_told_apart():
