@@ -33,7 +33,7 @@ COLD = 0.5
 """K below a set-point from which on a room counts as too cold."""
 
 _AS_GOOD = 0.03
-"""Probability below the best one that counts as as good, where the thermostat's own swing leaves little more than is
+"""Probability that an hour more must gain to be worth it, where the thermostat's own swing leaves hardly more than is
 asked, or less."""
 
 _LEVELS = np.array([0.025, 0.975])
@@ -82,7 +82,7 @@ class PreheatQuestion(NamedTuple):
     `by` UTC s with a probability.
 
     Where the thermostat itself lets the room stray that far nearly as often as is allowed, or more often, no early
-    start helps: then the answer is the latest one that is as good as starting now (_AS_GOOD).
+    start helps: then the answer is the latest one that an hour more would hardly better (_AS_GOOD).
     """
 
     target: float
@@ -109,10 +109,16 @@ class PreheatQuestion(NamedTuple):
 
         found, best = answers.latest(reached, steps - 1, self.probability), reached(0)
         if 0.5 <= best < self.probability + _AS_GOOD:
-            as_good = answers.latest(reached, steps - 1, best - _AS_GOOD)
+            hour = max(1, round(_HOUR / period))
+
+            def enough(step: int) -> float:
+                now = reached(step)
+                return 1.0 - (reached(max(step - hour, 0)) - now) if now >= 0.5 else 0.0
+
+            as_good = answers.latest(enough, steps - 1, 1.0 - _AS_GOOD)
             # Otherwise it is time that is short.
-            if as_good is not None and as_good * period >= _HOUR:
-                found = as_good
+            if as_good is not None and as_good >= hour:
+                found = as_good if found is None else max(found, as_good)
         fan = fans[0 if found is None else found]
         last = fan.outputs.at(steps)
         lower, upper = summary(Mixtures.of_one(last), _LEVELS, exact=True).quantiles[0, 0].tolist()

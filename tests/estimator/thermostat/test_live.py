@@ -197,6 +197,21 @@ def test_what_was_stored_before_there_was_any_begins_anew():
     assert forecasts.unpack(Zone().forecasts.pack(Zone().live)).members.excess.shape[0] == 2
 
 
+def test_what_was_stored_before_forecasts_were_verified_as_asked_goes_on_without_those_that_wait():
+    zone = Zone().run(recorded(3, PERIOD), 0, 3 * DAILY)
+    stored = zone.forecasts.pack(zone.live)
+    old = {
+        name: value
+        for name, value in stored.items()
+        if name not in ("errors", "issues.foreseen", "issues.errors") and not name.startswith("forced.")
+    }
+    again = zone.forecasts.unpack(old | {"rows": np.zeros((DAILY, 2))})
+    assert again.issues == ()
+    assert again.members.excess.tobytes() == zone.live.members.excess.tobytes()
+    assert again.widths[PLANNED].verified.tolist() == zone.live.widths[PLANNED].verified.tolist()
+    assert again.errors.tobytes() == zone.forecasts.begin().errors.tobytes()
+
+
 def told_every_hour(days, setpoint):
     memory = no_memory(2)
     for moment in range(0, days * 86400, 3600):

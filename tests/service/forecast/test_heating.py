@@ -91,6 +91,14 @@ def test_what_cannot_be_reached_is_said_with_the_probability_of_starting_now(wor
     assert b'"minutes":null' in document(found, "site", "room")
 
 
+def test_where_the_thermostat_itself_strays_the_start_is_one_that_more_time_would_not_better(worker):
+    by = (MIDNIGHT + 22.0) * 3600.0
+    found = answer(worker, PreheatQuestion(21.0, by, 0.9, 0.3))
+    assert 0.5 <= found.reached < 0.9
+    surer = answer(worker, PreheatQuestion(21.0, by, found.reached + 0.035, 0.3))
+    assert surer.start <= found.start - 3600.0
+
+
 def test_demand_under_a_plan_is_what_the_house_then_takes(worker):
     called = answer(worker, DemandQuestion(DAILY, USUAL))
     _, heat = followed(morning)
