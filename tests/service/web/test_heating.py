@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from fastapi import FastAPI
 from support.http_client import get, post, problem
 from support.site_of_rooms import Room, site_of
+from support.thermostat_house import recorded
 
+from service.records.series import COLUMNS, Series
 from service.records.trust import HorizonTrust, Trust
 from service.zone.zone import Zone
 
@@ -49,6 +52,35 @@ def test_parameters_tell_the_law_of_the_thermostat(app: FastAPI) -> None:
     assert (law["channel"], law["side"], law["law"]) == ("u_heat", "heating", "proportional")
     assert law["power"]["lower"] < law["power"]["mean"] < law["power"]["upper"]
     assert get(app, "/zones/untold/parameters").json()["thermostat"] == []
+
+
+def test_a_room_answers_from_its_history_and_its_worker(
+    site: tuple[FastAPI, dict[str, Zone]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    app, zones = site
+    outputs, inputs, setpoints = recorded(DAYS, 300)
+    y, times = outputs[:, 0], 300 * np.arange(len(outputs))
+    means = dict.fromkeys(COLUMNS, np.full(len(y), np.nan)) | {"y": y, "setpoint": setpoints}
+    asked: list[tuple[int, int]] = []
+
+    async def series(start: int, end: int, points: int) -> Series:
+        asked.append((end - start, points))
+        return Series(300, times, means, y, y, y, y, inputs)
+
+    monkeypatch.setattr(zones["house"], "series", series)
+    answer = get(app, "/zones/house/room?days=2")
+    assert answer.status_code == 200, answer.text
+    assert asked == [(2 * 86400, 97)]
+    found = answer.json()
+    assert found["days"] == DAYS
+    told = {one["about"]: one for one in found["answers"]}
+    assert told.keys() >= {"comfort", "heat_loss", "cooling", "heating", "other_heat", "energy"}
+    assert told["heat_loss"]["value"] > 0.0
+    assert "below the set-point" in told["comfort"]["sentence"]
+    assert (len(found["sun"]), len(found["people"])) == (24, 24)
+    assert len(found["to_do"]) <= 3
+    assert get(app, "/zones/new/room").status_code == 503
+    assert get(app, "/zones/house/room?days=29").status_code == 422
 
 
 def test_demand_and_what_if(app: FastAPI) -> None:
