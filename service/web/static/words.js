@@ -2,7 +2,7 @@
 
 import { element } from "./dom.js";
 import { said } from "./said.js";
-import { amount, celsius, duration, has, number, sentence, share, t } from "./text.js";
+import { celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
   return has(`state.${state}`) ? t(`state.${state}`) : state;
