@@ -12,12 +12,13 @@ words by Box and Muller.
 from __future__ import annotations
 
 from enum import IntEnum
-from math import cos, log, pi, sin, sqrt
+from math import sqrt
 
 import numpy as np
 from numba import njit
 
 from estimator.arrays import Array
+from estimator.kernels.elementary import logarithm, turned
 from estimator.kernels.jit import INLINE, JIT
 
 _MULTIPLIERS = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
@@ -49,7 +50,7 @@ class Purpose(IntEnum):
     """Added to the purpose of a draw that belongs to a forecast, so that asking for one changes nothing."""
 
 
-@njit(**INLINE)
+@njit(**JIT | {"forceinline": True})
 def words(seed, step, purpose, row, particle):  # type: ignore[no-untyped-def]
     """Four 32-bit words: the rows `row` to `row` + 3 of one particle; `seed` and `step` are uint64."""
     a, b = np.uint64(particle), np.uint64(purpose) | (np.uint64(row) << _BYTE)
@@ -66,9 +67,9 @@ def words(seed, step, purpose, row, particle):  # type: ignore[no-untyped-def]
 @njit(**INLINE)
 def normal_pair(radius, angle):  # type: ignore[no-untyped-def]
     """Two standard normals from two words."""
-    length = sqrt(-2.0 * log((np.float64(radius >> _ONE) + 0.5) * 2.0**-31))
-    turn = np.float64(angle) * (2.0 * pi * 2.0**-32)
-    return length * cos(turn), length * sin(turn)
+    length = sqrt(-2.0 * logarithm((np.float64(radius >> _ONE) + 0.5) * 2.0**-31))
+    cosine, sine = turned(angle)
+    return length * cosine, length * sine
 
 
 @njit(**INLINE)
@@ -77,30 +78,26 @@ def uniform(word):  # type: ignore[no-untyped-def]
     return (np.float64(word) + 0.5) * 2.0**-32
 
 
-@njit(**INLINE)
-def fill(seed, step, purpose, normal, particle, out):  # type: ignore[no-untyped-def]
-    """`out` (rows,) becomes the draws of one particle: standard normals or uniforms."""
-    rows = out.shape[0]
-    for row in range(0, rows, ROWS):
-        a, b, c, d = words(seed, step, purpose, row, particle)
-        if normal:
-            x, y = normal_pair(a, b)
-            z, w = normal_pair(c, d) if rows - row > 2 else (0.0, 0.0)
-        else:
-            x, y, z, w = uniform(a), uniform(b), uniform(c), uniform(d)
-        out[row] = x
-        if rows - row > 1:
-            out[row + 1] = y
-        if rows - row > 2:
-            out[row + 2] = z
-        if rows - row > 3:
-            out[row + 3] = w
+@njit(**JIT)
+def padded(rows):  # type: ignore[no-untyped-def]
+    """Rows of memory that `fill` takes for `rows` rows: as many as whole counters give."""
+    return (rows + ROWS - 1) // ROWS * ROWS
 
 
 @njit(**JIT)
-def _fill_all(seed, step, purpose, normal, out):  # type: ignore[no-untyped-def]
-    for particle in range(out.shape[1]):
-        fill(seed, step, purpose, normal, particle, out[:, particle])
+def fill(seed, step, purpose, normal, first, width, out):  # type: ignore[no-untyped-def]
+    """`out` (`padded` rows, at least `width`): draws of the particles from `first` on, standard normals or uniforms."""
+    for row in range(0, out.shape[0], ROWS):
+        if normal:
+            for w in range(width):
+                a, b, c, d = words(seed, step, purpose, row, first + w)
+                out[row, w], out[row + 1, w] = normal_pair(a, b)
+                out[row + 2, w], out[row + 3, w] = normal_pair(c, d)
+        else:
+            for w in range(width):
+                a, b, c, d = words(seed, step, purpose, row, first + w)
+                out[row, w], out[row + 1, w] = uniform(a), uniform(b)
+                out[row + 2, w], out[row + 3, w] = uniform(c), uniform(d)
 
 
 class Draws:
@@ -116,12 +113,14 @@ class Draws:
 
     def normals(self, purpose: Purpose, shape: tuple[int, int]) -> Array:
         """Standard normals (rows, N)."""
-        out = np.empty(shape)
-        _fill_all(self.seed, self.step, self.stream(purpose), True, out)
-        return out
+        return self._filled(purpose, shape, normal=True)
 
     def uniforms(self, purpose: Purpose, shape: tuple[int, int]) -> Array:
         """Uniforms (rows, N) in (0, 1)."""
-        out = np.empty(shape)
-        _fill_all(self.seed, self.step, self.stream(purpose), False, out)
-        return out
+        return self._filled(purpose, shape, normal=False)
+
+    def _filled(self, purpose: Purpose, shape: tuple[int, int], *, normal: bool) -> Array:
+        rows, count = shape
+        out = np.empty((padded(rows), count))
+        fill(self.seed, self.step, self.stream(purpose), normal, 0, count, out)
+        return out[:rows]

@@ -5,140 +5,175 @@ exp(-m) a + p b, p = (1 - exp(-m)) / m. A small change K of -dt D G D in modes c
 element by element, where E and F are the divided differences of exp and of (exp - 1) / its argument (Daleckii and
 Krein). K is of rank one for a conductance, and of rank two for a capacitance.
 
-A network comes in as a `Topology` (`estimator.network.assembly`): one compilation serves every network.
+A network comes in as a `Topology` (`estimator.network.assembly`), its n states also as `size`, a tuple of n entries:
+one compilation serves every network of as many states. Every array has the particles of a block as its last axis, of
+which the first `width` are computed.
 """
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from estimator.arrays import Array
-from estimator.kernels.jit import INLINE
+from estimator.kernels.elementary import exponential
+from estimator.kernels.jit import INLINE, PART, WIDTH
 
 _SWEEPS = 15
 """More sweeps of Jacobi's method than any network needs."""
 _CONVERGED = 1e-26
 """Square of an element beside the diagonal, relative to the diagonal, that counts as zero."""
+_TINY = 1e-300
 _SERIES_BELOW = 0.03
 """Exponent below which divided differences come from a series; above it a quotient loses no more than two digits."""
 
 
 class Modes(NamedTuple):
-    """One parameter vector's network over one step: memory that the functions below fill, n states.
+    """The networks of a block of particles over one step: memory that the functions below fill, n states.
 
-    `modes` fills the first six and the last, `heat_flow` and `move` the others.
+    `modes` fills the first six, `heat_flow` and `move` the next three; the others are in between.
     """
 
     capacity: Array
-    """(n,): C [J/K]."""
+    """(n, WIDTH): C [J/K]."""
     scale: Array
-    """(n,): D."""
+    """(n, WIDTH): D."""
     exponent: Array
-    """(n,): m."""
+    """(n, WIDTH): m."""
     shape: Array
-    """(n, n): V^T D, a mode a row."""
+    """(n, n, WIDTH): V^T D, a mode a row."""
     decay: Array
-    """(n,): exp(-m)."""
+    """(n, WIDTH): exp(-m)."""
     drive: Array
-    """(n,): p."""
+    """(n, WIDTH): p."""
     flow: Array
-    """(n,): heat r [W] into each node, from `heat_flow`."""
+    """(n, WIDTH): heat r [W] into each node, from `heat_flow`."""
     state: Array
-    """(n,): a."""
+    """(n, WIDTH): a."""
     heat: Array
-    """(n,): b."""
+    """(n, WIDTH): b."""
+    later: Array
+    """(n, WIDTH): a after the step."""
     rate: Array
-    """(n, n): what Jacobi's method works on."""
+    """(n, n, WIDTH): dt D G D, of which Jacobi's method takes the lower triangle."""
+    cosine: Array
+    sine: Array
+    """(WIDTH,): of a rotation."""
 
 
 @njit(**INLINE)
-def memory(n):  # type: ignore[no-untyped-def]
-    """Memory for a network of n states."""
+def memory(size):  # type: ignore[no-untyped-def]
+    """Memory for networks of len(`size`) states."""
+    n = len(size)
     return Modes(
-        np.empty(n), np.empty(n), np.empty(n), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n),
-        np.empty(n),
-        np.empty((n, n)),
+        np.empty((n, WIDTH)), np.empty((n, WIDTH)), np.empty((n, WIDTH)), np.empty((n, n, WIDTH)), np.empty((n, WIDTH)),
+        np.empty((n, WIDTH)), np.empty((n, WIDTH)), np.empty((n, WIDTH)), np.empty((n, WIDTH)), np.empty((n, WIDTH)),
+        np.empty((n, n, WIDTH)),
+        np.empty(WIDTH), np.empty(WIDTH),
     )  # fmt: skip
 
 
 @njit(**INLINE)
-def modes(topology, theta, period, at):  # type: ignore[no-untyped-def]
-    """The modes of parameters `theta` (n_theta,) over `period` s."""
-    n = topology.capacitance.shape[0]
-    rate = at.rate
+def modes(size, topology, theta, period, width, at):  # type: ignore[no-untyped-def]
+    """The modes of parameters `theta` (n_theta, WIDTH) over `period` s."""
+    n, rate = len(size), at.rate
     for i in range(n):
-        at.capacity[i] = theta[topology.capacitance[i]]
-        at.scale[i] = 1.0 / sqrt(at.capacity[i])
+        entry = topology.capacitance[i]
+        for w in range(width):
+            at.capacity[i, w] = theta[entry, w]
+            at.scale[i, w] = 1.0 / sqrt(theta[entry, w])
         for j in range(n):
-            rate[i, j] = 0.0
+            for w in range(width):
+                rate[i, j, w] = 0.0
     for e in range(topology.edges.shape[0]):
-        i, j, value = topology.edges[e, 0], topology.edges[e, 1], period * theta[topology.edges[e, 2]]
-        rate[i, i] += value * at.scale[i] * at.scale[i]
+        i, j, entry = topology.edges[e, 0], topology.edges[e, 1], topology.edges[e, 2]
+        for w in range(width):
+            rate[i, i, w] += period * theta[entry, w] * at.scale[i, w] * at.scale[i, w]
         if j < n:
-            rate[j, j] += value * at.scale[j] * at.scale[j]
-            rate[i, j] -= value * at.scale[i] * at.scale[j]
-            rate[j, i] = rate[i, j]
-    _diagonalise(rate, at.shape)
+            for w in range(width):
+                rate[j, j, w] += period * theta[entry, w] * at.scale[j, w] * at.scale[j, w]
+            for w in range(width):
+                rate[j, i, w] -= period * theta[entry, w] * at.scale[i, w] * at.scale[j, w]
+    _diagonalise(size, width, at)
     for k in range(n):
-        at.exponent[k] = max(rate[k, k], 0.0)
-        at.decay[k] = exp(-at.exponent[k])
-        at.drive[k] = _decay_difference(at.exponent[k], 1.0, at.decay[k])
-        for i in range(n):
-            at.shape[k, i] *= at.scale[i]
+        for w in range(width):
+            at.exponent[k, w] = max(rate[k, k, w], 0.0)
+            at.decay[k, w] = exponential(-at.exponent[k, w])
+            at.drive[k, w] = _decay_difference(at.exponent[k, w], 1.0, at.decay[k, w])
+        for w in range(width):
+            for i in range(n):
+                at.shape[k, i, w] *= at.scale[i, w]
 
 
 @njit(**INLINE)
-def _diagonalise(rate, vectors):  # type: ignore[no-untyped-def]
-    """Jacobi's method: `rate` becomes diagonal, the rows of `vectors` its eigenvectors."""
-    n = rate.shape[0]
+def _diagonalise(size, width, at):  # type: ignore[no-untyped-def]
+    """Jacobi's method: `at.rate` becomes diagonal, the rows of `at.shape` its eigenvectors."""
+    n, rate, vectors = len(size), at.rate, at.shape
     for i in range(n):
         for j in range(n):
-            vectors[i, j] = 1.0 if i == j else 0.0
+            for w in range(width):
+                vectors[i, j, w] = 1.0 if i == j else 0.0
     for _ in range(_SWEEPS):
         turned = False
         for p in range(n):
-            for q in range(p + 1, n):
-                if rate[p, q] * rate[p, q] > _CONVERGED * rate[p, p] * rate[q, q]:
-                    _rotate(rate, vectors, p, q)
+            for q in range(p):
+                if _coupled(rate[p, p], rate[p, q], rate[q, q], width):
                     turned = True
+                    _find_rotation(rate[p, p], rate[p, q], rate[q, q], width, at.cosine, at.sine)
+                    for k in range(n):
+                        if k != p and k != q:
+                            _rotate(rate[max(k, p), min(k, p)], rate[max(k, q), min(k, q)], width, at)
+                    for w in range(width):
+                        for k in range(n):
+                            a, b = vectors[p, k, w], vectors[q, k, w]
+                            vectors[p, k, w] = at.cosine[w] * a - at.sine[w] * b
+                            vectors[q, k, w] = at.sine[w] * a + at.cosine[w] * b
         if not turned:
             break
 
 
 @njit(**INLINE)
-def _rotate(rate, vectors, p, q):  # type: ignore[no-untyped-def]
-    """The rotation of p and q that makes element (p, q) of `rate` vanish."""
-    x, gap = rate[p, q], rate[q, q] - rate[p, p]
-    root = sqrt(gap * gap + 4.0 * x * x)
-    tangent = 2.0 * x / (gap - root if gap < 0.0 else gap + root)
-    cosine = 1.0 / sqrt(1.0 + tangent * tangent)
-    sine = tangent * cosine
-    rate[p, p] -= tangent * x
-    rate[q, q] += tangent * x
-    rate[p, q] = rate[q, p] = 0.0
-    for k in range(rate.shape[0]):
-        if k != p and k != q:
-            a, b = rate[k, p], rate[k, q]
-            rate[k, p] = rate[p, k] = cosine * a - sine * b
-            rate[k, q] = rate[q, k] = sine * a + cosine * b
-        a, b = vectors[p, k], vectors[q, k]
-        vectors[p, k] = cosine * a - sine * b
-        vectors[q, k] = sine * a + cosine * b
+def _coupled(first, between, second, width):  # type: ignore[no-untyped-def]
+    """How many particles have an element `between` two of the diagonal that does not count as zero; all (WIDTH,)."""
+    count = 0
+    for w in range(width):
+        count += between[w] * between[w] > _CONVERGED * first[w] * second[w]
+    return count
+
+
+@njit(**INLINE)
+def _find_rotation(first, between, second, width, cosine, sine):  # type: ignore[no-untyped-def]
+    """The rotation that makes the element `between` two of the diagonal vanish, and those two after it."""
+    for w in range(width):
+        x, gap = between[w], second[w] - first[w]
+        root = sqrt(gap * gap + 4.0 * x * x) + _TINY
+        tangent = 2.0 * x / (gap - root if gap < 0.0 else gap + root)
+        cosine[w] = 1.0 / sqrt(1.0 + tangent * tangent)
+        sine[w] = tangent * cosine[w]
+        first[w] -= tangent * x
+        second[w] += tangent * x
+        between[w] = 0.0
+
+
+@njit(**INLINE)
+def _rotate(first, second, width, at):  # type: ignore[no-untyped-def]
+    """A row (WIDTH,) and another after the rotation."""
+    for w in range(width):
+        a, b = first[w], second[w]
+        first[w] = at.cosine[w] * a - at.sine[w] * b
+        second[w] = at.sine[w] * a + at.cosine[w] * b
 
 
 @njit(**INLINE)
 def _decay_difference(gap, slower, faster):  # type: ignore[no-untyped-def]
     """(slower - faster) / gap, where faster is slower times exp(-gap) and gap >= 0."""
-    if gap >= _SERIES_BELOW:
-        return (slower - faster) / gap
-    series = 1.0
+    small, series = min(gap, _SERIES_BELOW), 1.0
     for k in range(7, 1, -1):
-        series = 1.0 - gap / k * series
-    return slower * series
+        series = 1.0 - small * (1.0 / k) * series
+    return slower * series if gap < _SERIES_BELOW else (slower - faster) / max(gap, _SERIES_BELOW)
 
 
 @njit(**INLINE)
@@ -147,135 +182,155 @@ def _drive_difference(small, large, between, drive):  # type: ignore[no-untyped-
 
     `between` is that of exp at the same two, `drive` its p at `small`.
     """
-    if large >= _SERIES_BELOW:
-        return (drive - between) / large
     # Complete homogeneous polynomials h_k of x and y over (k + 2)!.
+    x, y = -min(large, _SERIES_BELOW), -min(small, _SERIES_BELOW)
     power, polynomial, factorial, series = 1.0, 1.0, 2.0, 0.5
     for k in range(1, 7):
-        power *= -small
-        polynomial = power - polynomial * large
+        power *= y
+        polynomial = power + polynomial * x
         factorial *= k + 2.0
         series += polynomial / factorial
-    return series
+    return series if large < _SERIES_BELOW else (drive - between) / max(large, _SERIES_BELOW)
 
 
-@njit(**INLINE)
-def heat_flow(topology, theta, inputs, at):  # type: ignore[no-untyped-def]
+@njit(**PART)
+def heat_flow(topology, theta, inputs, width, at):  # type: ignore[no-untyped-def]
     """Heat r [W] into each node from boundaries and heat inputs under `inputs` (n_u,)."""
     n = topology.capacitance.shape[0]
     for i in range(n):
-        at.flow[i] = 0.0
+        for w in range(width):
+            at.flow[i, w] = 0.0
     for e in range(topology.edges.shape[0]):
-        if topology.edges[e, 1] >= n:
-            at.flow[topology.edges[e, 0]] += theta[topology.edges[e, 2]] * inputs[topology.edges[e, 1] - n]
+        i, j, entry = topology.edges[e, 0], topology.edges[e, 1], topology.edges[e, 2]
+        if j >= n:
+            for w in range(width):
+                at.flow[i, w] += theta[entry, w] * inputs[j - n]
     for e in range(topology.heat.shape[0]):
-        gain = topology.heat_gain[e, 0] + topology.heat_gain[e, 1] * theta[topology.heat[e, 2]]
-        at.flow[topology.heat[e, 0]] += gain * inputs[topology.heat[e, 1]]
+        i, power, entry = topology.heat[e, 0], inputs[topology.heat[e, 1]], topology.heat[e, 2]
+        constant, factor = topology.heat_gain[e, 0], topology.heat_gain[e, 1]
+        if factor != 0.0:
+            for w in range(width):
+                at.flow[i, w] += (constant + factor * theta[entry, w]) * power
+        else:
+            for w in range(width):
+                at.flow[i, w] += constant * power
 
 
 @njit(**INLINE)
-def move(period, mean, at, later):  # type: ignore[no-untyped-def]
-    """`later` (n,): where the temperatures `mean` (n, ...) are after the step, under `at.flow`."""
-    n = at.scale.shape[0]
-    for i in range(n):
-        later[i] = 0.0
+def move(size, period, mean, width, at, out):  # type: ignore[no-untyped-def]
+    """`out` (n, WIDTH): where the temperatures `mean` (n, WIDTH) are after the step, under `at.flow`."""
+    n = len(size)
     for k in range(n):
-        a, b = 0.0, 0.0
-        for i in range(n):
-            a += at.shape[k, i] * at.capacity[i] * mean[i]
-            b += at.shape[k, i] * at.flow[i]
-        at.state[k], at.heat[k] = a, b * period
-        mode = at.decay[k] * a + at.drive[k] * at.heat[k]
-        for i in range(n):
-            later[i] += at.shape[k, i] * mode
-
-
-@njit(**INLINE)
-def transition(at, out):  # type: ignore[no-untyped-def]
-    """`out` (n, ...): A_d in its first n columns."""
-    n = at.scale.shape[0]
+        for w in range(width):
+            a, b = 0.0, 0.0
+            for i in range(n):
+                a += at.shape[k, i, w] * at.capacity[i, w] * mean[i, w]
+                b += at.shape[k, i, w] * at.flow[i, w]
+            at.state[k, w], at.heat[k, w] = a, b * period
+            at.later[k, w] = at.decay[k, w] * a + at.drive[k, w] * b * period
     for i in range(n):
-        for j in range(n):
+        for w in range(width):
             value = 0.0
             for k in range(n):
-                value += at.shape[k, i] * at.decay[k] * at.shape[k, j]
-            out[i, j] = value * at.capacity[j]
+                value += at.shape[k, i, w] * at.later[k, w]
+            out[i, w] = value
 
 
 @njit(**INLINE)
-def respond(at, node, scale, out):  # type: ignore[no-untyped-def]
-    """`out` (n,): temperatures after the step per unit of a heat into `node`, `scale` W s long."""
-    n = at.scale.shape[0]
+def transition(size, width, at, out):  # type: ignore[no-untyped-def]
+    """`out` (n, ..., WIDTH): A_d in its first n columns."""
+    n = len(size)
     for i in range(n):
-        out[i] = 0.0
-    for k in range(n):
-        driven = at.drive[k] * at.shape[k, node] * scale
-        for i in range(n):
-            out[i] += at.shape[k, i] * driven
+        for w in range(width):
+            for j in range(n):
+                value = 0.0
+                for k in range(n):
+                    value += at.shape[k, i, w] * at.decay[k, w] * at.shape[k, j, w]
+                out[i, j, w] = value * at.capacity[j, w]
 
 
 @njit(**INLINE)
-def bend(at, out):  # type: ignore[no-untyped-def]
-    """`out` (n, n): E_kl a_l + F_kl b_l, after `move`."""
-    n = at.scale.shape[0]
+def respond(size, node, scale, width, at, out):  # type: ignore[no-untyped-def]
+    """`out` (n, WIDTH): temperatures after the step per unit of a heat into `node`, `scale` W s long."""
+    n = len(size)
+    for i in range(n):
+        for w in range(width):
+            value = 0.0
+            for k in range(n):
+                value += at.shape[k, i, w] * at.drive[k, w] * at.shape[k, node, w]
+            out[i, w] = value * scale
+
+
+@njit(**INLINE)
+def bend(size, width, at, out):  # type: ignore[no-untyped-def]
+    """`out` (n, n, WIDTH): E_kl a_l + F_kl b_l, after `move`."""
+    n = len(size)
     for k in range(n):
         for j in range(k + 1):
-            fast, slow = (k, j) if at.exponent[k] > at.exponent[j] else (j, k)
-            small, large = at.exponent[slow], at.exponent[fast]
-            between = _decay_difference(large - small, at.decay[slow], at.decay[fast])
-            driven = _drive_difference(small, large, between, at.drive[slow])
-            out[k, j] = between * at.state[j] + driven * at.heat[j]
-            out[j, k] = between * at.state[k] + driven * at.heat[k]
+            for w in range(width):
+                small, large = min(at.exponent[k, w], at.exponent[j, w]), max(at.exponent[k, w], at.exponent[j, w])
+                slower, faster = max(at.decay[k, w], at.decay[j, w]), min(at.decay[k, w], at.decay[j, w])
+                between = _decay_difference(large - small, slower, faster)
+                driven = _drive_difference(small, large, between, max(at.drive[k, w], at.drive[j, w]))
+                out[k, j, w] = between * at.state[j, w] + driven * at.heat[j, w]
+                out[j, k, w] = between * at.state[k, w] + driven * at.heat[k, w]
 
 
 @njit(**INLINE)
-def slopes(topology, slot, theta, period, inputs, mean, bent, at, out):  # type: ignore[no-untyped-def]
-    """`out` (d, n): derivatives of the modes after `move` by the logarithms of the free parameters, with `bent` from
-    `bend`; `slot` (n_theta,) is the place of an entry of theta among them, -1 for a fixed one."""
-    n = at.scale.shape[0]
+def slopes(size, topology, slot, theta, period, inputs, mean, bent, width, at, out):  # type: ignore[no-untyped-def]
+    """`out` (d, n, WIDTH): derivatives of the modes after `move` by the logarithms of the free parameters.
+
+    `bent` is from `bend`; `slot` (n_theta,) is the place of an entry of theta among them, -1 for a fixed one.
+    """
+    n = len(size)
     for d in range(out.shape[0]):
         for k in range(n):
-            out[d, k] = 0.0
+            for w in range(width):
+                out[d, k, w] = 0.0
     for e in range(topology.edges.shape[0]):
         i, j, entry = topology.edges[e, 0], topology.edges[e, 1], topology.edges[e, 2]
         if slot[entry] >= 0:
-            _conductance_slope(i, j, period * theta[entry], inputs, bent, at, out[slot[entry]])
+            boundary = inputs[j - n] if j >= n else 0.0
+            _conductance_slope(size, i, j, theta[entry], period, boundary, bent, width, at, out[slot[entry]])
     for e in range(topology.heat.shape[0]):
-        entry, factor = topology.heat[e, 2], topology.heat_gain[e, 1]
+        node, entry, factor = topology.heat[e, 0], topology.heat[e, 2], topology.heat_gain[e, 1]
         if factor != 0.0 and slot[entry] >= 0:
-            added = factor * inputs[topology.heat[e, 1]] * period * theta[entry]
+            added, slope = factor * inputs[topology.heat[e, 1]] * period, out[slot[entry]]
             for k in range(n):
-                out[slot[entry], k] += added * at.drive[k] * at.shape[k, topology.heat[e, 0]]
+                for w in range(width):
+                    slope[k, w] += added * theta[entry, w] * at.drive[k, w] * at.shape[k, node, w]
     for i in range(n):
         if slot[topology.capacitance[i]] >= 0:
-            _capacitance_slope(i, period, mean[i], bent, at, out[slot[topology.capacitance[i]]])
+            _capacitance_slope(size, i, period, mean[i], bent, width, at, out[slot[topology.capacitance[i]]])
 
 
 @njit(**INLINE)
-def _conductance_slope(i, j, value, inputs, bent, at, out):  # type: ignore[no-untyped-def]
-    """Slopes (n,) of the conductance between state i and node j: K = -dt g w w^T, and its boundary's heat."""
-    n = at.scale.shape[0]
+def _conductance_slope(size, i, j, conductance, period, boundary, bent, width, at, out):  # type: ignore[no-untyped-def]
+    """Slopes (n, WIDTH) of the `conductance` g between state i and node j: K = -dt g w w^T, and its boundary's heat."""
+    n = len(size)
+    # A boundary is no state: in place of the other node stands the first one, times zero.
+    inside, other = (1.0, j) if j < n else (0.0, 0)
     for k in range(n):
-        turned = 0.0
-        for m in range(n):
-            across = at.shape[m, i] - at.shape[m, j] if j < n else at.shape[m, i]
-            turned += bent[k, m] * across
-        across = at.shape[k, i] - at.shape[k, j] if j < n else at.shape[k, i]
-        out[k] = -value * across * turned
-        if j >= n:
-            out[k] += value * inputs[j - n] * at.drive[k] * across
+        for w in range(width):
+            turned = 0.0
+            for m in range(n):
+                turned += bent[k, m, w] * (at.shape[m, i, w] - inside * at.shape[m, other, w])
+            across = at.shape[k, i, w] - inside * at.shape[k, other, w]
+            out[k, w] = period * conductance[w] * across * (boundary * at.drive[k, w] - turned)
 
 
 @njit(**INLINE)
-def _capacitance_slope(i, period, temperature, bent, at, out):  # type: ignore[no-untyped-def]
-    """Slopes (n,) of the capacitance of state i: K_kl = v_k v_l (m_k + m_l) / 2, and D in a and b."""
-    n, scale = at.scale.shape[0], at.scale[i]
-    held, fed = temperature / scale, at.flow[i] * scale * period
+def _capacitance_slope(size, i, period, temperature, bent, width, at, out):  # type: ignore[no-untyped-def]
+    """Slopes (n, WIDTH) of the capacitance of state i: K_kl = v_k v_l (m_k + m_l) / 2, and D in a and b."""
+    n = len(size)
     for k in range(n):
-        turned, weighted = 0.0, 0.0
-        for m in range(n):
-            term = bent[k, m] * at.shape[m, i]
-            turned += term
-            weighted += term * at.exponent[m]
-        whole = (at.exponent[k] * turned + weighted) / scale + at.decay[k] * held - at.drive[k] * fed
-        out[k] = 0.5 * at.shape[k, i] / scale * whole
+        for w in range(width):
+            turned, weighted = 0.0, 0.0
+            for m in range(n):
+                term = bent[k, m, w] * at.shape[m, i, w]
+                turned += term
+                weighted += term * at.exponent[m, w]
+            scale = at.scale[i, w]
+            held, fed = temperature[w] / scale, at.flow[i, w] * scale * period
+            whole = (at.exponent[k, w] * turned + weighted) / scale + at.decay[k, w] * held - at.drive[k, w] * fed
+            out[k, w] = 0.5 * at.shape[k, i, w] / scale * whole

@@ -2,44 +2,47 @@
 
 from __future__ import annotations
 
-from math import erfc, exp, sqrt
+from math import sqrt
 
 import numpy as np
 from numba import njit
 
-from estimator.kernels.jit import JIT
+from estimator.kernels.elementary import exponential, upper_tail
+from estimator.kernels.jit import JIT, WIDTH
 
 _TOLERANCE = 1e-11
 """The error [K] that a quantile may keep."""
 _REACH = 9.0
 """Standard deviations beyond which a normal distribution has no mass that counts."""
-_ROOT_HALF = 0.7071067811865476
 _ROOT_TWO_PI = 0.3989422804014327
 
 
 @njit(**JIT)
 def mixture_cdf(y, weights, means, sds):  # type: ignore[no-untyped-def]
-    """1 - CDF at `y`, density and its derivative of a Gaussian mixture; weights, means and sds (N,)."""
-    mass, above, density, slope = 0.0, 0.0, 0.0, 0.0
-    for n in range(weights.shape[0]):
-        mass += weights[n]
-        z = (y - means[n]) / sds[n]
-        above += weights[n] * 0.5 * erfc(z * _ROOT_HALF)
-        height = weights[n] * exp(-0.5 * z * z) / sds[n]
-        density += height
-        slope -= height * z / sds[n]
-    return above / mass, density / mass * _ROOT_TWO_PI, slope / mass * _ROOT_TWO_PI
+    """1 - CDF at `y`, density and its derivative of a Gaussian mixture, times its mass; weights, means and sds (N,)."""
+    particles = weights.shape[0]
+    above, density, slope = np.zeros(WIDTH), np.zeros(WIDTH), np.zeros(WIDTH)
+    for first in range(0, particles, WIDTH):
+        for w in range(min(WIDTH, particles - first)):
+            weight, sharpness = weights[first + w], 1.0 / sds[first + w]
+            z = (y - means[first + w]) * sharpness
+            bell = exponential(-0.5 * z * z)
+            height = weight * bell * sharpness
+            above[w] += weight * upper_tail(z, bell)
+            density[w] += height
+            slope[w] -= height * z * sharpness
+    return above.sum(), density.sum() * _ROOT_TWO_PI, slope.sum() * _ROOT_TWO_PI
 
 
 @njit(**JIT)
-def _search(level, start, lower, upper, narrowest, weights, means, sds):  # type: ignore[no-untyped-def]
-    """Halley's method from `start`, kept in a shrinking bracket."""
+def _search(beyond, start, lower, upper, narrowest, weights, means, sds):  # type: ignore[no-untyped-def]
+    """Where the mass above is `beyond`: Halley's method from `start`, kept in a shrinking bracket."""
     y = start
     for _ in range(200):
         if not lower < y < upper:
             y = 0.5 * (lower + upper)
         above, density, slope = mixture_cdf(y, weights, means, sds)
-        error = (1.0 - level) - above
+        error = beyond - above
         if error > 0.0:
             upper = y
         else:
@@ -78,5 +81,5 @@ def mixture_quantiles(levels, deviates, weights, means, sds):  # type: ignore[no
     quantiles = np.empty(levels.shape[0])
     for q in range(levels.shape[0]):
         y = means[0] + centre + spread * deviates[q]
-        quantiles[q] = _search(levels[q], y, lower, upper, narrowest, weights, means, sds)
+        quantiles[q] = _search((1.0 - levels[q]) * mass, y, lower, upper, narrowest, weights, means, sds)
     return quantiles

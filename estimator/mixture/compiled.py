@@ -21,6 +21,8 @@ class CompiledMixture(ReferenceMixture):
     def __init__(self, model: MixtureModel) -> None:
         super().__init__(model)
         space = model.space
+        # The kernels are compiled for each number of states: the type of this tuple.
+        self._size = (0,) * model.states
         slot = np.full(len(space.fixed), -1, dtype=np.int64)
         slot[space.free] = np.arange(len(space.free))
         self._shape = Shape(
@@ -34,7 +36,7 @@ class CompiledMixture(ReferenceMixture):
         new = Particles(*(np.empty_like(rows) for rows in particles))
         worth = np.empty(particles.mean.shape[1])
         kernels.propagate(
-            self._model.topology, self._shape, self._settings, gate, np.asarray(inputs, dtype=np.float64),
+            self._size, self._model.topology, self._shape, self._settings, gate, np.asarray(inputs, dtype=np.float64),
             walk.normals, walk.uniforms, particles, new, worth,
         )  # fmt: skip
         return new, worth
@@ -60,7 +62,7 @@ class CompiledMixture(ReferenceMixture):
         draws = Draws(seed, origin, forecast=True)
         out = np.empty((len(plan), self._model.outputs, start.state.shape[1]))
         scenarios.paths(
-            self._model.topology, self._shape, self._settings, draws.seed, draws.step,
+            self._size, self._model.topology, self._shape, self._settings, draws.seed, draws.step,
             draws.stream(Purpose.SCENARIO), draws.stream(Purpose.SCENARIO_SWITCH),
             np.ascontiguousarray(plan, dtype=np.float64), start, out,
         )  # fmt: skip

@@ -1,15 +1,17 @@
-"""The moves of the mixture Kalman filter over all particles, compiled, one particle after the other."""
+"""The moves of the mixture Kalman filter over all particles, compiled, a block at a time."""
 
 from __future__ import annotations
 
-from math import exp, log, sqrt
+from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from estimator.arrays import Array, Indices
-from estimator.kernels.jit import INLINE, JIT
+from estimator.kernels.blocks import fixed_parameters, load, store
+from estimator.kernels.elementary import exponential, logarithm
+from estimator.kernels.jit import INLINE, JIT, PART, WIDTH
 from estimator.kernels.modes import bend, heat_flow, memory, modes, move, respond, slopes, transition
 from estimator.kernels.packing import packed
 from estimator.mixture.model import HOUR, WATTS
@@ -69,13 +71,6 @@ class Settings(NamedTuple):
 
 
 @njit(**INLINE)
-def copied(source, target):  # type: ignore[no-untyped-def]
-    """`target` becomes `source`, element by element: slices take Numba far longer to compile."""
-    for i in range(target.shape[0]):
-        target[i] = source[i]
-
-
-@njit(**INLINE)
 def clipped(value, low, high):  # type: ignore[no-untyped-def]
     """`value` inside its bounds."""
     return min(max(value, low), high)
@@ -85,243 +80,314 @@ def clipped(value, low, high):  # type: ignore[no-untyped-def]
 def moved_volatility(value, step, jump, place, settings):  # type: ignore[no-untyped-def]
     """log alpha one step on: a normal step, rarely a jump, clipped."""
     value += settings.volatility_sd * step
-    if place < settings.jump_probability:
-        value += settings.jump_sd * jump
+    value = value + settings.jump_sd * jump if place < settings.jump_probability else value
     return clipped(value, settings.alpha_low, settings.alpha_high)
 
 
 @njit(**INLINE)
 def gain_spread(place, settings):  # type: ignore[no-untyped-def]
     """Standard deviation [kW] of a new gain."""
-    return exp(settings.spread_low + (settings.spread_high - settings.spread_low) * place)
+    return exponential(settings.spread_low + (settings.spread_high - settings.spread_low) * place)
 
 
-@njit(**INLINE)
-def gain_decay(log_hours, settings):  # type: ignore[no-untyped-def]
-    """What is left of a gain after a step."""
-    return exp(-settings.period / HOUR * exp(-log_hours)) if settings.decays else 1.0
+@njit(**PART)
+def gain_decays(log_hours, settings, width, out):  # type: ignore[no-untyped-def]
+    """`out`: what is left of a gain after a step; all (WIDTH,)."""
+    for w in range(width):
+        out[w] = exponential(-settings.period / HOUR * exponential(-log_hours[w])) if settings.decays else 1.0
 
 
-@njit(**INLINE)
-def gain_walk(log_alpha, settings):  # type: ignore[no-untyped-def]
-    """Standard deviation of the random walk of a gain that is on [kW]; `log_alpha` (B,)."""
-    return settings.gain_walk * exp(log_alpha[0]) if settings.volatile_gain else settings.gain_walk
+@njit(**PART)
+def gain_walks(log_alpha, settings, width, out):  # type: ignore[no-untyped-def]
+    """`out` (WIDTH,): standard deviation of the random walk of a gain that is on [kW]; `log_alpha` (B, WIDTH)."""
+    for w in range(width):
+        out[w] = settings.gain_walk
+    if settings.volatile_gain:
+        for w in range(width):
+            out[w] *= exponential(log_alpha[0, w])
 
 
-@njit(**INLINE)
-def set_parameters(shape, phi, theta):  # type: ignore[no-untyped-def]
-    """The free entries of theta from phi (d,)."""
+@njit(**PART)
+def set_parameters(shape, phi, width, theta):  # type: ignore[no-untyped-def]
+    """The free entries of theta from phi (d, WIDTH)."""
     for d in range(shape.free.shape[0]):
-        theta[shape.free[d]] = exp(phi[d])
+        entry = shape.free[d]
+        for w in range(width):
+            theta[entry, w] = exponential(phi[d, w])
+
+
+@njit(**PART)
+def _switch(q, places, sizes, settings, before, on, width, mean, covariance):  # type: ignore[no-untyped-def]
+    """`on` (WIDTH,): whether the gain, component `q`, is on next; its row of mean and covariance where that changed."""
+    for w in range(width):
+        begins = before[w] < 0.5 and places[w] < settings.proposed_on_probability
+        ends = before[w] > 0.5 and places[w] < settings.off_probability
+        on[w] = 1.0 if begins else (0.0 if ends else before[w])
+        if begins or ends:
+            mean[q, w] = 0.0
+            for i in range(mean.shape[0]):
+                covariance[place_of(q, i), w] = 0.0
+            if begins:
+                covariance[place_of(q, q), w] = gain_spread(sizes[w], settings) ** 2
 
 
 @njit(**INLINE)
-def _unpack(packed_rows, full):  # type: ignore[no-untyped-def]
+def _linearise(  # type: ignore[no-untyped-def]
+    size, topology, shape, settings, theta, inputs, mean, later, first, width, at, bent, turned, response, jacobian
+):
+    """`jacobian` (n, n_z, WIDTH) of the temperatures `later` by z, after `modes` and `move`; phi begins at `first`."""
+    n, terms = len(size), shape.term_place.shape[0]
+    bend(size, width, at, bent)
+    slopes(size, topology, shape.slot, theta, settings.period, inputs, mean, bent, width, at, turned)
+    transition(size, width, at, jacobian)
+    if settings.gain_node >= 0:
+        respond(size, settings.gain_node, WATTS * settings.period, width, at, jacobian[:, n])
+    for d in range(shape.heated.shape[0]):
+        respond(size, shape.heated[d], settings.period, width, at, response[d])
+    for t in range(terms):
+        known = inputs[inputs.shape[0] - terms + t]
+        for i in range(n):
+            for w in range(width):
+                jacobian[i, first - terms + t, w] = known * response[shape.term_place[t], i, w]
+    for d in range(turned.shape[0]):
+        for i in range(n):
+            for w in range(width):
+                value = 0.0
+                for k in range(n):
+                    value += at.shape[k, i, w] * turned[d, k, w]
+                jacobian[i, first + d, w] = value
+    # D in x' = D (...) depends on the capacitances too.
+    for i in range(n):
+        if shape.slot[topology.capacitance[i]] >= 0:
+            place = first + shape.slot[topology.capacitance[i]]
+            for w in range(width):
+                jacobian[i, place, w] -= 0.5 * later[i, w]
+
+
+@njit(**PART)
+def _predict_covariance(size, covariance, jacobian, decay, gains, width, product, out):  # type: ignore[no-untyped-def]
+    """`out` = F P F^T, packed (n_z (n_z + 1) / 2, WIDTH) as P is.
+
+    F is `jacobian` (n, n_z, WIDTH), then the `decay` (WIDTH,) of the gain, then 1; `product` (n, n_z, WIDTH) is memory.
+    """
+    n, whole = len(size), jacobian.shape[1]
+    for j in range(whole):
+        for i in range(n):
+            for w in range(width):
+                product[i, j, w] = 0.0
+    for k in range(whole):
+        for j in range(whole):
+            row = place_of(k, j)
+            for i in range(n):
+                for w in range(width):
+                    product[i, j, w] += jacobian[i, k, w] * covariance[row, w]
     t = 0
-    for i in range(full.shape[0]):
+    for i in range(n):
         for j in range(i + 1):
-            full[i, j] = full[j, i] = packed_rows[t]
+            for w in range(width):
+                out[t, w] = 0.0
+            for k in range(whole):
+                for w in range(width):
+                    out[t, w] += product[i, k, w] * jacobian[j, k, w]
+            t += 1
+    for i in range(n, whole):
+        for j in range(i + 1):
+            if j < n:
+                for w in range(width):
+                    out[t, w] = product[j, i, w]
+            else:
+                for w in range(width):
+                    out[t, w] = covariance[t, w]
+            if i < n + gains:
+                for w in range(width):
+                    out[t, w] *= decay[w]
+            if n <= j < n + gains:
+                for w in range(width):
+                    out[t, w] *= decay[w]
             t += 1
 
 
-@njit(**INLINE)
-def _switch(q, place, size_place, settings, on, mean, covariance):  # type: ignore[no-untyped-def]
-    """Whether the gain, component `q`, is on next; its row of mean and covariance where that changed."""
-    if on < 0.5 and place < settings.proposed_on_probability:
-        later, variance = 1.0, gain_spread(size_place, settings) ** 2
-    elif on > 0.5 and place < settings.off_probability:
-        later, variance = 0.0, 0.0
-    else:
-        return on
-    mean[q] = 0.0
-    for i in range(mean.shape[0]):
-        covariance[q, i] = covariance[i, q] = 0.0
-    covariance[q, q] = variance
-    return later
-
-
-@njit(**INLINE)
-def _linearise(topology, shape, settings, theta, inputs, mean, first, at, bent, turned, response, jacobian):  # type: ignore[no-untyped-def]
-    """`jacobian` (n, n_z) of the temperatures by z, after `modes` and `move`; `first` is the place of phi in z."""
-    n, size = jacobian.shape
-    terms = shape.term_place.shape[0]
-    bend(at, bent)
-    slopes(topology, shape.slot, theta, settings.period, inputs, mean, bent, at, turned)
-    transition(at, jacobian)
-    if settings.gain_node >= 0:
-        respond(at, settings.gain_node, WATTS * settings.period, jacobian[:, n])
-    for d in range(shape.heated.shape[0]):
-        respond(at, shape.heated[d], settings.period, response[d])
-    for t in range(terms):
-        for i in range(n):
-            jacobian[i, first - terms + t] = inputs[inputs.shape[0] - terms + t] * response[shape.term_place[t], i]
+@njit(**PART)
+def _add_noise(shape, settings, gains, gate, log_alpha, gain_variance, width, out):  # type: ignore[no-untyped-def]
+    """Process noise of x, q, c and phi on the diagonal of the packed `out`."""
+    n, bounded, terms = shape.block.shape[0], shape.lower.shape[0], shape.coefficient_walk.shape[0]
     for i in range(n):
-        for d in range(size - first):
-            value = 0.0
-            for k in range(n):
-                value += at.shape[k, i] * turned[d, k]
-            jacobian[i, first + d] = value
-
-
-@njit(**INLINE)
-def _predict_covariance(covariance, jacobian, decay, gains, product, out):  # type: ignore[no-untyped-def]
-    """`out` (n_z, n_z) = F P F^T, where F is `jacobian` (n, n_z), then `decay` of the gain, then 1."""
-    n, size = jacobian.shape
-    for i in range(n):
-        for j in range(size):
-            product[i, j] = 0.0
-        for k in range(size):
-            for j in range(size):
-                product[i, j] += jacobian[i, k] * covariance[k, j]
-    for i in range(n):
-        for j in range(i + 1):
-            value = 0.0
-            for k in range(size):
-                value += product[i, k] * jacobian[j, k]
-            out[i, j] = value
-    for i in range(n, size):
-        kept = decay if i < n + gains else 1.0
-        for j in range(n):
-            out[i, j] = kept * product[j, i]
-        for j in range(n, i + 1):
-            out[i, j] = kept * (decay if j < n + gains else 1.0) * covariance[i, j]
-
-
-@njit(**INLINE)
-def _add_noise(shape, settings, gains, gate, log_alpha, gain_variance, out):  # type: ignore[no-untyped-def]
-    """Process noise of x, q, c and phi on the diagonal of `out`."""
-    n, size = shape.block.shape[0], out.shape[0]
-    for i in range(n):
-        alpha = exp(log_alpha[shape.block[i]]) if settings.volatile_process else 1.0
-        out[i, i] += settings.process_variance * alpha * alpha
-    if gains:
-        out[n, n] += gain_variance
-    first = n + gains + shape.coefficient_walk.shape[0]
-    for i in range(n + gains, first):
-        out[i, i] += shape.coefficient_walk[i - n - gains]
-    for i in range(first, size):
-        out[i, i] += gate * gate * settings.parameter_variance
-
-
-@njit(**INLINE)
-def _bound_covariance(shape, out):  # type: ignore[no-untyped-def]
-    """No coefficient or log parameter varies more than under its prior; of `out` the lower triangle."""
-    size, bounded = out.shape[0], shape.lower.shape[0]
+        for w in range(width):
+            alpha = exponential(log_alpha[shape.block[i], w]) if settings.volatile_process else 1.0
+            out[place_of(i, i), w] += settings.process_variance * alpha * alpha
+    for i in range(n, n + gains):
+        for w in range(width):
+            out[place_of(i, i), w] += gain_variance[w]
     for d in range(bounded):
-        i = size - bounded + d
-        if out[i, i] > shape.prior_variance[d]:
-            scale = sqrt(shape.prior_variance[d] / out[i, i])
-            for j in range(i + 1):
-                out[i, j] *= scale
-            for j in range(i, size):
-                out[j, i] *= scale
+        row = place_of(n + gains + d, n + gains + d)
+        variance = shape.coefficient_walk[d] if d < terms else gate * gate * settings.parameter_variance
+        for w in range(width):
+            out[row, w] += variance
+
+
+@njit(**PART)
+def _bound_covariance(shape, whole, width, scale, out):  # type: ignore[no-untyped-def]
+    """No coefficient or log parameter varies more than under its prior; `out` is packed, `scale` (WIDTH,) memory."""
+    bounded = shape.lower.shape[0]
+    for d in range(bounded):
+        i, excess = whole - bounded + d, 0
+        for w in range(width):
+            excess += out[place_of(i, i), w] > shape.prior_variance[d]
+        if excess:
+            for w in range(width):
+                scale[w] = sqrt(min(shape.prior_variance[d] / max(out[place_of(i, i), w], _TINY), 1.0))
+            for j in range(whole):
+                for w in range(width):
+                    out[place_of(i, j), w] *= scale[w] * scale[w] if i == j else scale[w]
 
 
 @njit(**JIT)
-def propagate(topology, shape, settings, gate, inputs, normals, uniforms, old, new, worth):  # type: ignore[no-untyped-def]
+def propagate(size, topology, shape, settings, gate, inputs, normals, uniforms, old, new, worth):  # type: ignore[no-untyped-def]
     """All particles one period on under `inputs` (n_u + m,), from `old` into `new` (`Particles`).
 
-    `worth` (N,) becomes the log of the probability of each particle's gain over that of its proposal.
+    `size` is a tuple of n_x entries. `worth` (N,) becomes the log of the probability of each particle's gain over that
+    of its proposal.
     """
-    n, blocks, outputs = topology.capacitance.shape[0], old.log_alpha.shape[0], old.log_noise.shape[0]
+    n, blocks, outputs = len(size), old.log_alpha.shape[0], old.log_noise.shape[0]
     gains, terms, free = old.gain_on.shape[0], shape.term_place.shape[0], shape.free.shape[0]
-    size, particles = old.mean.shape
+    whole, particles = old.mean.shape
     known = inputs.shape[0] - terms
     log_begins = log(settings.on_probability / settings.proposed_on_probability)
     log_stays = log((1.0 - settings.on_probability) / (1.0 - settings.proposed_on_probability))
-    at, theta, bent, turned = memory(n), shape.fixed.copy(), np.empty((n, n)), np.empty((free, n))
-    response, jacobian, product = np.empty((shape.heated.shape[0], n)), np.empty((n, size)), np.empty((n, size))
-    mean, covariance, later = np.empty(size), np.empty((size, size)), np.empty((size, size))
-    for k in range(particles):
+    at, theta = memory(size), np.empty((shape.fixed.shape[0], WIDTH))
+    bent, turned, response = (
+        np.empty((n, n, WIDTH)),
+        np.empty((free, n, WIDTH)),
+        np.empty((shape.heated.shape[0], n, WIDTH)),
+    )
+    jacobian, product = np.empty((n, whole, WIDTH)), np.empty((n, whole, WIDTH))
+    mean, later, log_alpha = np.empty((whole, WIDTH)), np.empty((n, WIDTH)), np.empty((blocks, WIDTH))
+    covariance, grown = np.empty((old.covariance.shape[0], WIDTH)), np.empty((old.covariance.shape[0], WIDTH))
+    places, hours, decay, gain_variance, scale = (
+        np.empty((2, WIDTH)), np.empty(WIDTH), np.empty(WIDTH), np.empty(WIDTH), np.empty(WIDTH)
+    )  # fmt: skip
+    before, on = np.empty((1, WIDTH)), np.empty(WIDTH)
+    fixed_parameters(shape.fixed, theta)
+    for first in range(0, particles, WIDTH):
+        width = min(WIDTH, particles - first)
         for b in range(blocks):
-            new.log_alpha[b, k] = moved_volatility(
-                old.log_alpha[b, k], normals[b, k], normals[blocks + b, k], uniforms[b, k], settings
-            )
+            for w in range(width):
+                log_alpha[b, w] = moved_volatility(
+                    old.log_alpha[b, first + w], normals[b, first + w], normals[blocks + b, first + w],
+                    uniforms[b, first + w], settings,
+                )  # fmt: skip
+        store(log_alpha, first, width, new.log_alpha)
         for y in range(outputs):
-            value = old.log_noise[y, k] + settings.noise_walk * normals[2 * blocks + y, k]
-            new.log_noise[y, k] = clipped(value, settings.noise_low, settings.noise_high)
-        copied(old.mean[:, k], mean)
-        _unpack(old.covariance[:, k], covariance)
-        set_parameters(shape, mean[size - free :], theta)
-        heat_flow(topology, theta, inputs, at)
-        decay, gain_variance, worth[k] = 1.0, 0.0, 0.0
+            for w in range(width):
+                value = old.log_noise[y, first + w] + settings.noise_walk * normals[2 * blocks + y, first + w]
+                new.log_noise[y, first + w] = clipped(value, settings.noise_low, settings.noise_high)
+        load(old.mean, first, width, mean)
+        load(old.covariance, first, width, covariance)
+        set_parameters(shape, mean[whole - free :], width, theta)
+        heat_flow(topology, theta, inputs, width, at)
+        for w in range(width):
+            worth[first + w] = 0.0
         if gains:
-            hours = old.log_hours[0, k] + settings.hour_walk * normals[2 * blocks + outputs, k]
-            new.log_hours[0, k] = clipped(hours, settings.hour_low, settings.hour_high)
-            before = old.gain_on[0, k]
-            on = _switch(n, uniforms[blocks, k], uniforms[blocks + 1, k], settings, before, mean, covariance)
-            new.gain_on[0, k] = on
-            if before < 0.5:
-                worth[k] = log_begins if on > 0.5 else log_stays
-            decay = gain_decay(new.log_hours[0, k], settings)
-            gain_variance = on * gain_walk(new.log_alpha[:, k], settings) ** 2
-            at.flow[settings.gain_node] += WATTS * mean[n]
+            load(uniforms[blocks : blocks + 2], first, width, places)
+            load(old.gain_on, first, width, before)
+            for w in range(width):
+                value = old.log_hours[0, first + w] + settings.hour_walk * normals[2 * blocks + outputs, first + w]
+                hours[w] = clipped(value, settings.hour_low, settings.hour_high)
+            _switch(n, places[0], places[1], settings, before[0], on, width, mean, covariance)
+            gain_decays(hours, settings, width, decay)
+            gain_walks(log_alpha, settings, width, gain_variance)
+            for w in range(width):
+                gain_variance[w] *= on[w] * gain_variance[w]
+                if before[0, w] < 0.5:
+                    worth[first + w] = log_begins if on[w] > 0.5 else log_stays
+                new.log_hours[0, first + w], new.gain_on[0, first + w] = hours[w], on[w]
+            for w in range(width):
+                at.flow[settings.gain_node, w] += WATTS * mean[n, w]
         for t in range(terms):
-            at.flow[shape.heated[shape.term_place[t]]] += inputs[known + t] * mean[n + gains + t]
-        modes(topology, theta, settings.period, at)
-        copied(mean, new.mean[:, k])
-        if gains:
-            new.mean[n, k] *= decay
-        move(settings.period, mean, at, new.mean[:n, k])
-        _linearise(topology, shape, settings, theta, inputs, mean, size - free, at, bent, turned, response, jacobian)
-        # D in x' = D (...) depends on the capacitances too.
-        for i in range(n):
-            if shape.slot[topology.capacitance[i]] >= 0:
-                jacobian[i, size - free + shape.slot[topology.capacitance[i]]] -= 0.5 * new.mean[i, k]
-        _predict_covariance(covariance, jacobian, decay, gains, product, later)
-        _add_noise(shape, settings, gains, gate, new.log_alpha[:, k], gain_variance, later)
+            node, power = shape.heated[shape.term_place[t]], inputs[known + t]
+            for w in range(width):
+                at.flow[node, w] += power * mean[n + gains + t, w]
+        modes(size, topology, theta, settings.period, width, at)
+        move(size, settings.period, mean, width, at, later)
+        _linearise(
+            size, topology, shape, settings, theta, inputs, mean, later, whole - free, width,
+            at, bent, turned, response, jacobian,
+        )  # fmt: skip
+        _predict_covariance(size, covariance, jacobian, decay, gains, width, product, grown)
+        _add_noise(shape, settings, gains, gate, log_alpha, gain_variance, width, grown)
         if settings.parameter_variance > 0.0 or terms > 0:
-            _bound_covariance(shape, later)
-        row = 0
-        for i in range(size):
-            for j in range(i + 1):
-                new.covariance[row, k] = later[i, j]
-                row += 1
+            _bound_covariance(shape, whole, width, scale, grown)
+        for i in range(n):
+            for w in range(width):
+                mean[i, w] = later[i, w]
+        for i in range(n, n + gains):
+            for w in range(width):
+                mean[i, w] *= decay[w]
+        store(mean, first, width, new.mean)
+        store(grown, first, width, new.covariance)
 
 
 @njit(**JIT)
 def assimilate(measured, shape, outputs, old, mean, covariance, log_likelihood):  # type: ignore[no-untyped-def]
     """Kalman update of all particles by every output (n_y,) that is not NaN, c and phi kept in their bounds."""
-    size, particles = old.mean.shape
-    column, now, spread = np.empty(size), np.empty(size), np.empty(old.covariance.shape[0])
-    for k in range(particles):
-        copied(old.mean[:, k], now)
-        copied(old.covariance[:, k], spread)
-        whole = 0.0
+    whole, particles = old.mean.shape
+    now, spread, column = np.empty((whole, WIDTH)), np.empty((old.covariance.shape[0], WIDTH)), np.empty((whole, WIDTH))
+    innovation, precision, kept, gain = np.empty(WIDTH), np.empty(WIDTH), np.empty(WIDTH), np.empty(WIDTH)
+    for first in range(0, particles, WIDTH):
+        width = min(WIDTH, particles - first)
+        load(old.mean, first, width, now)
+        load(old.covariance, first, width, spread)
+        for w in range(width):
+            log_likelihood[first + w] = 0.0
         for y in range(outputs.shape[0]):
             if not np.isnan(outputs[y]):
-                node, noise = measured[y], exp(2.0 * old.log_noise[y, k])
-                for i in range(size):
-                    column[i] = spread[place_of(i, node)]
-                total = column[node] + noise
-                innovation = outputs[y] - now[node]
-                whole -= 0.5 * (log(_TWO_PI * total) + innovation * innovation / total)
+                node = measured[y]
+                for i in range(whole):
+                    for w in range(width):
+                        column[i, w] = spread[place_of(i, node), w]
+                for w in range(width):
+                    noise = exponential(2.0 * old.log_noise[y, first + w])
+                    total = column[node, w] + noise
+                    innovation[w], precision[w], kept[w] = outputs[y] - now[node, w], 1.0 / total, noise / total
+                    log_likelihood[first + w] -= 0.5 * (
+                        logarithm(_TWO_PI * total) + innovation[w] * innovation[w] * precision[w]
+                    )
                 t = 0
-                for i in range(size):
-                    gain = column[i] / total
-                    now[i] += gain * innovation
+                for i in range(whole):
+                    for w in range(width):
+                        gain[w] = column[i, w] * precision[w]
+                    for w in range(width):
+                        now[i, w] += gain[w] * innovation[w]
                     for j in range(i + 1):
-                        spread[t] -= gain * column[j]
+                        for w in range(width):
+                            spread[t, w] -= gain[w] * column[j, w]
                         t += 1
                 # P - P P / (P + R) is P R / (P + R), which keeps its digits where P is far above R.
-                for i in range(size):
-                    spread[place_of(i, node)] = column[i] * (noise / total)
-        log_likelihood[k] = whole
-        _confine(shape, now, spread)
-        copied(now, mean[:, k])
-        copied(spread, covariance[:, k])
+                for i in range(whole):
+                    for w in range(width):
+                        spread[place_of(i, node), w] = column[i, w] * kept[w]
+        _confine(shape, width, gain, now, spread)
+        store(now, first, width, mean)
+        store(spread, first, width, covariance)
 
 
-@njit(**INLINE)
-def _confine(shape, mean, covariance):  # type: ignore[no-untyped-def]
+@njit(**PART)
+def _confine(shape, width, share, mean, covariance):  # type: ignore[no-untyped-def]
     """What of c and phi left its bounds on its bound, the rest where it is most probable given that, then cut off."""
-    size, bounded = mean.shape[0], shape.lower.shape[0]
+    whole, bounded = mean.shape[0], shape.lower.shape[0]
     for d in range(bounded):
-        i = size - bounded + d
-        excess, variance = clipped(mean[i], shape.lower[d], shape.upper[d]) - mean[i], covariance[place_of(i, i)]
-        if excess != 0.0 and variance > 0.0:
-            for j in range(size):
-                mean[j] += covariance[place_of(i, j)] * excess / max(variance, _TINY)
+        i, outside = whole - bounded + d, 0
+        for w in range(width):
+            excess = clipped(mean[i, w], shape.lower[d], shape.upper[d]) - mean[i, w]
+            share[w] = (
+                excess / max(covariance[place_of(i, i), w], _TINY) if covariance[place_of(i, i), w] > 0.0 else 0.0
+            )
+            outside += excess != 0.0
+        if outside:
+            for j in range(whole):
+                for w in range(width):
+                    mean[j, w] += covariance[place_of(i, j), w] * share[w]
     for d in range(bounded):
-        i = size - bounded + d
-        mean[i] = clipped(mean[i], shape.lower[d], shape.upper[d])
+        i = whole - bounded + d
+        for w in range(width):
+            mean[i, w] = clipped(mean[i, w], shape.lower[d], shape.upper[d])

@@ -1,4 +1,4 @@
-"""Sampled futures of the mixture Kalman filter, compiled, one after the other.
+"""Sampled futures of the mixture Kalman filter, compiled, a block at a time.
 
 A future is a draw from the mixture, discretised once, and then a recursion with process noise, volatility and switching
 of its own. Its parameters, its sigma_y and the time constant of its gain stay as they were drawn.
@@ -6,20 +6,21 @@ of its own. Its parameters, its sigma_y and the time constant of its gain stay a
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import sqrt
 
 import numpy as np
 from numba import njit
 
-from estimator.kernels.draws import fill
-from estimator.kernels.jit import JIT
+from estimator.kernels.blocks import fixed_parameters, load
+from estimator.kernels.draws import fill, padded
+from estimator.kernels.elementary import exponential
+from estimator.kernels.jit import JIT, WIDTH
 from estimator.kernels.modes import heat_flow, memory, modes, move
 from estimator.mixture.kernels import (
     clipped,
-    copied,
-    gain_decay,
+    gain_decays,
     gain_spread,
-    gain_walk,
+    gain_walks,
     moved_volatility,
     place_of,
     set_parameters,
@@ -34,7 +35,8 @@ def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-de
     size, count = mean.shape
     first, factor = size - shape.lower.shape[0], np.empty(covariance.shape[0])
     for k in range(count):
-        copied(covariance[:, k], factor)
+        for t in range(factor.shape[0]):
+            factor[t] = covariance[t, k]
         for j in range(size):
             variance = factor[place_of(j, j)]
             pivot = variance
@@ -55,46 +57,73 @@ def sample(shape, mean, covariance, normals, out):  # type: ignore[no-untyped-de
 
 
 @njit(**JIT)
-def paths(topology, shape, settings, seed, origin, normal_stream, uniform_stream, plan, start, out):  # type: ignore[no-untyped-def]
-    """`out` (h, n_y, K): temperatures of the measured nodes in sampled futures under `plan` (h, n_u + m)."""
-    n, terms, free = topology.capacitance.shape[0], shape.term_place.shape[0], shape.free.shape[0]
-    channels, (size, count) = plan.shape[1] - terms, start.state.shape
+def paths(size, topology, shape, settings, seed, origin, normal_stream, uniform_stream, plan, start, out):  # type: ignore[no-untyped-def]
+    """`out` (h, n_y, K): temperatures of the measured nodes in sampled futures under `plan` (h, n_u + m).
+
+    `size` is a tuple of n_x entries.
+    """
+    n, terms, free = len(size), shape.term_place.shape[0], shape.free.shape[0]
+    channels, (whole, count) = plan.shape[1] - terms, start.state.shape
     blocks, gains = start.log_alpha.shape[0], start.gain_on.shape[0]
-    normals, uniforms = np.empty(n + 2 * blocks + 2 * gains), np.empty(blocks + 2 * gains)
-    at, theta, log_alpha = memory(n), shape.fixed.copy(), np.empty(blocks)
-    now, later = np.empty(n), np.empty(n)
+    normals, uniforms = (
+        np.empty((padded(n + 2 * blocks + 2 * gains), WIDTH)),
+        np.empty((padded(blocks + 2 * gains), WIDTH)),
+    )
+    at, theta, log_alpha = memory(size), np.empty((shape.fixed.shape[0], WIDTH)), np.empty((blocks, WIDTH))
+    state, now, later = np.empty((whole, WIDTH)), np.empty((n, WIDTH)), np.empty((n, WIDTH))
+    gain, on, hours = np.empty(WIDTH), np.empty((1, WIDTH)), np.empty((1, WIDTH))
+    decay, walk = np.empty(WIDTH), np.empty(WIDTH)
     process_sd = sqrt(settings.process_variance)
-    for k in range(count):
-        set_parameters(shape, start.state[size - free :, k], theta)
-        modes(topology, theta, settings.period, at)
-        copied(start.state[:, k], now)
-        copied(start.log_alpha[:, k], log_alpha)
-        gain, on, decay = 0.0, 0.0, 1.0
+    fixed_parameters(shape.fixed, theta)
+    for first in range(0, count, WIDTH):
+        width = min(WIDTH, count - first)
+        load(start.state, first, width, state)
+        load(start.log_alpha, first, width, log_alpha)
+        set_parameters(shape, state[whole - free :], width, theta)
+        modes(size, topology, theta, settings.period, width, at)
+        load(start.state[:n], first, width, now)
         if gains:
-            gain, on, decay = start.state[n, k], start.gain_on[0, k], gain_decay(start.log_hours[0, k], settings)
+            load(start.gain_on, first, width, on)
+            load(start.log_hours, first, width, hours)
+            gain_decays(hours[0], settings, width, decay)
+            for w in range(width):
+                gain[w] = state[n, w]
         for ahead in range(plan.shape[0]):
             step = origin + np.uint64(ahead + 1)
-            fill(seed, step, normal_stream, True, k, normals)
-            fill(seed, step, uniform_stream, False, k, uniforms)
+            fill(seed, step, normal_stream, True, first, width, normals)
+            fill(seed, step, uniform_stream, False, first, width, uniforms)
             for b in range(blocks):
-                log_alpha[b] = moved_volatility(
-                    log_alpha[b], normals[n + b], normals[n + blocks + b], uniforms[b], settings
-                )
-            heat_flow(topology, theta, plan[ahead], at)
+                for w in range(width):
+                    log_alpha[b, w] = moved_volatility(
+                        log_alpha[b, w], normals[n + b, w], normals[n + blocks + b, w], uniforms[b, w], settings
+                    )
+            heat_flow(topology, theta, plan[ahead], width, at)
             if gains:
-                if on < 0.5 and uniforms[blocks] < settings.on_probability:
-                    on, gain = 1.0, gain_spread(uniforms[blocks + 1], settings) * normals[n + 2 * blocks]
-                elif on > 0.5 and uniforms[blocks] < settings.off_probability:
-                    on, gain = 0.0, 0.0
-                at.flow[settings.gain_node] += WATTS * gain
+                for w in range(width):
+                    begins = on[0, w] < 0.5 and uniforms[blocks, w] < settings.on_probability
+                    ends = on[0, w] > 0.5 and uniforms[blocks, w] < settings.off_probability
+                    if begins:
+                        gain[w] = gain_spread(uniforms[blocks + 1, w], settings) * normals[n + 2 * blocks, w]
+                    on[0, w] = 1.0 if begins else (0.0 if ends else on[0, w])
+                    gain[w] *= on[0, w]
+                for w in range(width):
+                    at.flow[settings.gain_node, w] += WATTS * gain[w]
             for t in range(terms):
-                heat = plan[ahead, channels + t] * start.state[n + gains + t, k]
-                at.flow[shape.heated[shape.term_place[t]]] += heat
-            move(settings.period, now, at, later)
+                node, power = shape.heated[shape.term_place[t]], plan[ahead, channels + t]
+                for w in range(width):
+                    at.flow[node, w] += power * state[n + gains + t, w]
+            move(size, settings.period, now, width, at, later)
             for i in range(n):
-                alpha = exp(log_alpha[shape.block[i]]) if settings.volatile_process else 1.0
-                now[i] = later[i] + process_sd * alpha * normals[i]
+                if settings.volatile_process:
+                    for w in range(width):
+                        now[i, w] = later[i, w] + process_sd * exponential(log_alpha[shape.block[i], w]) * normals[i, w]
+                else:
+                    for w in range(width):
+                        now[i, w] = later[i, w] + process_sd * normals[i, w]
             for y in range(topology.measured.shape[0]):
-                out[ahead, y, k] = now[topology.measured[y]]
+                for w in range(width):
+                    out[ahead, y, first + w] = now[topology.measured[y], w]
             if gains:
-                gain = on * (decay * gain + gain_walk(log_alpha, settings) * normals[n + 2 * blocks + 1])
+                gain_walks(log_alpha, settings, width, walk)
+                for w in range(width):
+                    gain[w] = on[0, w] * (decay[w] * gain[w] + walk[w] * normals[n + 2 * blocks + 1, w])
