@@ -185,6 +185,5 @@ def _report(results: Results) -> Report:
                     results.table("truth", "Alarms without a lie", {ALARMS: ALARMS}, contenders=[NOTHING]),
                 ),
             ),
-            Section("What to set", ("Nothing: each channel is held against its own fortnight.",)),
         ),
     )

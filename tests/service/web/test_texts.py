@@ -35,6 +35,8 @@ SPOKEN = {
     "estimator/diagnosis/forecasts.py": None,
     "estimator/diagnosis/members.py": None,
     "estimator/diagnosis/parameters.py": None,
+    "estimator/diagnosis/telemetry/lies.py": None,
+    "estimator/diagnosis/thermostat.py": None,
     "replay/reports/advice.py": None,
     "replay/reports/page.py": None,
     "replay/reports/plots.py": None,
