@@ -40,6 +40,8 @@ Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]
 """Times [UTC s] (n,), values (n, m), and where the next page begins; None: there is none."""
 
 _COLUMNS = ", ".join(HISTORY_COLUMNS)
+_ROWS = "WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 ORDER BY time LIMIT ?"
+"""Of a chart: those at multiples of so many s."""
 
 _log = logging.getLogger(__name__)
 
@@ -220,7 +222,7 @@ class SampleJournal(ABC):
         """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m), NaN where
         there is no value. Damaged rows are left out, as in `history`."""
         self._show(zone)
-        rows, following = self._page(f"{_COLUMNS}, checksum FROM history", zone, start, end, every)
+        rows, following = self._page(f"SELECT {_COLUMNS}, checksum FROM history {_ROWS}", zone, start, end, every)
         return *self._reader.table(zone, rows), following
 
     def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
@@ -228,15 +230,16 @@ class SampleJournal(ABC):
 
         A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
         """
-        rows, following = self._page("time, inputs FROM samples", zone, start, end, every)
+        rows, following = self._page(f"SELECT time, inputs FROM samples {_ROWS}", zone, start, end, every)
         whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
         times = np.array([time for time, _ in whole], dtype=np.int64)
         inputs = np.frombuffer(b"".join(blob for _, blob in whole), dtype="<f8").reshape(len(whole), width)
         return times, inputs.astype(np.float64), following
 
-    def _page(self, what: str, zone: str, start: int, end: int, every: int) -> tuple[list[tuple[Any, ...]], int | None]:
-        """The next rows of a chart, the time of each first, and where the page after them begins."""
-        query = f"SELECT {what} WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 ORDER BY time LIMIT ?"
+    def _page(
+        self, query: str, zone: str, start: int, end: int, every: int
+    ) -> tuple[list[tuple[Any, ...]], int | None]:
+        """The next rows of a chart that `query` reads, the time of each first, and where the page after them begins."""
         rows = self.read(query, zone, start, end, every, SERIES_ROWS)
         return rows, rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
 
