@@ -47,6 +47,8 @@ _FULL, _LITTLE = 0.9, 0.1
 """Shares of the largest heating from which it is at its limit, and up to which it hardly heats."""
 _MOSTLY = 0.3
 """Share of the energy from which what 1 K less would save is no small change any more."""
+_WIDE = 3.0
+"""Upper over lower end of an interval from which what lies between says too little to be relied upon."""
 _WORTH = 20.0
 """W of heat from elsewhere that are worth a sentence."""
 
@@ -184,6 +186,8 @@ def _doubt(diagnosis: Diagnosis, loss: Array | None) -> str:
         return "do not rely on it, for models of the room disagree"
     if loss is not None and not np.isfinite(loss[0]):
         return "how sure this is, is not known"
+    if loss is not None and loss[2] > _WIDE * loss[0]:
+        return "do not rely on it yet"
     return ""
 
 
@@ -192,9 +196,11 @@ def _loss_answer(loss: Array | None, area: float, doubt: str) -> RoomAnswer:
         return RoomAnswer("heat_loss", "Its heat loss is not known, for the estimator knows no building", "W/K")
     low, median, high = loss.tolist()
     parts = [f"It loses {amount(median)} W for each K that it is warmer than outside"]
+    if high > _WIDE * low:
+        parts = ["How much heat it loses is hardly known yet"]
     if np.isfinite(low):
         parts.append(f"95 % between {amount(low)} and {amount(high)} W/K")
-    if np.isfinite(area):
+    if np.isfinite(area) and not high > _WIDE * low:
         parts.append(f"{median / area:.2g} W/K for each m2 of floor")
     return RoomAnswer("heat_loss", "; ".join([*parts, *([doubt] if doubt else [])]), "W/K", median, low, high)
 
@@ -362,10 +368,13 @@ def _against_cold(network: Network, comfort: _Comfort, past: Past, standing: Sta
 
 
 def _against_warmth(network: Network, comfort: _Comfort, past: Past, standing: Standing) -> ToDo:
-    reason = f"it was too warm for {float(comfort.warm.sum()) * comfort.hours:.0f} h"
+    hours = float(comfort.warm.sum()) * comfort.hours
     if _heated(network, past, standing, comfort.warm) > _LITTLE:
-        return ToDo("lower the heating or look for a valve that does not close", f"{reason} while it was heated")
-    return ToDo("shade the windows or air", f"{reason} without much heating")
+        return ToDo(
+            "lower the heating or look for a valve that does not close",
+            f"it was too warm for {hours:.0f} h while it was heated",
+        )
+    return ToDo("shade the windows or air", f"it was too warm for {hours:.0f} h without much heating")
 
 
 def _heated(network: Network, past: Past, standing: Standing, when: Mask) -> float:

@@ -3,19 +3,27 @@
 export const STATES = ["failed", "stalled", "waiting", "running"];
 const STATE_WEIGHT = { failed: 400, stalled: 300, waiting: 150, running: 0 };
 const TRUST_WEIGHT = { untrusted: 200, doubtful: 100, learning: 20, trusted: 0 };
-const SERIOUS = new Set(["forecast-implausible", "heat-loss-against-balance", "network-misses-something"]);
+// What is for who reads parameters; anything else is wrong with telemetry, heating or model.
+const MINOR = new Set(["members-disagree", "network-variant", "parameter-at-bound", "parameter-not-identified"]);
 const PROPOSALS = new Set(["narrower-bounds"]);
+export const SERIOUS_WEIGHT = 20;
+
+// How grave a finding is.
+export function weight({ finding }) {
+  if (PROPOSALS.has(finding)) return 0;
+  return MINOR.has(finding) ? 5 : SERIOUS_WEIGHT;
+}
 
 // The larger, the more a zone needs somebody.
 export function severity(row) {
-  const findings = row.findings.reduce((sum, { finding }) => sum + (SERIOUS.has(finding) ? 20 : PROPOSALS.has(finding) ? 0 : 5), 0);
+  const findings = row.findings.reduce((sum, finding) => sum + weight(finding), 0);
   return (STATE_WEIGHT[row.state] ?? 0) + (TRUST_WEIGHT[row.trust] ?? 0) + (row.reason && row.state === "running" ? 50 : 0) + Math.min(80, findings) + (row.disturbed ? 10 : 0) + (row.trust_reason && row.trust === "trusted" ? 15 : 0);
 }
 
 // Whether somebody should look: everything but a room that runs, is trusted, is not outdone by a simpler forecast and of which nothing worse is found than that
 // its bounds could be narrower, or that somebody is in it.
 export function needsAttention(row) {
-  const known = row.findings.some(({ finding }) => !PROPOSALS.has(finding));
+  const known = row.findings.some((finding) => weight(finding) > 0);
   return row.state !== "running" || Boolean(row.reason) || known || (row.trust_reason && row.trust === "trusted") || row.trust === "doubtful" || row.trust === "untrusted";
 }
 

@@ -2,6 +2,7 @@
 
 import { element } from "./dom.js";
 import { said } from "./said.js";
+import { SERIOUS_WEIGHT, weight } from "./ranking.js";
 import { celsius, duration, has, number, sentence, share, t } from "./text.js";
 
 export function stateText(state) {
@@ -37,13 +38,13 @@ function parameterName(name) {
   return name === "heat_loss" ? t("parameter.heat_loss") : name;
 }
 
-// The first thing to know of a zone in the table, and the language that it is in: why it does not run, else what its model does
-// not know, else why it is not trusted.
+// The first thing to know of a zone in the table, and the language that it is in: why it does not run, else what is wrong with
+// its telemetry, heating or model, else why it is not trusted or what is better, else what else is found.
 export function rowTold(row) {
   if (row.state !== "running" || row.reason) return row.reason ? said(row.reason) : { text: stateText(row.state), lang: "" };
-  const [first, ...others] = row.findings;
+  const [first, ...others] = row.findings.toSorted((one, other) => weight(other) - weight(one));
+  if (row.trust_reason && row.trust !== "learning" && !(first && weight(first) === SERIOUS_WEIGHT)) return said(row.trust_reason);
   if (first) return { text: others.length ? t("finding.more", { text: findingText(first), count: number(others.length) }) : findingText(first), lang: "" };
-  if (row.trust_reason && row.trust !== "learning") return said(row.trust_reason);
   return { text: row.disturbed ? t("finding.disturbed") : t("finding.none"), lang: "" };
 }
 

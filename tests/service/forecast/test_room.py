@@ -85,6 +85,16 @@ def test_a_loss_that_cannot_be_believed_saves_nothing(worker, monkeypatch):
     assert ("check the unit", "it contradicts the balance") in [(one.what, one.why) for one in room.to_do]
 
 
+def test_a_loss_of_which_little_is_known_is_not_told_as_one_number(worker, monkeypatch):
+    summary = worker.parameters((0.025, 0.5, 0.975))._replace(heat_loss=np.array([40.9, 561.0, 689.0]))
+    monkeypatch.setattr(worker, "parameters", lambda levels: summary)
+    found = answers(asked(worker, area=120.0))
+    assert found["heat_loss"].sentence == (
+        "How much heat it loses is hardly known yet; 95 % between 40.9 and 689 W/K; do not rely on it yet"
+    )
+    assert "saving" not in found
+
+
 def test_it_cools_and_heats_as_fast_as_the_house(worker):
     found = answers(asked(worker))
     assert found["cooling"].lower < found["cooling"].value < found["cooling"].upper
