@@ -26,18 +26,13 @@ class RoomState(BaseModel):
     """The truth about a room: temperatures and set-point in degC, flows of heat in W, openings in W/K."""
 
     T_air: float
-    T_env: float = Field(description="of the walls; in a building of EnergyPlus the mean radiant temperature")
-    T_heater: float | None = Field(description="null where heaters have no temperature of their own")
+    T_env: float
+    T_heater: float
     set_point: float
     u_heat: float
     unmeasured: float = Field(description="people, sun and open windows together")
     opening: float = Field(description="windows, those left open by a fault included")
-    parameters: dict[str, float] = Field(
-        description="true capacitances in J/K of simulated time, conductances in W/K; empty in a building of EnergyPlus"
-    )
-    flows: dict[str, float] = Field(
-        description="further flows of heat into the room over the last step, W, in a building of EnergyPlus"
-    )
+    parameters: dict[str, float] = Field(description="true capacitances in J/K of simulated time, conductances in W/K")
 
 
 class State(BaseModel):
@@ -213,13 +208,12 @@ def _state(simulation: Simulation) -> State:
             room.name: RoomState(
                 T_air=now.air[k],
                 T_env=now.envelope[k],
-                T_heater=_known(now.heater[k]),
+                T_heater=now.heater[k],
                 set_point=now.set_point[k],
                 u_heat=now.power[k],
                 unmeasured=now.gain[k],
                 opening=now.opening[k],
                 parameters=room.theta,
-                flows={name: float(flow[k]) for name, flow in now.flows.items()},
             )
             for k, room in enumerate(simulation.building.rooms)
         },

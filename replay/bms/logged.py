@@ -92,7 +92,6 @@ async def live(demo: Demo, stop: asyncio.Event, ready: Callable[[tuple[Path, str
             serving.cancel()
             await asyncio.gather(serving, return_exceptions=True)
             http.close()
-            simulation.world.close()
 
 
 def columns(simulation: Simulation) -> tuple[list[dict[str, Column]], dict[str, Column]]:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from replay.bms.living.building import Building
 from replay.bms.living.thermostats import Relay
-from replay.bms.living.world import Rooms, Snapshot
+from replay.bms.living.world import Snapshot
 from replay.bms.registers import Register
 
 WEATHER_UNIT_ID = 1
@@ -51,7 +52,7 @@ class Device(NamedTuple):
         return next((channel for channel in self.channels if channel.name == name), None)
 
 
-def devices(building: Rooms, *, pace: float, meters: int = 0, registers: int = 100) -> tuple[Device, ...]:
+def devices(building: Building, *, pace: float, meters: int = 0, registers: int = 100) -> tuple[Device, ...]:
     """Weather station, a controller per room, and `meters` cheap devices of `registers` registers each, for load.
 
     Energy counters count what flows in wall-clock time: at `pace` simulated seconds per second, a `pace`th of the heat
@@ -80,7 +81,7 @@ def _weather_station(rooms: int) -> Device:
     )
 
 
-def _controller(building: Rooms, room: int, pace: float) -> tuple[Channel, ...]:
+def _controller(building: Building, room: int, pace: float) -> tuple[Channel, ...]:
     """What the controller of a room measures; which make it is follows from the heater and the room's place."""
     thermostat = building.rooms[room].thermostat
     if isinstance(thermostat, Relay):

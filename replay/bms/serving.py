@@ -14,7 +14,6 @@ from replay.bms import register_map
 from replay.bms.bacnet import objects as bacnet_objects
 from replay.bms.control import create_control
 from replay.bms.faults import FaultSpec
-from replay.bms.living.world import Living
 from replay.bms.modbus_server import ModbusServer
 from replay.bms.simulation import Simulation
 from replay.bms.written_config import over_bacnet, over_modbus, write_config
@@ -33,11 +32,7 @@ class BmsOptions:
     """What the command line says. Ports of 0 are any free ones; `zenoh` None publishes nothing, `bacnet` None serves no
     BACnet. The configuration reads the building `over` "modbus" or "bacnet"."""
 
-    plant: str = "rooms"
-    """"rooms" in a row, `zones` of them, or the `building` of "energyplus" in the weather of `weather`."""
     zones: int = 4
-    building: str = "house"
-    weather: str = "denver"
     port: int = 5020
     control_port: int = 5021
     zenoh: str | None = "tcp/127.0.0.1:7448"
@@ -77,26 +72,7 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
         pace=options.pace,
         meters=options.meters,
         registers=options.registers,
-        living=_living(options),
     )
-    try:
-        await _serve(options, simulation, stop, ready)
-    finally:
-        simulation.world.close()
-
-
-def _living(options: BmsOptions) -> Living | None:
-    """The building of EnergyPlus, if that is wanted."""
-    if options.plant != "energyplus":
-        return None
-    from replay.bms.energyplus.world import EnergyPlusWorld
-
-    return EnergyPlusWorld(options.building, options.weather, options.seed)
-
-
-async def _serve(
-    options: BmsOptions, simulation: Simulation, stop: asyncio.Event, ready: Callable[[list[str]], None]
-) -> None:
     for fault in options.faults:
         simulation.faults.add(fault)
     http = HttpServer(create_control(simulation), HttpConfig(port=options.control_port), "--control-port")
@@ -159,7 +135,7 @@ def _greeting(options: BmsOptions, simulation: Simulation, port: int, bacnet: in
     lines = [
         *register_map.as_text(simulation.plant),
         "",
-        f"{_what(options)}, {options.pace:g} simulated s per s, seed {options.seed}",
+        f"SYNTHETIC building, {options.zones} rooms, {options.pace:g} simulated s per s, seed {options.seed}",
         f"Modbus TCP  127.0.0.1:{port}; registers count from 0",
         f"Zenoh       {options.zenoh or 'off'}" + ("; keys bms/{plain,json,senml}/**" if options.zenoh else ""),
         f"BACnet/IP   {bacnet_objects.served(simulation.plant, bacnet)}",
@@ -169,9 +145,3 @@ def _greeting(options: BmsOptions, simulation: Simulation, port: int, bacnet: in
     if options.config is not None:
         lines.append(f"Configuration: thermogate run {options.config}")
     return [*lines, "Ctrl-C stops."]
-
-
-def _what(options: BmsOptions) -> str:
-    if options.plant == "energyplus":
-        return f"SYNTHETIC building '{options.building}' of EnergyPlus, weather {options.weather}"
-    return f"SYNTHETIC building, {options.zones} rooms"

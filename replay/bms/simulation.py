@@ -11,7 +11,7 @@ import numpy as np
 
 from replay.bms.faults import FaultBoard
 from replay.bms.living.building import design
-from replay.bms.living.world import Living, Orders, World
+from replay.bms.living.world import STEP, Orders, World
 from replay.bms.plant import Channel, Device, devices
 
 TICK = 0.1
@@ -22,9 +22,9 @@ _log = logging.getLogger(__name__)
 
 
 class Simulation:
-    """A world, its devices and their faults, and what somebody at the plant has set.
+    """A world of `zones` rooms in a row, its devices and their faults, and what somebody at the plant has set.
 
-    The world is `living`, or else one of `zones` rooms in a row. `clock` gives real seconds that never jump.
+    `clock` gives real seconds that never jump.
     """
 
     def __init__(
@@ -35,11 +35,10 @@ class Simulation:
         pace: float,
         meters: int = 0,
         registers: int = 100,
-        living: Living | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.pace = pace
-        self.world: Living = living or World(design(zones, seed), seed)
+        self.world = World(design(zones, seed), seed)
         self.building = self.world.building
         self.orders = Orders.none(len(self.building.rooms))
         self.plant = devices(self.building, pace=pace, meters=meters, registers=registers)
@@ -57,12 +56,11 @@ class Simulation:
         for device in self.plant:
             if device.room is not None and (fault := self.faults.active("window", device.name)):
                 windows[device.room] = fault.value
-        step = self.world.step_length
-        due = int((self._clock() - self._began) * self.pace / step)
-        lived = int(self.world.elapsed / step)
+        due = int((self._clock() - self._began) * self.pace / STEP)
+        lived = int(self.world.elapsed / STEP)
         for _ in range(min(due - lived, _MOST_STEPS)):
             self.world.step(windows, self.orders)
-        return max(due - lived - _MOST_STEPS, 0) * step
+        return max(due - lived - _MOST_STEPS, 0) * STEP
 
     async def run(self) -> None:
         """Keep up with the clock until cancelled."""

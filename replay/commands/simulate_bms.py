@@ -13,33 +13,14 @@ _MOST_ZONES = 80
 _MOST_METERS = 148
 """Unit ids of a Modbus line (1 to 247) from `replay.bms.plant.FIRST_METER_UNIT_ID` on."""
 _MOST_REGISTERS = 10_000
-_ONLY = {"rooms": ("zones",), "energyplus": ("building", "weather")}
-"""Options that one kind of plant has."""
 SMALLEST_PACE, LARGEST_PACE = 0.01, 3600.0
 
 
 def add_to(add: AddCommand) -> None:
     """Add the command by `add(name, command, text)`."""
     parser = add("simulate-bms", _simulate_bms, "Simulate a building behind Modbus, Zenoh and BACnet servers.")
-    parser.add_argument(
-        "--plant",
-        choices=("rooms", "energyplus"),
-        default="rooms",
-        help="rooms in a row, or a building that EnergyPlus simulates (default rooms)",
-    )
-    parser.add_argument(
-        "--zones", type=whole(1, _MOST_ZONES), metavar="N", help="number of rooms of the plant rooms (default 4)"
-    )
-    parser.add_argument(
-        "--building", metavar="NAME", help="house, timber or office, of the plant energyplus (default house)"
-    )
-    parser.add_argument(
-        "--weather",
-        metavar="NAME|EPW",
-        help="of the plant energyplus: chicago, denver, san-francisco, tampa or washington, or the path of an EPW file "
-        "(default denver)",
-    )
     options: dict[str, Option] = {
+        "--zones": (whole(1, _MOST_ZONES), "4", "N", "number of rooms"),
         "--port": (whole(0, 65535), "5020", "N", "Modbus port, 0 for any free one"),
         "--control-port": (whole(0, 65535), "5021", "N", "HTTP port of the control surface, 0 for any free one"),
         "--zenoh": (
@@ -96,13 +77,7 @@ def _simulate_bms(arguments: argparse.Namespace) -> int:
         raise ConfigError(["--set changes the configuration that --write-config writes; give that too"])
     if arguments.over == "bacnet" and arguments.bacnet is None:
         raise ConfigError(["--over bacnet reads the BACnet devices; give --bacnet with their port too"])
-    for plant, names in _ONLY.items():
-        for name in names:
-            if plant != arguments.plant and getattr(arguments, name) is not None:
-                raise ConfigError([f"--{name} belongs to --plant {plant}; leave it out, or choose that plant"])
-    own = [name for names in _ONLY.values() for name in names]
     given = {name: value for name, value in vars(arguments).items() if name in {one.name for one in fields(BmsOptions)}}
-    given = {name: value for name, value in given.items() if name not in own or value is not None}
     return simulate_bms(BmsOptions(**given | {"faults": [parse_spec(text) for text in arguments.faults]}))
 
 

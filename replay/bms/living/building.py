@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +55,28 @@ class Building(NamedTuple):
         """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
         room = self.rooms[index]
         seen = {name: value / pace if name.startswith("C_") else value for name, value in room.theta.items()}
-        boxes = {name: (rounded(value / _BELOW), rounded(value * _ABOVE)) for name, value in seen.items()}
-        return known_network(room.name, boxes, [self.rooms[other].name for other in self.neighbours(index)])
+        neighbours = {f"T_{self.rooms[other].name}": f"g_{self.rooms[other].name}" for other in self.neighbours(index)}
+        return Network(
+            name=room.name,
+            capacitances={node: node.replace("T_", "C_") for node in NODES},
+            boundaries=("T_out", *neighbours),
+            conductances=(
+                Conductance("g_air_env", ("T_air", "T_env")),
+                Conductance("g_env_out", ("T_env", "T_out")),
+                Conductance("g_air_heater", ("T_air", "T_heater")),
+                *(Conductance(name, ("T_air", boundary)) for boundary, name in neighbours.items()),
+            ),
+            heat_inputs=(HeatInput("u_heat", "T_heater"), HeatInput("I_sol", "T_air", Gain(parameter="A_w"), "W/m2")),
+            parameters=(
+                *(
+                    Parameter(name, _UNITS[name[0]], _rounded(value / _BELOW), _rounded(value * _ABOVE))
+                    for name, value in seen.items()
+                ),
+                *(Parameter(name, "W/K", *_PARTITION_BOX) for name in neighbours.values()),
+            ),
+            measured=("T_air",),
+            initial={"T_env": InitialTemperature("measured", 5.0), "T_heater": InitialTemperature("measured", 10.0)},
+        ).validate()
 
 
 def design(rooms: int, seed: int) -> Building:
@@ -109,35 +128,7 @@ def whole_network(building: Building) -> tuple[Network, dict[str, float]]:
     return network.validate(), theta
 
 
-def known_network(room: str, boxes: Mapping[str, tuple[float, float]], beside: Collection[str]) -> Network:
-    """The network of a room between rooms `beside` it, whose parameters lie in `boxes` (J/K, W/K, m2).
-
-    `g_air_out`, what the air loses directly to outdoors, is there if it has a box.
-    """
-    neighbours = {f"T_{name}": f"g_{name}" for name in beside}
-    direct = (Conductance("g_air_out", ("T_air", "T_out")),) if "g_air_out" in boxes else ()
-    return Network(
-        name=room,
-        capacitances={node: node.replace("T_", "C_") for node in NODES},
-        boundaries=("T_out", *neighbours),
-        conductances=(
-            Conductance("g_air_env", ("T_air", "T_env")),
-            Conductance("g_env_out", ("T_env", "T_out")),
-            Conductance("g_air_heater", ("T_air", "T_heater")),
-            *direct,
-            *(Conductance(name, ("T_air", boundary)) for boundary, name in neighbours.items()),
-        ),
-        heat_inputs=(HeatInput("u_heat", "T_heater"), HeatInput("I_sol", "T_air", Gain(parameter="A_w"), "W/m2")),
-        parameters=(
-            *(Parameter(name, _UNITS[name[0]], lower, upper) for name, (lower, upper) in boxes.items()),
-            *(Parameter(name, "W/K", *_PARTITION_BOX) for name in neighbours.values()),
-        ),
-        measured=("T_air",),
-        initial={"T_env": InitialTemperature("measured", 5.0), "T_heater": InitialTemperature("measured", 10.0)},
-    ).validate()
-
-
-def rounded(value: float) -> float:
+def _rounded(value: float) -> float:
     """`value` with two digits, as a person would write a bound."""
     return float(f"{value:.2g}")
 

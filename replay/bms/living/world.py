@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.network.network import Network
-from replay.bms.living.building import AIR, ENVELOPE, HEATER, NODES, Building, Room, whole_network
+from replay.bms.living.building import AIR, ENVELOPE, HEATER, NODES, Building, whole_network
 from replay.bms.living.calendar import FIRST_MIDNIGHT, Calendar
 from replay.bms.living.thermostats import Thermostats
 from replay.localtime import HOUR
@@ -29,8 +27,7 @@ class Snapshot(NamedTuple):
 
     `time` is in simulated UTC seconds, temperatures in degC, `power`, `gain` (people, sun and windows, all of it
     unmeasured but for the sun's irradiance) in W, `energy` in J since the beginning, `opening` in W/K. `noise` (N + 1,)
-    in K is what the sensors add: one of every room, then the outdoor one. `flows` are further flows of heat into the
-    rooms in W, by name, as far as the building tells them; `heater` is NaN where heaters have no temperature.
+    in K is what the sensors add: one of every room, then the outdoor one.
     """
 
     time: float
@@ -45,7 +42,6 @@ class Snapshot(NamedTuple):
     noise: Array
     outdoor: float
     irradiance: float
-    flows: Mapping[str, Array] = {}
 
 
 class Orders(NamedTuple):
@@ -60,53 +56,8 @@ class Orders(NamedTuple):
         return cls(np.full(rooms, np.nan), np.full(rooms, np.nan))
 
 
-class Rooms(Protocol):
-    """A building as its devices and the configuration know it."""
-
-    @property
-    def rooms(self) -> tuple[Room, ...]:
-        """Names, thermostats and, as far as they are known, true parameters."""
-        ...
-
-    def neighbours(self, index: int) -> Mapping[int, float]:
-        """Conductance [W/K] to each room next to room `index`, by index."""
-        ...
-
-    def zone_network(self, index: int, pace: float) -> Network:
-        """What can be known of room `index`, as the daemon sees it at `pace`: its neighbours' air are boundaries."""
-        ...
-
-
-class Living(Protocol):
-    """A building that lives step by step."""
-
-    step_length: float
-    """Simulated seconds per step."""
-    now: Snapshot
-
-    @property
-    def building(self) -> Rooms:
-        """Its rooms."""
-        ...
-
-    @property
-    def elapsed(self) -> float:
-        """Simulated seconds lived so far."""
-        ...
-
-    def step(self, windows: Array, orders: Orders) -> None:
-        """Live one step; `windows` (N,) in W/K are openings beside those of the people, `orders` act from now on."""
-        ...
-
-    def close(self) -> None:
-        """Give back what it holds; it lives no more."""
-        ...
-
-
 class World:
     """A building and its calendar, advanced step by step; the same seed and windows always give the same numbers."""
-
-    step_length = STEP
 
     def __init__(self, building: Building, seed: int) -> None:
         self.building = building
@@ -139,9 +90,6 @@ class World:
         self._energy = self._energy + now.power * STEP
         self._steps += 1
         self.now = self._look(windows, orders or Orders.none(len(windows)))
-
-    def close(self) -> None:
-        """There is nothing to give back."""
 
     def _look(self, windows: Array, orders: Orders) -> Snapshot:
         """What holds over the next step."""

@@ -92,3 +92,29 @@ def test_its_documentation_needs_nothing_from_elsewhere() -> None:
     )
     assert root.headers["location"] == "/docs"
     assert (page.status_code, script.status_code) == (200, 200)
+
+
+def test_the_plants_side_sets_heating_and_set_points() -> None:
+    clock = Clock()
+    plant = simulation(clock)
+    relay, half, valve, unknown, odd, empty = ask(
+        plant,
+        ("PUT", "/rooms/room1", {"u_heat": 1500}),
+        ("PUT", "/rooms/room1", {"u_heat": 700}),
+        ("PUT", "/rooms/room2", {"u_heat": 700, "set_point": 23}),
+        ("PUT", "/rooms/attic", {"u_heat": 0}),
+        ("PUT", "/rooms/room2", {"power": 5}),
+        ("PUT", "/rooms/room3", {"set_point": 99}),
+    )
+    assert (relay.status_code, valve.status_code) == (200, 200)
+    assert half.json()["detail"] == "u_heat: the heater of room1 cannot give 700 W; a relay gives 0 or 1500 W"
+    assert unknown.json()["detail"] == 'there is no room "attic"; the rooms are room1, room2, room3'
+    assert (odd.status_code, empty.status_code) == (422, 422)
+    clock.now += 60
+    plant.catch_up()
+    assert plant.world.now.power[:2].tolist() == [1500.0, 700.0]
+    assert plant.world.now.set_point[1] == 23.0
+    ask(plant, ("DELETE", "/rooms/room2", None))
+    clock.now += 1
+    plant.catch_up()
+    assert plant.world.now.set_point[1] < 22.0

@@ -9,12 +9,19 @@ from support.energyplus import needs_energyplus
 from replay.energyplus import library
 from replay.energyplus.buildings import BUILDINGS
 from replay.energyplus.plant import Plant
+from service.cli.main import main
 
 
-def test_without_the_extra_one_sentence_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_one_sentence_names_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(library.EnergyPlusMissing, match=r"pip install 'thermogate\[energyplus\]'"):
         Plant(BUILDINGS["timber"])
+    assert main(["simulate-energyplus", "--building", "timber", "--out", "unused"]) == 1
+    said = capsys.readouterr().err
+    assert "EnergyPlus is not installed" in said
+    assert len(said.splitlines()) == 1
 
 
 @needs_energyplus
