@@ -13,7 +13,7 @@ PACKAGES = {
     "adapters": set(),
     "service": {"estimator", "adapters"},
     "replay": {"estimator", "adapters", "service"},
-    "thermogate": {"estimator", "adapters", "service"},
+    "thermogate": {"estimator", "adapters", "service", "replay"},
 }
 """Which other packages each one may import."""
 
@@ -68,7 +68,7 @@ LEVELS = {
         {"errors", "localtime"},
     ),
     "thermogate": (
-        {"fitting"},
+        {"fitting", "backtesting"},
         {"model"},
         {"files", "learning"},
         {"session", "plans", "heating"},

@@ -2,11 +2,12 @@
 
     import thermogate as tg
 
-    model = tg.fit(df, network="titeth")
+    model = tg.fit(df)
     model.forecast({"u_heat": 1500.0}, horizon="24h")
 
 `fit` runs the estimator of the daemon over a table of measurements and returns a `Model`; `load` reads a model that
-`Model.save` wrote. Importing this package is quick: the estimator is imported when one of the names is first used.
+`Model.save` wrote. `backtest` and `compare` score the forecasts that estimators would have made along a table.
+Importing this package is quick: the estimator is imported when one of the names is first used.
 Nobody but notebooks and scripts comes in here; inside, `frames` is where pandas is.
 """
 
@@ -20,14 +21,34 @@ from service.daemon.process import prepare_process
 from service.errors import ConfigError, DataError, ServiceError
 
 if TYPE_CHECKING:
+    from thermogate.backtesting import Backtest, backtest, compare
     from thermogate.fitting import fit, load
     from thermogate.model import Model
 
-__all__ = ["ConfigError", "DataError", "Model", "ServiceError", "__version__", "fit", "load"]
+__all__ = [
+    "Backtest",
+    "ConfigError",
+    "DataError",
+    "Model",
+    "ServiceError",
+    "__version__",
+    "backtest",
+    "compare",
+    "fit",
+    "load",
+]
 
 __version__ = version("thermogate")
 
-_LATER = ("Model", "fit", "load")
+_LATER = {
+    "Model": "thermogate.fitting",
+    "fit": "thermogate.fitting",
+    "load": "thermogate.fitting",
+    "Backtest": "thermogate.backtesting",
+    "backtest": "thermogate.backtesting",
+    "compare": "thermogate.backtesting",
+}
+"""The module of each name that needs the estimator."""
 
 
 def __getattr__(name: str) -> Any:
@@ -35,8 +56,8 @@ def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f"module 'thermogate' has no attribute '{name}'")
     prepare_process(shared=True)
-    fitting = import_module("thermogate.fitting")
-    globals().update({later: getattr(fitting, later) for later in _LATER})
+    module = import_module(_LATER[name])
+    globals().update({later: getattr(module, later) for later in _LATER if _LATER[later] == _LATER[name]})
     return globals()[name]
 
 

@@ -10,19 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from estimator.network.network import Network
-from service.records.outlook import SET_POINTS
-from thermogate.arguments import duration, items, plain
+from estimator.network.presets import AUTO
 from thermogate.files import read_model
-from thermogate.frames import Frame, clock, pandas, spacing
+from thermogate.frames import Frame
 from thermogate.learning import learn
 from thermogate.model import Model
 from thermogate.session import Session
-from thermogate.settings import network_of, settings_of
+from thermogate.settings import settings_for
 
 
 def fit(
     df: Frame,
-    network: str | Mapping[str, Any] | Network,
+    network: str | Mapping[str, Any] | Network = AUTO,
     *,
     columns: Mapping[str, Any] | None = None,
     tz: str | tzinfo | None = None,
@@ -45,8 +44,8 @@ def fit(
 
     Args:
         df: a DataFrame with a DatetimeIndex; rows need no order and no even spacing.
-        network: a preset such as "titeth", "auto" for one that follows from the columns, a table as in
-            [zones.network], or a `Network`.
+        network: "auto" for one that follows from the columns, a preset such as "titeth", a table as in [zones.network],
+            or a `Network`.
         columns: what a channel is read from, where the column does not have its name and unit: the name of a column, a
             pair of name and unit such as ("Heating kW", "kW"), or a table as in [zones.channels]. "T_set" is what the
             room is meant to have; a column of that name is taken for it.
@@ -64,33 +63,28 @@ def fit(
 
     Raises ConfigError for arguments and DataError for a table that cannot be used.
     """
-    pandas()
-    tables, published = {} if columns is None else items(columns), items(levels)
-    present = set(map(str, getattr(df, "columns", ())))
-    if isinstance(tables, Mapping) and SET_POINTS in present:
-        tables = {SET_POINTS: SET_POINTS, **tables}
-    resolved = network_of(plain(network), present.union(map(str, tables if isinstance(tables, Mapping) else ())))
-    times = clock(df, tz, "the table")
-    given: dict[str, Any] = {
-        "period": spacing(times.seconds) if period is None else duration(period),
-        "estimator": plain(estimator),
-        "estimator_options": items(estimator_options),
-        "seed": plain(seed),
-        "levels": [published] if isinstance(published, int | float) else published,
-        "max_gap": plain(max_gap),
-        "hold_inputs": duration(hold_inputs),
-        "habits": plain(habits),
-        "sun": plain(sun),
-        "floor_area": plain(floor_area),
-        "latitude": plain(latitude),
-        "longitude": plain(longitude),
-        "country": plain(country),
-    }
-    known = {name: value for name, value in given.items() if value is not None}
-    settings = settings_of(resolved, tables, times.zone, known)
-    used = {name for column in settings.columns for name in column.sources}
-    others = tuple(name for name in map(str, df.columns) if name not in used)
-    session = Session(settings._replace(other_columns=others))
+    settings = settings_for(
+        df,
+        network,
+        columns,
+        tz,
+        {
+            "period": period,
+            "estimator": estimator,
+            "estimator_options": estimator_options,
+            "seed": seed,
+            "levels": levels,
+            "max_gap": max_gap,
+            "hold_inputs": hold_inputs,
+            "habits": habits,
+            "sun": sun,
+            "floor_area": floor_area,
+            "latitude": latitude,
+            "longitude": longitude,
+            "country": country,
+        },
+    )
+    session = Session(settings)
     learned = learn(session, df, progress, "fit")
     for sentence in learned.warnings:
         warnings.warn(sentence, stacklevel=2)

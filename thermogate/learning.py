@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterator
 from math import ceil, inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tqdm import tqdm
 
@@ -15,9 +15,9 @@ from service.errors import DataError
 from service.records.sample import Sample
 from thermogate.frames import Frame, Reader, check_columns, clock, moments
 from thermogate.session import Session
-from thermogate.settings import ZONE
+from thermogate.settings import ZONE, Settings
 
-_SLOW = 2.0
+SLOW = 2.0
 """Seconds after which a bar shows the progress."""
 
 
@@ -28,36 +28,51 @@ class Learned(NamedTuple):
     warnings: list[str]
 
 
+class Samples:
+    """The samples of a table, on the grid of the zone of `settings`."""
+
+    def __init__(self, settings: Settings, df: Frame, after: int | None = None, idle: int = 0) -> None:
+        """Rows up to the sample at `after`, UTC s, are passed over; the last `idle` samples before had no reading.
+
+        DataError for a table that cannot be used, or of which nothing is new.
+        """
+        period = settings.zone.period
+        times = clock(df, settings.tz, "the table")
+        check_columns(df, settings.columns, "the table")
+        since = -inf if after is None else after + period
+        self._reader = Reader(df, times, settings.columns, since)
+        self._alignment = make_alignment(settings.zone, after, resume_idle=idle)
+        first, last = self._reader.span()
+        if last < since:
+            newest, until = moments([last, since], settings.tz)
+            raise DataError(f"the table ends at {newest}, and the model has learned up to {until}; give later rows")
+        self.expected = max(1, ceil((last - max(first, since)) / period))
+        """About how many there are."""
+
+    def __iter__(self) -> Iterator[Sample]:
+        for part in self._reader.parts():
+            yield from self._alignment.add(ZONE, part.readings, part.now)
+        yield from self._alignment.end(ZONE)
+
+    def refused(self) -> Learned:
+        """What was not used, once the samples have been taken."""
+        faults = self._alignment.faults + self._reader.faults
+        return Learned(faults, self._reader.refused(faults))
+
+
 def learn(session: Session, df: Frame, progress: bool, what: str) -> Learned:
     """Take `session` over the rows of `df` that it has not seen; a slow progress is called `what`.
 
     DataError for a table that cannot be used, or of which nothing is new.
     """
-    settings, worker = session.settings, session.worker
-    period, resume_after, before = settings.zone.period, worker.progress.last_time, len(session)
-    times = clock(df, settings.tz, "the table")
-    check_columns(df, settings.columns, "the table")
-    since = -inf if resume_after is None else resume_after + period
-    reader = Reader(df, times, settings.columns, since)
-    alignment = make_alignment(settings.zone, resume_after, resume_idle=worker.empty_samples)
-    first, last = reader.span()
-    if last < since:
-        newest, until = moments([last, since], settings.tz)
-        raise DataError(f"the table ends at {newest}, and the model has learned up to {until}; give later rows")
-    total = max(1, ceil((last - max(first, since)) / period))
-    with tqdm(total=total, unit=" samples", desc=what, delay=_SLOW, disable=not progress) as bar:
-        for part in reader.parts():
-            _take(session, alignment.add(ZONE, part.readings, part.now), bar)
-        _take(session, alignment.end(ZONE), bar)
-    faults = alignment.faults + reader.faults
-    sentences = reader.refused(faults)
+    worker, before = session.worker, len(session)
+    samples = Samples(session.settings, df, worker.progress.last_time, worker.empty_samples)
+    with tqdm(total=samples.expected, unit=" samples", desc=what, delay=SLOW, disable=not progress) as bar:
+        for sample in samples:
+            session.take(sample)
+            bar.update()
+    learned = samples.refused()
     if before == len(session) == 0:
         why = worker.progress.stalled or "there is no reading"
-        raise DataError("; ".join([f"no row of the table could be used: {why}", *sentences]))
-    return Learned(faults, sentences)
-
-
-def _take(session: Session, samples: Iterable[Sample], bar: Any) -> None:
-    for sample in samples:
-        session.take(sample)
-        bar.update()
+        raise DataError("; ".join([f"no row of the table could be used: {why}", *learned.warnings]))
+    return learned

@@ -18,7 +18,7 @@ from service.forecast.request import whole_steps
 from service.records.outlook import SET_POINTS
 from thermogate.arguments import duration, plain
 from thermogate.frames import clock, moments, numbers, pandas
-from thermogate.settings import Settings
+from thermogate.settings import Settings, with_auto
 
 
 def steps_in(horizon: object, period: float) -> int:
@@ -100,7 +100,7 @@ def _meant(name: str, settings: Settings, plan: object) -> list[tuple[str, Edge]
         close = suggestion(name, names, "").partition("; ")[2]
         raise DataError(
             f"the plan has {shown(name)}, which is no input of the model; its inputs are {', '.join(units)}"
-            + (f"; {close}" if close else "")
+            + (f"; {close}" if close else with_auto(name))
         )
     found = []
     for channel, edge in names[name]:

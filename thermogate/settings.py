@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from datetime import tzinfo
 from pathlib import Path
 from typing import Any, NamedTuple
 from zoneinfo import available_timezones
@@ -12,6 +13,7 @@ from adapters.csv.config import CsvChannelConfig
 from adapters.fields.problems import Problems
 from adapters.fields.words import shown, suggestion
 from estimator.network.network import Network
+from estimator.network.presets import AUTO, automatic
 from service.config.checks import ZoneDraft, check_zone
 from service.config.known_heat import heated
 from service.config.load import completed
@@ -21,7 +23,8 @@ from service.config.site import SiteConfig, Whereabouts, ZoneConfig, ZoneTable
 from service.errors import ConfigError
 from service.records.outlook import SET_POINTS
 from service.zone.alignment import SETPOINT, unit_of
-from thermogate.frames import Column
+from thermogate.arguments import duration, items, plain
+from thermogate.frames import Column, Frame, clock, pandas, spacing
 
 ZONE = "notebook"
 """The id of the zone, and the name of its source."""
@@ -58,6 +61,43 @@ class Settings(NamedTuple):
     def plannable(self) -> list[Column]:
         """Those of `columns` that a plan may name."""
         return [column for column in self.columns if column.name in (*self.network.inputs, SET_POINTS)]
+
+
+def settings_for(
+    df: Frame, network: object, columns: object, tz: str | tzinfo | None, given: Mapping[str, Any]
+) -> Settings:
+    """The settings that the arguments of `fit` amount to for the table `df`; None in `given` leaves the default.
+
+    ConfigError for arguments and DataError for a table that cannot be used.
+    """
+    pandas()
+    tables = {} if columns is None else items(columns)
+    present = set(map(str, getattr(df, "columns", ())))
+    if isinstance(tables, Mapping) and SET_POINTS in present:
+        tables = {SET_POINTS: SET_POINTS, **tables}
+    resolved = network_of(plain(network), present.union(map(str, tables if isinstance(tables, Mapping) else ())))
+    times = clock(df, tz, "the table")
+    if given.get("period") is None:
+        given = {**given, "period": spacing(times.seconds)}
+    known = {name: _AS.get(name, plain)(value) for name, value in given.items() if value is not None}
+    settings = settings_of(resolved, tables, times.zone, known)
+    used = {name for column in settings.columns for name in column.sources}
+    return settings._replace(other_columns=tuple(name for name in map(str, df.columns) if name not in used))
+
+
+def _listed(value: object) -> object:
+    """`value` as a list, where it is a number alone."""
+    found = items(value)
+    return [found] if isinstance(found, int | float) else found
+
+
+_AS: Mapping[str, Callable[[Any], Any]] = {
+    "period": duration,
+    "hold_inputs": duration,
+    "estimator_options": items,
+    "levels": _listed,
+}
+"""How an argument is read that can be written in several ways."""
 
 
 def network_of(network: object, channels: Collection[str] = ()) -> Network:
@@ -117,7 +157,9 @@ def _column_tables(network: Network, columns: Mapping[str, Any]) -> dict[str, di
     for name in columns:
         if name not in known:
             near = suggestion(name, network.channels, "its channels are")
-            problems.append(f"columns.{name}: network {shown(network.name)} has no such channel; {near}")
+            problems.append(
+                f"columns.{name}: network {shown(network.name)} has no such channel; {near}{with_auto(name)}"
+            )
     for name in known:
         unit = network.channel_unit(name) if name in network.channels else unit_of(network, SETPOINT)
         written = columns.get(name, name)
@@ -136,6 +178,12 @@ def _column_tables(network: Network, columns: Mapping[str, Any]) -> dict[str, di
     if problems:
         raise ConfigError(problems)
     return tables
+
+
+def with_auto(channel: str) -> str:
+    """How a sentence goes on about a channel that another network does not have; nothing where "auto" has none such."""
+    known = channel in automatic([channel]).channels
+    return f'; use network="{AUTO}", which takes {channel} where there is a column for it' if known else ""
 
 
 def _as_columns(sentence: str) -> str:

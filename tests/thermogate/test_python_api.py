@@ -540,7 +540,7 @@ def test_it_introduces_itself(model: tg.Model) -> None:
 def test_a_slow_fit_shows_its_progress(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     tg.fit(room(samples=10), "tite", **FEW)
     assert "fit" not in capsys.readouterr().err
-    monkeypatch.setattr(learning, "_SLOW", 0.0)
+    monkeypatch.setattr(learning, "SLOW", 0.0)
     model = tg.fit(room(samples=10), "tite", **FEW)
     assert "fit: " in capsys.readouterr().err
     model.update(room(samples=20), progress=False)

@@ -39,11 +39,11 @@ def contenders(request: Request) -> list[Contender]:
     A zone that leaves its estimator at the defaults adds none: it would be another name for the same.
     """
     if request.contender:
-        found = [_named(text) for text in request.contender]
+        found = [named(text) for text in request.contender]
         if any(contender.estimator == BOOSTING for contender in found):
             lightgbm()
     else:
-        found = [_named(text) for text in _USUAL if text != BOOSTING or find_spec("lightgbm") is not None]
+        found = [named(text) for text in _USUAL if text != BOOSTING or find_spec("lightgbm") is not None]
         if request.config is not None:
             zone = zone_of(request)
             if (zone.estimator, zone.estimator_options) not in [(one.estimator, one.options) for one in found]:
@@ -52,19 +52,20 @@ def contenders(request: Request) -> list[Contender]:
     return [one if "particles" in one.options else one.with_particles(request.particles) for one in found]
 
 
-def _named(text: str) -> Contender:
-    """NAME, or NAME:OPTIONS with the options of an estimator as between the braces of a TOML table."""
+def named(text: str, place: str = "--contender") -> Contender:
+    """NAME, or NAME:OPTIONS with the options of an estimator as between the braces of a TOML table; ReplayError, which
+    begins with the `place` of `text`, for anything else."""
     name, _, given = text.partition(":")
     known = (*NAIVE, *DIRECT, *registry.ESTIMATORS)
     if name not in known:
-        raise ReplayError(f"--contender {text}: there is no '{name}'; the contenders are {', '.join(known)}")
+        raise ReplayError(f"{place} {text}: there is no '{name}'; the contenders are {', '.join(known)}")
     if given and name not in registry.ESTIMATORS:
-        raise ReplayError(f"--contender {text}: {name} has no options; leave them out")
+        raise ReplayError(f"{place} {text}: {name} has no options; leave them out")
     try:
         options = tomllib.loads(f"options = {{{given}}}")["options"]
     except tomllib.TOMLDecodeError as error:
         raise ReplayError(
-            f"--contender {text}: the options are not TOML ({error}); write them as in mkf:particles=64"
+            f"{place} {text}: the options are not TOML ({error}); write them as in mkf:particles=64"
         ) from None
     return Contender(text, name, options)
 

@@ -11,7 +11,7 @@ from replay.experiments.checkout import laboratory
 from replay.experiments.request import Request
 from replay.experiments.series.filtering import Series
 from replay.experiments.series.networks import chosen
-from replay.experiments.series.recorded_zone import bridged, read_zone
+from replay.experiments.series.recorded_zone import ZoneRecord, bridged, read_zone
 from replay.localtime import DAY
 from service.config.site import Config, Whereabouts, ZoneConfig
 
@@ -57,7 +57,11 @@ def recordings(request: Request) -> list[Recording]:
 
 def of_zone(config: Config, zone: ZoneConfig) -> Recording:
     """The recording of a zone, bridged as the daemon would bridge it."""
-    record = read_zone(config, zone)
+    return of_record(read_zone(config, zone), zone)
+
+
+def of_record(record: ZoneRecord, zone: ZoneConfig) -> Recording:
+    """The same of a record that has been read."""
     series = bridged(record, zone.network, zone.max_gap)
     if len(series.times) < 2:
         raise ReplayError(f"zone '{zone.id}': the recording has no two usable samples in a row; check its channels")

@@ -63,7 +63,7 @@ def read_zone(config: Config, table: ZoneConfig) -> ZoneRecord:
             f"zone '{table.id}': no usable sample in the recording; look at timestamp, column and unit in the "
             "configuration"
         )
-    return _record(samples, table)
+    return record_of(samples, table)
 
 
 def live_zone(state_dir: Path, table: ZoneConfig) -> ZoneRecord:
@@ -74,10 +74,11 @@ def live_zone(state_dir: Path, table: ZoneConfig) -> ZoneRecord:
     samples = stored_samples(state_dir, table)
     if not samples:
         raise ReplayError(f"zone '{table.id}': the daemon on {state_dir} has no sample of it; give it telemetry first")
-    return _record(samples, table)
+    return record_of(samples, table)
 
 
-def _record(samples: Sequence[Sample], table: ZoneConfig) -> ZoneRecord:
+def record_of(samples: Sequence[Sample], table: ZoneConfig) -> ZoneRecord:
+    """The record that `samples` of the zone `table`, at least one, make up."""
     network = table.network
     times = np.array([sample.time for sample in samples], dtype=np.int64)
     outputs = np.array([sample.outputs for sample in samples])
