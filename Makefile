@@ -46,7 +46,7 @@ replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's
 	done
 
 experiments: $(VENV)/.ready  ## the paper's experiments in full, with the built-in data, into var/experiments; the better part of an hour
-	for name in semi-synthetic ecolar topology sensitivity cost; do \
+	for name in semi-synthetic ecolar topology sensitivity; do \
 	  $(BIN)/thermogate experiment $$name --out var/experiments/$$name || exit 1; \
 	done
 

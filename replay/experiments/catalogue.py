@@ -6,14 +6,10 @@ from typing import NamedTuple
 
 
 class Entry(NamedTuple):
-    """Where an experiment lives, what it does, and whether its runs must have the machine to themselves.
-
-    One `in_lab` is found below `replay.lab`, which only a checkout has.
-    """
+    """Where an experiment lives and what it does. Only a checkout has `replay.lab`, below which one `in_lab` is."""
 
     module: str
     text: str
-    alone: bool = False
     in_lab: bool = True
 
 
@@ -53,5 +49,4 @@ EXPERIMENTS = {
         "experiments.lies",
         "sensors and meters that lie in buildings of EnergyPlus: what is found, how soon, and false alarms",
     ),
-    "cost": Entry("experiments.cost", "time and memory of one sample on this machine (Table 9)", alone=True),
 }

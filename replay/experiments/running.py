@@ -28,7 +28,7 @@ def run_experiment(name: str, request: Request, out: Path, *, workers: int, prog
     runs = out / RUNS
     try:
         runs.mkdir(parents=True, exist_ok=True)
-        results = run_jobs(experiment.jobs(), runs, workers=1 if entry.alone else workers, progress=progress)
+        results = run_jobs(experiment.jobs(), runs, workers=workers, progress=progress)
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     return write_report(experiment.report(results), out)

@@ -22,14 +22,6 @@ class Calibration(NamedTuple):
     width: float
 
 
-class Cost(NamedTuple):
-    """Table 9."""
-
-    particles: int
-    update_seconds: float
-    state_megabytes: float
-
-
 ONE_STEP = {
     "floor: truth and gain known, reference": Calibration(0.064, 0.772, 0.948, 0.948, 0.948, 0.640),
     "Kalman filter, gain ignored, reference": Calibration(0.274, 2.81, 0.801, 0.886, 0.071, 0.640),
@@ -95,6 +87,3 @@ SENSITIVITY = {
     "gate": "open-loop RMSE, median: 0.20 to 0.26; coverage: 0.953 to 0.957; median width: 0.338 to 0.340",
 }
 """5.1.5, by what was changed."""
-
-COST = Cost(9000, 0.055, 2.9)
-"""Table 9, on an Intel Xeon at 2.20 GHz with 10 Euler sub-steps; .05 to .06 s."""

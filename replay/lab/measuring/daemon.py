@@ -9,11 +9,11 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self
 
 import httpx
 import numpy as np
@@ -22,8 +22,6 @@ from replay.errors import MeasurementError
 
 COMMAND = (sys.executable, "-m", "service")
 """The command `thermogate` of this very installation."""
-
-Figure = TypeVar("Figure", int, float)
 
 _POLL_SECONDS = 0.005
 _STOP_SECONDS = 60.0
@@ -37,17 +35,14 @@ class DaemonProcess:
         config: Path,
         log: Path,
         *,
-        command: Sequence[str] = ("run",),
-        options: Sequence[str] = (),
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """Starts it, or another `command` that runs zones; `environment` is added to this process's own, `log` takes
-        what it says."""
+        """Starts it; `environment` is added to this process's own, `log` takes what it says."""
         self._log = log
         self.began = time.monotonic()
         with log.open("w", encoding="utf-8") as stream:
             self.process = subprocess.Popen(
-                [*COMMAND, *command, str(config), *options],
+                [*COMMAND, "run", str(config)],
                 stdout=stream,
                 stderr=stream,
                 env={**os.environ, **(environment or {})},
@@ -92,14 +87,6 @@ class DaemonProcess:
         """Processor time used so far, over all threads."""
         return _cpu_seconds(self.process.pid)
 
-    def tree_cpu_seconds(self) -> float:
-        """Processor time used so far by it and every process below it that is there now."""
-        return _total(_cpu_seconds, tree(self.process.pid))
-
-    def tree_resident_bytes(self) -> int:
-        """Resident memory of it and every process below it now; what they share counts for each of them."""
-        return _total(resident_bytes, tree(self.process.pid))
-
     def stop(self) -> float:
         """Stop it in order; how many s that took. MeasurementError where it does not end well."""
         began = time.monotonic()
@@ -114,29 +101,6 @@ class DaemonProcess:
 
     def _last_line(self) -> str:
         return (self.log().strip().splitlines() or ["(nothing)"])[-1]
-
-
-def tree(process: int) -> list[int]:
-    """A process and all below it, the uppermost first."""
-    children: dict[int, list[int]] = {}
-    for entry in Path("/proc").iterdir():
-        # Processes come and go meanwhile.
-        if entry.name.isdecimal():
-            with suppress(OSError):
-                children.setdefault(int(_stat(int(entry.name))[1]), []).append(int(entry.name))
-    found = [process]
-    for each in found:
-        found += children.get(each, [])
-    return found
-
-
-def _total(figure: Callable[[int], Figure], processes: Iterable[int]) -> Figure | int:
-    """The sum over the processes that have not ended meanwhile."""
-    total: Figure | int = 0
-    for process in processes:
-        with suppress(OSError):
-            total += figure(process)
-    return total
 
 
 def _cpu_seconds(process: int) -> float:

@@ -17,16 +17,14 @@ import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 import httpx
 import numpy as np
-import plotly.graph_objects as go
 import zenoh
-from plotly.subplots import make_subplots
 from scipy.stats import theilslopes
 
 from replay.bms.background import living_bms
@@ -285,41 +283,24 @@ def lines(result: Mapping[str, Any], verdicts: Sequence[Verdict]) -> list[str]:
     ]
 
 
-def page(observations: Sequence[Observation], pace: float, text: Sequence[str]) -> str:
-    """The curves over simulated hours, as a self-contained page."""
-    names = ("resident_mb", "descriptors", "threads", "disk_mb", "samples", "cpu_s")
-    figure = make_subplots(rows=3, cols=2, shared_xaxes=True, subplot_titles=names)
-    hours = [one.elapsed * pace / 3600.0 for one in observations]
-    for index, name in enumerate(names):
-        values = [getattr(one, name) for one in observations]
-        figure.add_trace(go.Scatter(x=hours, y=values, name=name), row=index // 2 + 1, col=index % 2 + 1)
-    figure.update_xaxes(title_text="simulated hours", row=3)
-    figure.update_layout(height=900, showlegend=False, title_text="<br>".join(text), title_font_size=12)
-    html: str = figure.update_layout(margin_t=60 + 20 * len(text)).to_html(include_plotlyjs=True)
-    return html
-
-
 def main() -> int:
     """Run the soak that the command line describes; 0 if everything stayed within its limits."""
     usual = Soak()
     parser = argparse.ArgumentParser(prog="python -m replay.lab.measuring.soak", description=__doc__)
-    options: dict[str, tuple[Callable[[str], float], str]] = {
-        "hours": (float, "simulated"),
-        "pace": (float, "simulated s per s, to 3600"),
-        "zones": (int, "rooms"),
-        "particles": (int, "per zone"),
-        "streams": (int, "streams at a time"),
-        "seed": (int, "of building, faults and clients"),
-    }
-    for name, (kind, meaning) in options.items():
+    for name, kind, meaning in (
+        ("hours", float, "simulated"),
+        ("pace", float, "simulated s per s, to 3600"),
+        ("zones", int, "rooms"),
+        ("seed", int, "of building, faults and clients"),
+    ):
         default = getattr(usual, name)
         parser.add_argument(f"--{name}", type=kind, default=default, help=f"{meaning} (default {default:g})")
     parser.add_argument("--out", type=Path, default=Path("var/soak"), help="folder, emptied first (default var/soak)")
     given = parser.parse_args()
-    if given.hours <= 0 or not 1 <= given.pace <= 3600 or not 1 <= given.zones <= 80 or given.particles < 1:
-        parser.error("hours and particles are above 0, pace is 1 to 3600, zones are 1 to 80")
+    if given.hours <= 0 or not 1 <= given.pace <= 3600 or not 1 <= given.zones <= 80:
+        parser.error("hours are above 0, pace is 1 to 3600, zones are 1 to 80")
     shutil.rmtree(given.out, ignore_errors=True)
-    soak = usual._replace(**{name: getattr(given, name) for name in options})
+    soak = usual._replace(hours=given.hours, pace=given.pace, zones=given.zones, seed=given.seed)
     try:
         result, observations = run(soak, given.out)
     except ReplayError as error:
@@ -329,7 +310,6 @@ def main() -> int:
     text = lines(result, verdicts)
     report = result | {"observations": [one._asdict() for one in observations]}
     (given.out / "soak.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    (given.out / "soak.html").write_text(page(observations, soak.pace, text), encoding="utf-8")
     print("\n".join(text))
     return 0 if all(one.within for one in verdicts) else 1
 

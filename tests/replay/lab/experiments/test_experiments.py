@@ -142,22 +142,6 @@ def test_sensitivity_changes_one_thing_at_a_time(tmp_path: Path) -> None:
         assert {"50 particles", "250 particles", "volatility_sd .05", "gate 0.15 to 0.5"} <= set(table)
 
 
-def test_cost_measures_time_and_state(tmp_path: Path) -> None:
-    out = run("cost", tmp_path, "--network", "building-67", short=["--particles", "60"])
-    table = {row["estimator"]: row for row in rows(out / "cost.csv")}
-    # theta (10), log alpha (1), mean (5), covariance (15) and weight (1) of each particle, and little else.
-    assert float(table["RBPF, 60 particles"]["state, MB"]) == pytest.approx(60 * 32 * 8 / 1e6, rel=0.05)
-    assert all(float(row["ms, median"]) > 0 for row in table.values())
-
-
-def test_cost_needs_three_days_of_weather(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    sky = tmp_path / "sky.csv"
-    rows = [f"2016-04-10 {hour:02d}:{minute}:00,3,0" for hour in range(24) for minute in ("00", 10, 20, 30, 40, 50)]
-    sky.write_text("\n".join(["timestamp_utc,T_out_degC,GHI_W_m2", *rows]) + "\n", encoding="utf-8")
-    assert main(["experiment", "cost", "--data", str(sky), "--out", str(tmp_path / "out")]) == 1
-    assert "sky.csv: it has 144 rows; 400 are needed" in capsys.readouterr().err
-
-
 def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Path) -> None:
     # A script's background has Ctrl-C ignored, which its processes inherit.
     heeding = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
@@ -191,7 +175,7 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
         (["semi-synthetic", "--network", "tite", "--set", "parameters.C_i.lower=3e6"], "have no nominal value"),
         (["ecolar", "--data", "missing.csv"], "missing.csv"),
         (["ecolar", "--network", "titeth"], "it needs the channels T_air, T_out, T_adj, u_heat"),
-        (["cost", "--days", "3"], "--days means nothing to this experiment"),
+        (["lies", "--days", "3"], "--days means nothing to this experiment"),
         (["semi-synthetic", "--time-zone", "Europe/Berlin"], "--time-zone means nothing to this experiment"),
         (["ecolar", "--state", "var"], "--state means nothing to this experiment"),
         (["sensitivity", "--case", "undisturbed"], "--case means nothing to this experiment"),
@@ -213,8 +197,8 @@ def test_ctrl_c_keeps_what_is_finished_and_the_same_command_goes_on(tmp_path: Pa
         (["ecolar", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
         (["topology", "--data", "2024/living.csv", "--data", "2025/living.csv"], "several files called 'living'"),
         (["nonsense"], "invalid choice: 'nonsense'"),
-        (["cost", "--seeds", "none"], "neither a number of seeds nor a list"),
-        (["cost", "--seeds", "0"], "from 1 to 1000"),
+        (["lies", "--seeds", "none"], "neither a number of seeds nor a list"),
+        (["lies", "--seeds", "0"], "from 1 to 1000"),
     ],
 )
 def test_mistakes_are_one_sentence(
