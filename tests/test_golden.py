@@ -32,7 +32,6 @@ from service.config.load import load
 from service.errors import ReloadRefused
 from service.forecast.ahead import LookingAhead
 from service.forecast.learned import SkillQuestion
-from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.home_assistant import discovery
 from service.publish.metrics import Metrics
@@ -168,7 +167,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
 async def _gathered(folder: Path) -> dict[str, str]:
     found: dict[str, str] = {}
     async with learned(folder) as site:
-        async with _application(site, folder / "keys.json") as (asked, streams, changes):
+        announced = {zone.id: await _announcement(zone, site.zones) for zone in site.zones.values()}
+        async with _application(site, folder / "keys.json") as (asked, streams):
             for zone in ZONES:
                 found[f"rest-{zone}.txt"] = await asked.shown(OF_A_ZONE, f"/zones/{zone}")
             found["model-npz.txt"] = _arrays(
@@ -176,13 +176,13 @@ async def _gathered(folder: Path) -> dict[str, str]:
             )
             found["rest-site.txt"] = await asked.shown(OF_THE_SITE)
             found["openapi.json"] = golden.lines((await asked.ask("GET", "/openapi.json")).text)
-            found["overview.txt"] = await _overview(asked, changes)
-            streams.end()
+            for announcement in announced.values():
+                streams.publish(announcement)
+            found["overview.txt"] = await _overview(asked, streams)
             last = "2026-01-02T03:10:00Z"
             found["events.txt"] = "".join(
                 [(await asked.ask("GET", f"/zones/{zone}/stream", **{"Last-Event-ID": last})).text for zone in ZONES]
             )
-        announced = {zone.id: await _announcement(zone, site.zones) for zone in site.zones.values()}
         found["topics.txt"] = _topics(announced)
         found["events.txt"] = golden.lines(found["events.txt"])
         found["metrics.txt"] = _metrics(site, announced)
@@ -191,7 +191,7 @@ async def _gathered(folder: Path) -> dict[str, str]:
 
 
 @asynccontextmanager
-async def _application(site: GoldenSite, keys: Path) -> AsyncIterator[tuple[Asked, Streams, Changes]]:
+async def _application(site: GoldenSite, keys: Path) -> AsyncIterator[tuple[Asked, Streams]]:
     answers = [ReloadRefused(["zones[0] ('rbpf').period: must be 10min"]), "1 zone changed: rbpf"]
 
     async def reload() -> str:
@@ -203,19 +203,19 @@ async def _application(site: GoldenSite, keys: Path) -> AsyncIterator[tuple[Aske
     async def take(posted: Sequence[Any], zone: str | None) -> Receipt:
         return Receipt(3, 2, 4, Counter({Fault.OUT_OF_RANGE: 1}), 1, ("office/CO2",))
 
-    secret, streams, changes = create_key(keys, "boss", "admin"), Streams(), Changes()
+    secret, streams = create_key(keys, "boss", "admin"), Streams()
     app = create_app(
         SITE,
         site.zones,
         site.metrics.registry,
         keys=KeyRing(keys, required=False),
-        backend=Backend("1.2.3", "Europe/Berlin", reload=reload, take=take, streams=streams, changes=changes),
+        backend=Backend("1.2.3", "Europe/Berlin", reload=reload, take=take, streams=streams),
     )
     documented = {route.path for route in app.routes if isinstance(route, Route) and not _is_of_the_page(route)}
     asked_for = {re.sub("^/zones/[^/]+", "/zones/{zone}", path.partition("?")[0]) for _, path, _ in OF_THE_SITE}
     asked_for |= {"/zones/{zone}" + path.partition("?")[0] for _, path, _ in OF_A_ZONE}
     assert documented <= asked_for | ELSEWHERE, "every route has a golden answer"
-    yield Asked(app, secret), streams, changes
+    yield Asked(app, secret), streams
 
 
 def _is_of_the_page(route: Route) -> bool:
@@ -223,7 +223,7 @@ def _is_of_the_page(route: Route) -> bool:
     return not route.include_in_schema and route.path != "/openapi.json"
 
 
-async def _overview(asked: Asked, changes: Changes) -> str:
+async def _overview(asked: Asked, streams: Streams) -> str:
     """The overview once the next hours and the last day of every zone that has them are known, and an event of it."""
     sent: list[str] = []
     listening = asyncio.create_task(_streamed(asked, "/overview/stream", sent))
@@ -233,16 +233,16 @@ async def _overview(asked: Asked, changes: Changes) -> str:
             rows = answer.json()["zones"]
             if all(row["spark"] and (row["expected"] or row["state"] != "running") for row in rows):
                 break
-            changes.note(rows[0]["id"])
+            streams.note(rows[0]["id"])
             await asyncio.sleep(0.05)
         # What was on its way is behind this event: it has the row of one zone, and nothing new of it.
         await asyncio.sleep(0.3)
         sent.clear()
-        changes.note("rbpf")
-        changes.note("gone")
+        streams.note("rbpf")
+        streams.note("gone")
         while "gone" not in "".join(sent):
             await asyncio.sleep(0.01)
-    changes.end()
+    streams.end()
     await listening
     event = next(one for one in sent if "gone" in one)
     return golden.lines(answer.text) + "\n\n" + golden.lines(event)

@@ -52,7 +52,7 @@ class RunningSite:
         self._stopping = stopping or threading.Event()
         self._watching: list[asyncio.Future[Any]] = []
         self._ahead = LookingAhead(config.site.id, self.zones, (self.metrics, *sinks))
-        everywhere = (self.metrics, *sinks, self._ahead.changes)
+        announced_to = (self.metrics, *sinks)
         plumbing = Plumbing(
             config.site.id,
             store,
@@ -60,13 +60,13 @@ class RunningSite:
             Questions(self._asking, self._stopping),
             self._stopping,
             self.metrics,
-            everywhere,
+            (*announced_to, self._ahead.news),
             config.site.checkpoint_every,
             stepping=stepping,
             weather=WeatherBook(),
         )
         self.runtime = Runtime(config, self.zones, plumbing)
-        instrument(self.metrics, self.runtime, store, everywhere)
+        instrument(self.metrics, self.runtime, store, announced_to)
 
     async def feed(self) -> None:
         """Let the sources deliver to zones that have started, and look after the store."""

@@ -10,7 +10,6 @@ from fastapi import FastAPI
 from prometheus_client import CollectorRegistry
 
 from service.config.site import Config
-from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.publish.sinks import Sink
 from service.records.view import ZoneView
@@ -26,8 +25,8 @@ class Serving:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._streams, self._changes = Streams(), Changes()
-        self.sinks: tuple[Sink, ...] = (self._streams, self._changes)
+        self._streams = Streams()
+        self.sinks: tuple[Sink, ...] = (self._streams,)
         self.server: HttpServer | None = None
         self.task: asyncio.Task[None] | None = None
         """Ends with the server."""
@@ -49,9 +48,7 @@ class Serving:
             registry,
             keys=KeyRing(config.keys_file, required=config.http.exposed),
             http=config.http,
-            backend=Backend(
-                version("thermogate"), config.site.time_zone, problems, reload, take, self._streams, self._changes
-            ),
+            backend=Backend(version("thermogate"), config.site.time_zone, problems, reload, take, self._streams),
         )
         self.server = HttpServer(app, config.http)
         return self.server, app
@@ -72,6 +69,5 @@ class Serving:
         """Finish open requests and serve nobody any more; safe without a start."""
         # An open stream would keep the server from stopping; the clients come back after a pause.
         self._streams.end()
-        self._changes.end()
         if self.server is not None and self.task is not None:
             await self.server.stop(self.task)

@@ -18,7 +18,7 @@ from service.forecast.answers import Preheat
 from service.forecast.heating import COLD, PreheatQuestion, refusal
 from service.forecast.request import MAX_STEPS, ForecastRequest
 from service.forecast.site import forecasts, neighbourhood
-from service.publish.changes import Changes
+from service.publish.events import Streams
 from service.publish.payloads import AheadPayload, NextHeatingPayload
 from service.publish.sinks import Announcement, Occasion, Reports, Sink, tell
 from service.records.outlook import Weather
@@ -28,7 +28,7 @@ from service.zone.worker import ZoneWorker
 EVERY = 300
 """s on the clock of a zone from one look ahead to the next, at least."""
 
-SHARE = 0.1
+SHARE = 0.25
 """Share of the time in which looks ahead are under way, at most: with many zones, or with zones whose time flies, each
 is made less often."""
 
@@ -67,18 +67,18 @@ class LookingAhead:
     """Announces the hours ahead of `zones` to `sinks`, which need not be asked for them."""
 
     def __init__(self, site: str, zones: Mapping[str, ZoneView], sinks: Sequence[Sink]) -> None:
-        self.changes = Changes()
+        self.news = Streams()
         """A sink that is told of every update."""
         self._site, self._zones, self._sinks = site, zones, sinks
         self._told: dict[str, AheadPayload] = {}
 
     async def run(self) -> None:
         """Look ahead, for ever."""
-        with self.changes.watched() as watcher:
+        with self.news.opened() as news:
             for name in self._zones:
-                watcher.note(name)
-            while not watcher.ended:
-                for name in await watcher.changed():
+                self.news.note(name)
+            while not news.ended:
+                for name in await news.news():
                     try:
                         await self.attend(name)
                     except ServiceError as error:

@@ -1,7 +1,8 @@
 """Live events of the zones for the clients of REST that keep a connection open (server-sent events).
 
-Every client has room for the newest event of each kind and for nothing else: who reads too slowly misses events that a
-newer one has overtaken, and holds no memory. An event is written once for all clients of its zone.
+Every client has room for the newest event of each kind, or, where it watches all zones, for the names of those with
+news: a client that reads too slowly misses events that a newer one has overtaken, and holds no memory. An event is
+written once for all clients of its zone.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
 from adapters.fields.times import written_time
 from service.pauses import within
-from service.publish.sinks import Announcement
+from service.publish.payloads import AheadPayload
+from service.publish.sinks import Announcement, Sink
 from service.records.measures import Measure, single
 
 KEEP_ALIVE = 15.0
@@ -50,58 +52,67 @@ class Stream:
     """What one client has not been sent yet."""
 
     def __init__(self) -> None:
-        self.overtaken = 0
-        """How many events this client missed, because newer ones of their kind came before it had read."""
         self._pending: dict[str, bytes] = {}
         self._news = asyncio.Event()
-        self._ended = False
+        self._over = asyncio.Event()
 
-    def put(self, events: Iterable[Event]) -> None:
-        """Leave `events` for the client; each takes the place of an older one of its kind."""
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will come."""
+        return self._over.is_set()
+
+    def put(self, events: Iterable[Event]) -> int:
+        """Leave `events` for the client, each in the place of an older one of its kind; how many of these it missed."""
+        overtaken = 0
         for kind, data in events:
-            if self._pending.pop(kind, None) is not None:
-                self.overtaken += 1
+            overtaken += self._pending.pop(kind, None) is not None
             self._pending[kind] = data
         self._news.set()
+        return overtaken
 
     def end(self) -> None:
         """Let the stream end after what is pending."""
-        self._ended = True
+        self._over.set()
         self._news.set()
+
+    async def rest(self, seconds: float) -> None:
+        """Let news gather for so long, or until the end."""
+        await within(self._over, seconds)
+
+    async def news(self) -> dict[str, bytes]:
+        """What is pending by kind, longest ago first, once there is anything; nothing after KEEP_ALIVE s without."""
+        await within(self._news, KEEP_ALIVE)
+        self._news.clear()
+        pending, self._pending = self._pending, {}
+        return pending
 
     async def read(self) -> AsyncIterator[bytes]:
         """What the client is to be sent, as it comes, until the stream ends."""
         yield format_sse_event(retry=RECONNECT_MS)
-        while self._pending or not self._ended:
-            if not await within(self._news, KEEP_ALIVE):
-                yield KEEPALIVE_COMMENT
-                continue
-            self._news.clear()
-            pending, self._pending = self._pending, {}
-            if pending:
-                yield b"".join(pending.values())
+        while self._pending or not self.ended:
+            pending = await self.news()
+            if pending or not self.ended:
+                yield b"".join(pending.values()) or KEEPALIVE_COMMENT
 
 
-class Streams:
-    """The open streams of all zones, which are opened and ended in the event loop: a sink."""
+EVERY_ZONE = ""
+"""Whose stream has the id of every zone with news, as a kind of event without content."""
+
+
+class Streams(Sink):
+    """The open streams of all zones, which are opened and ended in the event loop."""
 
     def __init__(self) -> None:
+        self.overtaken = 0
+        """How many events clients were too slow for."""
+        self.ahead: dict[str, AheadPayload] = {}
+        """The newest hours ahead of every zone."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._open: dict[str, set[Stream]] = {}
         self._ended = False
-        self._overtaken = 0
-        """Of the streams that are closed."""
-
-    @property
-    def overtaken(self) -> int:
-        """How many events clients were too slow for."""
-        # Asked from other threads than that of the event loop.
-        return self._overtaken + sum(
-            stream.overtaken for streams in tuple(self._open.values()) for stream in tuple(streams)
-        )
 
     @contextmanager
-    def opened(self, zone: str) -> Iterator[Stream]:
+    def opened(self, zone: str = EVERY_ZONE) -> Iterator[Stream]:
         """A stream of `zone`'s events from now on, for as long as the context lasts."""
         self._loop = asyncio.get_running_loop()
         stream = Stream()
@@ -111,7 +122,6 @@ class Streams:
         try:
             yield stream
         finally:
-            self._overtaken += stream.overtaken
             # The zone may have been ended meanwhile, and opened anew.
             if zone in self._open:
                 self._open[zone].discard(stream)
@@ -126,21 +136,31 @@ class Streams:
                 for stream in streams:
                     stream.end()
 
+    def note(self, zone: str) -> None:
+        """There is news of `zone`; called in the event loop."""
+        for stream in self._open.get(EVERY_ZONE, ()):
+            stream.put([Event(zone, b"")])
+
     def add(self, zone: str) -> None:
-        """Nothing to do: a zone's streams are opened by its clients."""
+        """A zone has come; its streams are opened by its clients."""
+        self._in_loop(lambda: self.note(zone))
 
     def remove(self, zone: str) -> None:
         """End the streams of `zone`."""
+        self.ahead.pop(zone, None)
+        self._in_loop(lambda: self.note(zone))
         self._in_loop(lambda: self.end(zone))
 
     def publish(self, announcement: Announcement) -> None:
         """Leave what is announced for the clients of its zone."""
-        if announcement.zone in self._open:
+        zone, ahead = announcement.zone, announcement.reports.ahead
+        if ahead is not None:
+            self.ahead[zone] = ahead
+        if zone in self._open:
             events = events_of(announcement)
-            self._in_loop(lambda: self._put(announcement.zone, events))
-
-    def settle(self) -> None:
-        """Nobody is waited for."""
+            self._in_loop(lambda: self._leave(zone, events))
+        if EVERY_ZONE in self._open:
+            self._in_loop(lambda: self.note(zone))
 
     def measures(self) -> list[Measure]:
         """What clients were too slow for; how many streams are open is counted where that is bounded."""
@@ -151,12 +171,12 @@ class Streams:
         """End all streams, for good."""
         self._in_loop(self.end)
 
-    def _in_loop(self, work: Callable[[], None]) -> None:
+    def _in_loop(self, work: Callable[[], object]) -> None:
         # Where the loop is gone, so are the clients.
         if self._loop is not None:
             with suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(work)
 
-    def _put(self, zone: str, events: list[Event]) -> None:
+    def _leave(self, zone: str, events: list[Event]) -> None:
         for stream in self._open.get(zone, ()):
-            stream.put(events)
+            self.overtaken += stream.put(events)

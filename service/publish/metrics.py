@@ -18,7 +18,7 @@ from adapters.fields.durations import format_duration
 from estimator.diagnosis.finding import FINDINGS
 from estimator.types import ALPHA_LEVELS
 from service.publish.payloads import AheadPayload, clock
-from service.publish.sinks import Announcement, Occasion
+from service.publish.sinks import Announcement, Occasion, Sink
 from service.records.measures import Measure, family
 from service.records.skill import Skill
 from service.records.status import STATES
@@ -31,7 +31,7 @@ _DELAY_BUCKETS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.25, 0.5, 1.
 _UPDATE_BUCKETS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 
 
-class Metrics:
+class Metrics(Sink):
     """The daemon's metrics: a sink that counts updates. What a zone's status tells is read at scrape time."""
 
     def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
@@ -135,16 +135,6 @@ class Metrics:
         if reports.heat_loss is not None:
             for level, value in zip(ALPHA_LEVELS, reports.heat_loss, strict=True):
                 self._heat_loss.labels(announcement.zone, f"{level:g}").set(value)
-
-    def settle(self) -> None:
-        """Nobody is waited for."""
-
-    def measures(self) -> list[Measure]:
-        """None of its own beside what it counts."""
-        return []
-
-    def close(self) -> None:
-        """Nothing to let go of."""
 
     def observe_loop_delay(self, seconds: float) -> None:
         """Take in how late the event loop was for one timer."""

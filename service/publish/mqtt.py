@@ -25,7 +25,7 @@ from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.pauses import GrowingPause, within
 from service.publish.home_assistant import discovery, retired
-from service.publish.sinks import Announcement, Occasion, SinkKind
+from service.publish.sinks import Announcement, Occasion, Sink, SinkKind
 from service.records.measures import Measure, single
 
 ONLINE, OFFLINE = b"online", b"offline"
@@ -59,7 +59,7 @@ class MqttConfig(BrokerConfig):
         return self
 
 
-class Publisher:
+class Publisher(Sink):
     """A client of a broker, in a thread of its own. Methods may be called from any thread."""
 
     def __init__(
@@ -124,9 +124,6 @@ class Publisher:
                 told.add(entities)
                 messages |= discovery(self._prefix, self._site, base, self._available, announcement, self._page)
             self._keep({topic: payload for topic, payload in messages.items() if self._last.get(topic) != payload})
-
-    def settle(self) -> None:
-        """Nobody is waited for."""
 
     def measures(self) -> list[Measure]:
         """Whether the broker is there, and what it was too slow for."""

@@ -32,6 +32,10 @@ _LEVELS = "levels of lower, median and upper"
 AHEAD_STEP = 1800
 """s from one value of the fan that is published to the next."""
 
+SHORT_PERIOD, USUAL_PERIOD = 30.0, 300
+"""s; zones with periods shorter than the first, such as those of a simulation in a hurry, look as many periods ahead
+and back as zones of the second would: a day of seconds is too much to forecast, and not what such a zone is about."""
+
 
 @record
 class BlockPayload:
@@ -205,7 +209,12 @@ class AheadPayload:
 
 def ahead_stride(period: float) -> int:
     """Periods [s] from one value of the published fan to the next."""
-    return max(1, round(AHEAD_STEP / period))
+    return periods(AHEAD_STEP, period)
+
+
+def periods(seconds: float, period: float) -> int:
+    """How many periods [s] stand for `seconds` of a zone with this period."""
+    return max(1, round(seconds / (period if period >= SHORT_PERIOD else USUAL_PERIOD)))
 
 
 @record

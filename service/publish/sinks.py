@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
@@ -116,7 +116,7 @@ class Announcement:
         return kinds[topic].of(self.update)  # type: ignore[attr-defined]
 
 
-class Sink(Protocol):
+class Sink:
     """Where announcements go. Every method may be called from any thread, and may raise ServiceError."""
 
     def add(self, zone: str) -> None:
@@ -127,12 +127,14 @@ class Sink(Protocol):
 
     def publish(self, announcement: Announcement) -> None:
         """Pass on what a zone has to tell. It must not wait for a network."""
+        raise NotImplementedError
 
     def settle(self) -> None:
         """Return once those whom the configuration wants to wait for are listening, or `close` was called."""
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the sink."""
+        return []
 
     def close(self) -> None:
         """Let go of everything; safe to call twice."""

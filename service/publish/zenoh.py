@@ -27,7 +27,7 @@ from adapters.zenoh.access import publishing
 from adapters.zenoh.connection import Mode, SessionConfig
 from adapters.zenoh.link import first_line, refusal, session_config
 from service.errors import ServiceError
-from service.publish.sinks import TOPICS, Announcement, Occasion, SinkKind
+from service.publish.sinks import TOPICS, Announcement, Occasion, Sink, SinkKind
 from service.records.measures import Measure, Rows, single
 
 _POLL_SECONDS = 0.02
@@ -88,7 +88,7 @@ class _Declared(Protocol):
     def undeclare(self) -> None: ...
 
 
-class Publisher:
+class Publisher(Sink):
     """An open session with its publishers, queryables and tokens. Methods may be called from any thread."""
 
     def __init__(self, session: zenoh.Session, site: str, patience: float = 0.0) -> None:

@@ -12,7 +12,6 @@ from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
 
 from service.config.http import HttpConfig
-from service.publish.changes import Changes
 from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
@@ -24,7 +23,6 @@ from service.web.heating import heating_routes
 from service.web.limits import Limiter
 from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
-from service.web.page.outlook import Outlooks
 from service.web.page.overview import overview_routes
 from service.web.page.room import room_routes
 from service.web.page.series import series_routes
@@ -56,8 +54,6 @@ class Backend(NamedTuple):
     """Takes what is posted."""
     streams: Streams | None = None
     """Where the zones announce what happens; without it a stream tells what there is and no more."""
-    changes: Changes | None = None
-    """Where the zones announce that something has."""
 
 
 def create_app(
@@ -96,13 +92,13 @@ def create_app(
     app.state.answers = Counter()
     app.add_middleware(Guard, config=http, answers=app.state.answers)
     malformed = app.state.malformed_posts = Counter()
-    changes = backend.changes or Changes()
+    streams = backend.streams or Streams()
     _include_questions(app, site, zones, limiter, backend.time_zone)
     app.include_router(reading_routes(site, zones, backend.take, limiter, Bodies(http.limits.body, malformed)))
-    app.include_router(stream_routes(site, zones, backend.streams or Streams()))
+    app.include_router(stream_routes(site, zones, streams))
     app.include_router(series_routes(site, zones))
     app.include_router(room_routes(site, backend.time_zone, zones))
-    app.include_router(overview_routes(site, backend.time_zone, zones, changes, Outlooks(zones, changes.note)))
+    app.include_router(overview_routes(site, backend.time_zone, zones, streams))
     app.include_router(operation_routes(zones, metrics_registry, backend.version, backend.problems, backend.reload))
     api_pages.install(app)
     document = Asset(lambda: json.dumps(_written(app)).encode(), "application/json")

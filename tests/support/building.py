@@ -15,7 +15,7 @@ from support.fake_zones import FakeZone, announced, make_update
 from support.served import config
 from support.waiting import PATIENCE
 
-from service.publish.changes import Changes
+from service.forecast.ahead import LookingAhead
 from service.publish.events import Streams
 from service.web.app import Backend, create_app
 from service.web.server.server import HttpServer
@@ -34,11 +34,11 @@ class Building:
         self.site = site
         self.url = ""
         self._time_zone = time_zone
-        self._changes, self._streams = Changes(), Streams()
+        self._streams = Streams()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever)
         self._server: HttpServer | None = None
-        self._task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
 
     def open(self) -> None:
         """Serve, on the same port as before if there was one."""
@@ -72,13 +72,12 @@ class Building:
                 first = (zone.updates[0].time - make_update(0).time) // 300
                 zone.updates = [*zone.updates[-KEPT + 1 :], make_update(first + after, zone.network)]
             news = announced(name, zone.latest(), zone.status(), site=self.site)
-            self._streams.publish(news)
-            self._changes.publish(news)
+            for sink in (self._streams, self._ahead.news):
+                sink.publish(news)
 
     def remove(self, name: str) -> None:
         """A reload without this zone."""
         del self.zones[name]
-        self._changes.remove(name)
         self._streams.remove(name)
 
     def call(self, work: Callable[[], Any]) -> Any:
@@ -94,24 +93,25 @@ class Building:
 
     async def _open(self) -> None:
         port = int(self.url.rpartition(":")[2]) if self.url else 0
-        self._changes, self._streams = Changes(), Streams()
+        self._streams = Streams()
+        self._ahead = LookingAhead(self.site, self.zones, [self._streams])
         app = create_app(
             self.site,
             self.zones,
             CollectorRegistry(),
-            backend=Backend(time_zone=self._time_zone, streams=self._streams, changes=self._changes),
+            backend=Backend(time_zone=self._time_zone, streams=self._streams),
         )
         self._server = HttpServer(app, config(port=port))
-        self._task = asyncio.create_task(self._server.run())
-        await self._server.started(self._task)
+        self._tasks = [asyncio.create_task(self._server.run()), asyncio.create_task(self._ahead.run())]
+        await self._server.started(self._tasks[0])
         self.url = self._server.url
 
     async def _shut(self) -> None:
         assert self._server is not None
-        assert self._task is not None
         self._streams.end()
-        self._changes.end()
-        await self._server.stop(self._task)
+        serving, looking = self._tasks
+        looking.cancel()
+        await self._server.stop(serving)
         self._server.close()
         self._server = None
 

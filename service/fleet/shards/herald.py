@@ -1,4 +1,4 @@
-"""What the zones of a shard announce, kept for the gateways until they ask for it: a sink."""
+"""What the zones of a shard announce, kept for the gateways until they ask for it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 
 from service.fleet.messages import News, ZoneNews
-from service.publish.sinks import Announcement, Occasion
-from service.records.measures import Measure
+from service.publish.sinks import Announcement, Occasion, Sink
 from service.zone.zone import Zone
 
 PATIENCE = 2.0
@@ -22,7 +21,7 @@ LOOK = 1.0
 """How often it is looked whether a zone's status has changed by itself, as with the time, s."""
 
 
-class Herald:
+class Herald(Sink):
     """The newest of every zone. A gateway that is slow misses what was overtaken, and nothing waits for it."""
 
     def __init__(self, boot: str) -> None:
@@ -35,9 +34,6 @@ class Herald:
         """In the order of their versions."""
         self._arrived = asyncio.Event()
         self.refused: dict[str, str] = {}
-
-    def add(self, zone: str) -> None:
-        """A zone begins without news."""
 
     def remove(self, zone: str) -> None:
         """Its news are nobody's any more."""
@@ -58,16 +54,6 @@ class Herald:
             announcement.reports,
         )
         self._keep(news)
-
-    def settle(self) -> None:
-        """Nobody is waited for."""
-
-    def measures(self) -> list[Measure]:
-        """None of its own."""
-        return []
-
-    def close(self) -> None:
-        """Nothing to let go of."""
 
     async def news(self, boot: str, since: int) -> News:
         """What is newer than `since`, as soon as there is any, or nothing after PATIENCE."""

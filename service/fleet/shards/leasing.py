@@ -94,18 +94,28 @@ def _taken(connection: str, site: str, name: str, owner: str, seconds: float, lo
         raise
 
 
-class Vouched:
+class Vouched(Sink):
     """A sink that passes on what is announced while the lease holds, and nothing afterwards."""
 
     def __init__(self, sink: Sink, leased: Leased) -> None:
         self._sink, self._leased = sink, leased
-        self.add, self.remove, self.settle, self.close = sink.add, sink.remove, sink.settle, sink.close
+
+    def add(self, zone: str) -> None:
+        self._sink.add(zone)
+
+    def remove(self, zone: str) -> None:
+        self._sink.remove(zone)
 
     def publish(self, announcement: Announcement) -> None:
         """Pass on what a zone has to tell."""
         if self._leased.held:
             self._sink.publish(announcement)
 
+    def settle(self) -> None:
+        self._sink.settle()
+
     def measures(self) -> list[Measure]:
-        """Those of the sink."""
         return self._sink.measures()
+
+    def close(self) -> None:
+        self._sink.close()

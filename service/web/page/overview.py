@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import AsyncIterator, Mapping, Sequence
-from typing import Any
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
 from fastapi import APIRouter, Depends
 from fastapi.responses import Response, StreamingResponse
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 
-from service.publish.changes import Changes
-from service.publish.events import RECONNECT_MS
+from adapters.reading import Quality
+from service.errors import ServiceError
+from service.publish.events import RECONNECT_MS, Event, Streams
+from service.publish.payloads import AHEAD_STEP, AheadPayload, periods
 from service.records.record import document, document_of
-from service.records.update import Update
+from service.records.series import Series
 from service.records.view import ZoneView
 from service.web.access import OVERVIEW_PREFIX, Asking, Caller
 from service.web.limits import stream_slot
-from service.web.page.outlook import LEADS, Outlook, Outlooks, Spark, scaled
-from service.web.page.payloads import FindingName, OverviewChange, OverviewPayload, OverviewRow
+from service.web.page.payloads import (
+    ExpectedPayload,
+    FindingName,
+    OverviewChange,
+    OverviewPayload,
+    OverviewRow,
+    SparkPayload,
+)
 from service.web.problems import documented
 
 _MEDIA_TYPE = "text/event-stream"
@@ -29,24 +39,50 @@ _DESCRIBED: dict[int | str, dict[str, Any]] = {
     }
 }
 
+LEADS = (3600, 6 * 3600)
+"""How far ahead the overview looks, s."""
+
+SPARK_POINTS = 48
+"""Points of a sparkline, AHEAD_STEP s each: one day."""
+
 PAUSE = 1.0
 """s between two events of one client: what changes meanwhile goes into one."""
 
 ROWS_AT_ONCE = 100
 """Rows in an event; other requests have their turn before the next."""
 
-_KEPT_SECONDS = 900.0
-"""What was expected is shown for so many s of the zone's time, or three periods: with many zones it takes a while."""
+_KEPT = 3 * 3600
+"""What was expected is shown for so many s of the zone's time: with many zones the next look ahead takes a while."""
 
 _SILENT = ("stalled", "failed", "waiting")
 """States in which nobody vouches for what was expected."""
 
+_log = logging.getLogger(__name__)
 
-def overview_routes(
-    site: str, time_zone: str | None, zones: Mapping[str, ZoneView], changes: Changes, outlooks: Outlooks
-) -> APIRouter:
+
+class Spark(NamedTuple):
+    """The last day up to the sample at `sample_time`, UTC s."""
+
+    sample_time: int
+    line: SparkPayload
+
+    @classmethod
+    def of(cls, sample_time: int, series: Series) -> Spark:
+        """A line with a place for every step, measured or not."""
+        by_time: dict[int, float] = dict(zip(series.times.tolist(), series.means["y"].tolist(), strict=True))
+        first = min(by_time, default=sample_time)
+        # As a line of 24 pixels needs it: a thousand zones have 48,000 of these.
+        values = (round(by_time.get(when, math.nan), 2) for when in range(first, sample_time + 1, series.bucket))
+        return cls(sample_time, SparkPayload(first, series.bucket, tuple(values)))
+
+
+def overview_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView], streams: Streams) -> APIRouter:
     """The routes over `zones`."""
     router = APIRouter(prefix=OVERVIEW_PREFIX, tags=["overview"])
+    sparks: dict[str, Spark] = {}
+
+    def row(zone: ZoneView, spark: Spark | None) -> OverviewRow:
+        return overview_row(zone, streams.ahead.get(zone.id), spark)
 
     @router.get(
         "",
@@ -55,11 +91,7 @@ def overview_routes(
         summary="Every zone at a glance",
     )
     def overview(caller: Asking) -> Response:
-        rows = tuple(
-            overview_row(zone, outlooks.outlooks.get(name), outlooks.sparks.get(name))
-            for name, zone in tuple(zones.items())
-            if caller.sees(name)
-        )
+        rows = tuple(row(zone, sparks.get(name)) for name, zone in tuple(zones.items()) if caller.sees(name))
         return Response(document(OverviewPayload(time_zone, rows), site), media_type="application/json")
 
     @router.get(
@@ -74,42 +106,60 @@ def overview_routes(
         return StreamingResponse(_events(caller), headers=headers, media_type=_MEDIA_TYPE)
 
     async def _events(caller: Caller) -> AsyncIterator[bytes]:
-        with changes.watched() as watcher, outlooks.watched():
+        with streams.opened() as news:
             yield format_sse_event(retry=RECONNECT_MS)
             shown: dict[str, int] = {}
-            while not watcher.ended:
-                changed = [name for name in await watcher.changed() if caller.sees(name)]
+            # The sparklines of all zones that nobody has looked at lately.
+            news.put(Event(name, b"") for name in zones)
+            while not news.ended:
+                changed = [name for name in await news.news() if caller.sees(name)]
                 if not changed:
                     yield KEEPALIVE_COMMENT
                 for first in range(0, len(changed), ROWS_AT_ONCE):
-                    change = _change(changed[first : first + ROWS_AT_ONCE], shown)
+                    change = await _change(changed[first : first + ROWS_AT_ONCE], shown)
                     yield format_sse_event(event="rows", data_str=document(change, site).decode())
-                await watcher.rest(PAUSE)
+                await news.rest(PAUSE)
 
-    def _change(names: Sequence[str], shown: dict[str, int]) -> OverviewChange:
+    async def _change(names: Sequence[str], shown: dict[str, int]) -> OverviewChange:
         """The rows of `names`; `shown` is of which time the client has the sparkline of each zone."""
         rows, removed = [], []
         for name in names:
-            zone, spark = zones.get(name), outlooks.sparks.get(name)
+            zone = zones.get(name)
             if zone is None:
                 removed.append(name)
-                shown.pop(name, None)
+                for known in (shown, sparks):
+                    known.pop(name, None)
                 continue
+            spark = await _spark(zone)
             news = spark is not None and shown.get(name) != spark.sample_time
             if spark is not None:
                 shown[name] = spark.sample_time
-            rows.append(overview_row(zone, outlooks.outlooks.get(name), spark if news else None))
+            rows.append(row(zone, spark if news else None))
         return OverviewChange(tuple(rows), tuple(removed))
+
+    async def _spark(zone: ZoneView) -> Spark | None:
+        """The last day of a zone, read once there is another point of it."""
+        last, known = zone.status().last_sample_time, sparks.get(zone.id)
+        step = _seconds(AHEAD_STEP, zone.period)
+        if last is None or (known is not None and known.sample_time // step == last // step):
+            return known
+        end = last - last % step + step
+        try:
+            sparks[zone.id] = Spark.of(last, await zone.series(end - SPARK_POINTS * step, end, SPARK_POINTS + 1))
+        except ServiceError as error:
+            _log.debug("zone '%s' has no sparkline now: %s", zone.id, error)
+        return sparks.get(zone.id)
 
     return router
 
 
-def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -> OverviewRow:
-    """`zone` at a glance, with as much of its outlook and its last day as is known."""
+def overview_row(zone: ZoneView, ahead: AheadPayload | None, spark: Spark | None) -> OverviewRow:
+    """`zone` at a glance, with as much of the hours ahead and of its last day as is known."""
     status, update = zone.status(), zone.latest()
-    trust = zone.trust().at(scaled(LEADS[-1], zone.period))
-    if status.state in _SILENT or (outlook is not None and _is_old(outlook, update, zone.period)):
-        outlook = None
+    trust = zone.trust().at(_seconds(LEADS[-1], zone.period))
+    expected: tuple[ExpectedPayload, ...] = ()
+    if ahead is not None and update is not None and status.state not in _SILENT and ahead.quality is not Quality.BAD:
+        expected = tuple(_expected(ahead, update.forecast.valid_time, zone.period))
     return OverviewRow(
         zone.id,
         status.state,
@@ -118,8 +168,8 @@ def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -
         sample_time=None if update is None else update.time,
         temperature=math.nan if update is None else update.y[0],
         disturbed=update is not None and update.shown_gate.regime == _HIGH,
-        expected=() if outlook is None else outlook.expected,
-        expected_from=None if outlook is None else outlook.valid_time,
+        expected=expected,
+        expected_from=update.forecast.valid_time if update is not None and expected else None,
         trust=None if trust is None else trust.level,
         trust_reason="" if trust is None else trust.reason or zone.trust().beaten,
         findings=tuple(FindingName(one.finding, one.subject) for one in status.diagnosis.findings),
@@ -130,6 +180,16 @@ def overview_row(zone: ZoneView, outlook: Outlook | None, spark: Spark | None) -
 _HIGH = "high"
 
 
-def _is_old(outlook: Outlook, update: Update | None, period: float) -> bool:
-    """Whether `outlook` is of before the look at the table that is under way: nobody looks ahead while nobody looks."""
-    return update is None or update.time - outlook.sample_time > max(3.0 * period, _KEPT_SECONDS)
+def _seconds(seconds: int, period: float) -> int:
+    """A time of the overview (s) for a zone with this period (s), rounded to whole periods."""
+    return periods(seconds, period) * round(period)
+
+
+def _expected(ahead: AheadPayload, start: int, period: float) -> Iterator[ExpectedPayload]:
+    """What is expected some time after UTC s `start`, read from the fan of the last look ahead."""
+    first = ahead.outputs[0]
+    times = ahead.valid_time + ahead.step_s * np.arange(len(first.mean))
+    for lead in (_seconds(lead, period) for lead in LEADS):
+        if start - ahead.valid_time <= _seconds(_KEPT, period) and start + lead <= times[-1]:
+            at = (float(np.interp(start + lead, times, each)) for each in (first.mean, first.lower, first.upper))
+            yield ExpectedPayload(lead, *at)

@@ -11,7 +11,7 @@ Numbers = tuple[Number, ...]
 
 @record
 class ExpectedPayload:
-    """The temperature some time ahead, inputs held."""
+    """The temperature some time ahead, inputs foreseen."""
 
     lead_s: float = shown("after expected_from, s; shorter for zones with periods of less than 30 s")
     mean: Number = shown("degC")
@@ -48,7 +48,7 @@ class OverviewRow:
     temperature: Number = shown("the first measured temperature of that sample, degC")
     disturbed: bool = shown("the volatility is high: something acts on the zone that nobody measures")
     expected: tuple[ExpectedPayload, ...] = shown(
-        "1 h and 6 h ahead; empty until it has been computed, which happens while somebody streams"
+        "1 h and 6 h ahead, from the newest look ahead; empty before the first"
     )
     expected_from: Time | None = shown("valid_time of the forecast behind `expected`")
     trust: str | None = shown(

@@ -119,7 +119,7 @@ async def test_it_goes_on_where_one_zone_fails():
             await asyncio.sleep(0.01)
         zone.updates.append(make_update(10, zone.network))
         # The looks rest in between; what comes meanwhile is not missed.
-        ahead.changes.publish(sink.told[0])
+        ahead.news.publish(sink.told[0])
         while len(sink.told) < 2:
             await asyncio.sleep(0.01)
     looks.cancel()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,15 +13,14 @@ from support.fake_zones import PERIOD, START, FakeZone, announced, broken, doubt
 from support.http_client import get, problem, request
 from support.schemas import objects
 from support.served import Client, config, serving
-from support.waiting import until
 
-from service.publish.changes import Changes
+from service.forecast.ahead import LookingAhead
+from service.publish.events import Streams
 from service.records.trust import HorizonTrust, Trust
 from service.records.update import Disturbance
 from service.web.app import Backend, create_app
 from service.web.keys import KeyRing, create_key
-from service.web.page import outlook, overview
-from service.web.page.outlook import Outlook, Outlooks, scaled
+from service.web.page import overview
 
 
 @pytest.fixture
@@ -75,55 +73,74 @@ async def follow(server: Any, path: str = "/overview/stream") -> Client:
     return client
 
 
-async def test_the_stream_brings_outlook_and_sparkline_and_then_what_changes(
+async def test_the_stream_brings_expectations_and_sparkline_and_then_what_changes(
     zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(overview, "PAUSE", 0.01)
-    changes = Changes()
-    app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
+    streams = Streams()
+    zones["cellar"] = broken("cellar")
+    app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(streams=streams))
     async with serving(app, config()) as server:
         client = await follow(server)
-        rows: dict[str, Any] = {}
-        while not (rows.get("living") and rows["living"].expected):
-            rows |= {row.id: row for row in (await read_rows(client)).zones if row.expected}
-        living = rows["living"]
+        (rows,) = [(await read_rows(client)).zones]
+        assert [(row.id, row.spark is not None, row.expected) for row in rows] == [
+            ("living", True, []),
+            ("attic", False, []),
+            ("cellar", False, []),
+        ], "a journal that cannot be read keeps no other row"
+        await LookingAhead("htwg", zones, [streams]).attend("living")
+        (living,) = (await read_rows(client)).zones
+        assert living.spark is None, "the client has it"
         assert [one.lead_s for one in living.expected] == [3600.0, 21600.0]
         assert living.expected[0].lower < living.expected[0].mean < living.expected[0].upper
         answer = await whole(server)
         spark = answer.zones[0].spark
-        assert spark is not None
         assert len(spark.values) <= 48
         assert spark.values[-1] == pytest.approx(zones["living"].updates[-1].y[0], abs=0.3)
         zones["living"].state = "failed"
-        zones["living"].reason = "it diverged"
-        changes.publish(announced("living", zones["living"].latest(), zones["living"].status()))
-        row = None
-        while row is None or row.state != "failed":
-            row = next((row for row in (await read_rows(client)).zones if row.id == "living"), row)
-        assert row.expected == [], "nobody vouches for it any more"
+        streams.publish(announced("living", zones["living"].latest(), zones["living"].status()))
+        (living,) = (await read_rows(client)).zones
+        assert (living.state, living.expected) == ("failed", []), "nobody vouches for it any more"
         del zones["living"]
-        changes.remove("living")
-        while "living" not in (await read_rows(client)).removed:
-            pass
+        streams.remove("living")
+        assert (await read_rows(client)).removed == ["living"]
         await client.close()
 
 
-def test_what_was_expected_long_ago_is_not_shown(zones: dict[str, FakeZone]) -> None:
-    zone = zones["living"]
+@pytest.mark.parametrize(("period", "leads"), [(300.0, [3600, 21600]), (7200.0, [7200, 21600]), (1.0, [12, 72])])
+async def test_what_is_expected_is_counted_from_the_newest_sample_until_the_look_ahead_is_old(
+    period: float, leads: list[int]
+) -> None:
+    zone, streams = running("living"), Streams()
+    zone.period = period
     update = zone.updates[-1]
-    fresh, old = (Outlook(update.time - age, update.time, ((3600.0, 20.0, 19.0, 21.0),)) for age in (600, 7200))
-    assert overview.overview_row(zone, fresh, None).expected
-    assert overview.overview_row(zone, old, None).expected == ()
+    begin = round(update.time + period)
+    zone.updates[-1] = update._replace(forecast=update.forecast._replace(issue_time=begin, valid_time=begin))
+    await LookingAhead("htwg", {"living": zone}, [streams]).attend("living")
+
+    def expected(late: int) -> list[tuple[float, float]]:
+        """What is expected when the newest sample is `late` periods after the look ahead."""
+        forecast = update.forecast._replace(valid_time=round(begin + late * period))
+        zone.updates[-1] = update._replace(forecast=forecast)
+        row = overview.overview_row(zone, streams.ahead["living"], None)
+        assert row.expected_from == (forecast.valid_time if row.expected else None)
+        return [(one.lead_s, one.mean) for one in row.expected]
+
+    first = update.forecast.outputs[0].mean
+    for late in (0, 1):
+        # The mean of the fake rises by 0.01 K a step.
+        assert expected(late) == [(lead, pytest.approx(first + 0.01 * (late + lead / period))) for lead in leads]
+    assert expected(200) == []
 
 
 async def test_a_stream_ends_with_the_daemon(zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(overview, "PAUSE", 1e6)
-    changes = Changes()
-    app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(changes=changes))
+    streams = Streams()
+    app = create_app("htwg", zones, CollectorRegistry(), backend=Backend(streams=streams))
     async with serving(app, config()) as server:
         client = await follow(server)
         await read_rows(client)
-        changes.close()
+        streams.close()
         assert (await client.ended()).endswith(b"0\r\n\r\n"), "also while news gathers"
         late = await follow(server)
         assert (await late.ended()).endswith(b"0\r\n\r\n")
@@ -140,87 +157,13 @@ async def whole(server: Any) -> Any:
 
 
 async def test_what_changes_often_is_sent_once(zones: dict[str, FakeZone]) -> None:
-    changes = Changes()
-    with changes.watched() as watcher:
+    streams = Streams()
+    with streams.opened() as news:
         for step in range(1000):
-            changes.publish(announced("living", make_update(step), zones["living"].status()))
-        changes.publish(announced("attic", None, zones["attic"].status()))
-        assert await watcher.changed() == ["living", "attic"]
-    changes.publish(announced("living", make_update(0), zones["living"].status()))
-
-
-async def test_nothing_is_computed_once_nobody_watches(zones: dict[str, FakeZone]) -> None:
-    outlooks = Outlooks(zones, lambda name: None)
-    with outlooks.watched(), outlooks.watched():
-        await until(lambda: "living" in outlooks.outlooks and "living" in outlooks.sparks)
-    zones["living"].asked.clear()
-    zones["living"].updates.append(make_update(300))
-    await asyncio.sleep(0)
-    assert zones["living"].asked == []
-    with outlooks.watched():
-        await until(lambda: outlooks.outlooks["living"].sample_time == make_update(300).time)
-
-
-def test_a_zone_that_fails_leaves_the_others_their_outlook(
-    zones: dict[str, FakeZone], caplog: pytest.LogCaptureFixture
-) -> None:
-    zones = {"cellar": broken("cellar"), **zones}
-
-    async def explode(*_: object) -> None:
-        raise RuntimeError("no such matrix")
-
-    zones["attic"] = running("attic")
-    zones["attic"].ask = explode  # type: ignore[assignment]
-
-    async def run() -> None:
-        outlooks = Outlooks(zones, lambda name: None)
-        with outlooks.watched():
-            await until(lambda: "living" in outlooks.outlooks)
-            del zones["living"]
-            await until(lambda: "living" not in outlooks.outlooks)
-        assert "attic" not in outlooks.outlooks
-
-    asyncio.run(run())
-    assert "zone 'attic' has no outlook now: RuntimeError('no such matrix')" in caplog.text
-
-
-@pytest.mark.parametrize(
-    ("seconds", "period", "expected"),
-    [
-        (3600, 300.0, 3600),
-        (21600, 300.0, 21600),
-        (3600, 7200.0, 7200),
-        (21600, 1.0, 72),
-        (3600, 1.0, 12),
-        (3600, 30.0, 3600),
-    ],
-)
-def test_zones_in_a_hurry_look_as_many_periods_ahead_as_others(seconds: int, period: float, expected: int) -> None:
-    assert scaled(seconds, period) == expected
-
-
-def test_outlooks_take_their_share_of_the_time_at_most(
-    zones: dict[str, FakeZone], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    slept: list[float] = []
-    real = asyncio.sleep
-
-    async def sleep(seconds: float) -> None:
-        slept.append(seconds)
-        await real(0)
-
-    clock = iter(range(10_000))
-    monkeypatch.setattr(outlook, "time", SimpleNamespace(monotonic=lambda: float(next(clock))))
-    monkeypatch.setattr(outlook.asyncio, "sleep", sleep)
-
-    async def run() -> None:
-        outlooks = Outlooks(zones, lambda name: None)
-        with outlooks.watched():
-            while "living" not in outlooks.outlooks:
-                await real(0)
-
-    asyncio.run(run())
-    assert slept[0] == 3.0, "a forecast that takes 1 s is followed by 3 s without"
+            streams.publish(announced("living", make_update(step), zones["living"].status()))
+        streams.publish(announced("attic", None, zones["attic"].status()))
+        assert list(await news.news()) == ["living", "attic"]
+    streams.publish(announced("living", make_update(0), zones["living"].status()))
 
 
 def test_a_key_for_some_zones_sees_these_at_a_glance(zones: dict[str, FakeZone], tmp_path: Path) -> None:
