@@ -1,10 +1,11 @@
-"""Answers about the heating of a zone, by futures that run its thermostat."""
+"""What a zone answers to questions: about its heating, about the room, and its linear model."""
 
 from __future__ import annotations
 
 import math
+from typing import Literal
 
-from service.records.record import Moment, Number, record, shown
+from service.records.record import Matrices, Matrix, Moment, Number, Time, Vector, constant, record, shown
 
 
 @record
@@ -136,3 +137,77 @@ class Room:
     sun: tuple[Number, ...] = shown("heat of the sun in each hour of the local day, W: mean of the days")
     people: tuple[Number, ...] = shown("the same of people, appliances and whatever else nobody measures")
     to_do: tuple[ToDo, ...] = shown("at most three, the most important first")
+
+
+@record
+class QuantityPayload:
+    """A state, input or output, in the order of the matrices."""
+
+    name: str
+    unit: str
+
+
+@record
+class MatricesPayload:
+    """x' = A x + B u + w, w ~ N(0, Q); y = C x + v, v ~ N(0, R). An unmeasured gain is the last state."""
+
+    A: Matrix = shown("(n_x, n_x); the last column is what the gain does, if there is one")
+    B: Matrix = shown("(n_x, n_u)")
+    C: Matrix = shown("(n_y, n_x)")
+    Q: Matrix = shown("(n_x, n_x), K^2 and W^2 per step")
+    R: Matrix = shown("(n_y, n_y), K^2")
+    state: Vector = shown("(n_x,), degC and W, at valid_time")
+
+
+@record
+class DrawsPayload:
+    """K models: the same matrices with one more axis in front; C is the same for all."""
+
+    weights: Vector = shown("they add up to 1")
+    A: Matrices
+    B: Matrices
+    Q: Matrices
+    R: Matrices
+    state: Matrix
+
+
+@record
+class GainForecastPayload:
+    """The unmeasured gain at the beginning of each step of a day."""
+
+    unit: Literal["W"] = constant("W")
+    mean: Vector
+    sd: Vector = shown("W; over the draws")
+
+
+@record
+class ModelAbout:
+    """What the linear model of a zone is of."""
+
+    sample_time: Time
+    issue_time: Time
+    valid_time: Time = shown("the time of the state")
+    period_s: float
+    step_s: float
+    network: str
+    estimator: str
+    member: str = shown("the member of a bank whose model this is; empty for other estimators")
+    share: float = shown("what that member weighs in the bank's forecast a few hours ahead; otherwise 1")
+    fan_mean: str = shown("what gives the mean of the fan (of the member) when simulated: mean or draws")
+    states: tuple[QuantityPayload, ...] = shown("temperatures, and then the unmeasured gain if there is one")
+    inputs: tuple[QuantityPayload, ...]
+    outputs: tuple[QuantityPayload, ...]
+
+
+@record
+class ModelPayload(ModelAbout):
+    """The linear model of a zone, at the step that was asked for."""
+
+    mean: MatricesPayload = shown("at the posterior mean of the log parameters")
+    covariance: Matrix = shown("of the state, K^2 and W^2")
+    draws: DrawsPayload
+    known_heat: Matrix = shown(
+        "what sun and habits add to each state over each step of a day, K, under inputs as foreseen "
+        "without a plan: x' = A x + B u + this; empty where the zone knows neither"
+    )
+    gain: GainForecastPayload | None = shown("null for an estimator without a model of it")

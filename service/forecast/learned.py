@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.statespace.matrices import of_draws, of_point
+from estimator.statespace.matrices import StateSpace, of_draws, of_point
 from estimator.statespace.simulate import gain_forecast
 from estimator.types import ModelDraws, ParameterSummary
 from service.errors import NoModel
-from service.forecast.answers import LearnedLaw, Range
-from service.records.model import ZoneModel
+from service.forecast.answers import (
+    DrawsPayload,
+    GainForecastPayload,
+    LearnedLaw,
+    MatricesPayload,
+    ModelPayload,
+    QuantityPayload,
+    Range,
+)
 from service.records.outlook import Weather
 from service.records.skill import Skill
 from service.zone.worker import Standing, ZoneWorker
@@ -21,33 +28,58 @@ from service.zone.worker import Standing, ZoneWorker
 _DAY = 86400
 
 
+GAIN = "gain"
+"""The state that is the unmeasured gain."""
+
+
 class ModelQuestion(NamedTuple):
     """Asks for state-space matrices at a step of `periods` periods: at the posterior mean, and of at most `most`
-    draws."""
+    draws. `estimator` is the name of the zone's."""
 
     periods: int
     most: int
+    estimator: str
 
-    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> ZoneModel | None:
+    def __call__(self, worker: ZoneWorker, weather: Weather, given_up: Callable[[], bool]) -> ModelPayload | None:
         """The model; None where there is no forecast now. NoModel for an estimator without physics."""
         standing = worker.unstalled
         if standing is None:
             return None
         drawn, step = model_draws(worker, standing, self.most), worker.period * self.periods
         draws, mean = (of(drawn, worker.period, self.periods) for of in (of_draws, of_point))
-        measured = len(worker.network.inputs)
-        return ZoneModel(
-            update=standing.update,
-            step=step,
+        network, forecast, gain = worker.network, standing.update.forecast, gain_forecast(draws, _DAY // step)
+        gains = [(GAIN, "W")] if draws.state.shape[1] > len(network.nodes) else []
+        own, drawn_ones = _letters(mean, 0, len(network.inputs)), _letters(draws, slice(None), len(network.inputs))
+        return ModelPayload(
+            sample_time=standing.update.time,
+            issue_time=forecast.issue_time,
+            valid_time=forecast.valid_time,
+            period_s=float(worker.period),
+            step_s=float(step),
+            network=network.name,
+            estimator=self.estimator,
             member=drawn.member,
             share=drawn.share,
-            fan_is="mean" if drawn.point_is_fan else "draws",
-            mean=mean._replace(b=mean.b[:, :, :measured]),
-            draws=draws._replace(b=draws.b[:, :, :measured]),
+            fan_mean="mean" if drawn.point_is_fan else "draws",
+            states=_quantities([*((node, "degC") for node in network.nodes), *gains]),
+            inputs=_quantities((channel, network.channel_unit(channel)) for channel in network.inputs),
+            outputs=_quantities((channel, "degC") for channel in network.measured),
+            mean=MatricesPayload(C=mean.c, **own),
             covariance=drawn.covariance,
-            known_heat=_known_heat(worker, standing, weather, mean.b[0, :, measured:], self.periods),
-            gain=gain_forecast(draws, _DAY // step),
+            draws=DrawsPayload(weights=draws.weights, **drawn_ones),
+            known_heat=_known_heat(worker, standing, weather, mean.b[0, :, len(network.inputs) :], self.periods),
+            gain=GainForecastPayload(*gain) if gain.size else None,
         )
+
+
+def _quantities(named: Iterable[tuple[str, str]]) -> tuple[QuantityPayload, ...]:
+    return tuple(QuantityPayload(*each) for each in named)
+
+
+def _letters(model: StateSpace, which: int | slice, inputs: int) -> dict[str, Array]:
+    """The arrays of one model, or of all, by the letters of the payload, with the measured inputs alone."""
+    a, b, q, r, state = (array[which] for array in (model.a, model.b[:, :, :inputs], model.q, model.r, model.state))
+    return {"A": a, "B": b, "Q": q, "R": r, "state": state}
 
 
 class Parameters(NamedTuple):

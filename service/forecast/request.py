@@ -181,12 +181,12 @@ def _named(plan: Plan, zone: str) -> list[tuple[str, str]]:
     return [(owner, channel) for owner in (EVERY_ZONE, zone) for channel in plan.inputs.get(owner, ())]
 
 
-def whole_steps(horizon: float, period: float) -> int:
-    """The periods [s] of a `horizon` [s]; RequestError if there are none, or no whole number."""
-    steps = round(horizon / period)
-    if steps < 1 or abs(steps * period - horizon) > _ROUNDING:
+def whole_steps(span: float, period: float, what: str = "horizon") -> int:
+    """The periods [s] of a `span` [s]; RequestError, which calls it `what`, if there are none, or no whole number."""
+    steps = round(span / period)
+    if steps < 1 or abs(steps * period - span) > _ROUNDING:
         raise _too_much(
-            f"horizon {format_duration(horizon)} is not a whole number of the zone's periods of "
+            f"{what} {format_duration(span)} is not a whole number of the zone's periods of "
             f"{format_duration(period)}; {format_duration(max(1, steps) * period)} would be"
         )
     return steps

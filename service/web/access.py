@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Annotated, Protocol, Self
+from typing import Annotated, Self
 
 from fastapi import Depends, Request
 from starlette.datastructures import Headers
@@ -20,7 +20,7 @@ from starlette.types import Scope as Connection
 from service.errors import KeyFileError
 from service.records.asker import Asker, asked_by, current_asker
 from service.records.view import ZoneView
-from service.web.keys import Key, Scope
+from service.web.keys import Key, KeyRing, Scope
 from service.web.limits import FailedAttempts
 from service.web.server.peers import peer_of
 from service.web.server.refusal import RequestRefused, refusal
@@ -75,20 +75,6 @@ class Caller:
 
 ANYBODY = Caller("anybody")
 """Who asks without a key while none is in force."""
-
-
-class Keys(Protocol):
-    """The keys that requests are checked against; see `service.web.keys.KeyRing`."""
-
-    @property
-    def in_force(self) -> bool:
-        """Whether reading needs a key."""
-
-    def find(self, secret: str) -> Key | None:
-        """The active key that `secret` is. KeyFileError while nobody can say."""
-
-    def accepts(self, key: Key) -> bool:
-        """Whether `key`, found before, is still active."""
 
 
 class NoKeys:
@@ -146,7 +132,7 @@ class RequireKey:
     What is not open needs a key: a route that is added later is closed unless it is listed as open.
     """
 
-    def __init__(self, app: ASGIApp, keys: Keys) -> None:
+    def __init__(self, app: ASGIApp, keys: KeyRing | NoKeys) -> None:
         self._app = app
         self._keys = keys
         self._attempts = FailedAttempts()

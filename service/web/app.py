@@ -16,10 +16,11 @@ from service.publish.events import Streams
 from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
-from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, Keys, NoKeys, RequireKey
+from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, NoKeys, RequireKey
+from service.web.control.heating import heating_routes
 from service.web.control.routes import control_routes
 from service.web.guard import Guard
-from service.web.heating import heating_routes
+from service.web.keys import KeyRing
 from service.web.limits import Limiter
 from service.web.models import PostedReadings
 from service.web.operations import Problems, Reload, operation_routes
@@ -61,7 +62,7 @@ def create_app(
     zones: Mapping[str, ZoneView],
     metrics_registry: CollectorRegistry,
     *,
-    keys: Keys | None = None,
+    keys: KeyRing | None = None,
     http: HttpConfig | None = None,
     backend: Backend | None = None,
 ) -> FastAPI:

@@ -4,6 +4,7 @@ from the zones, nor the interpreter from the event loop, nor much memory."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 from fastapi.concurrency import run_in_threadpool
 
@@ -18,24 +19,11 @@ PAGE = 1000
 """Rows that are read and written at a time. A history of no more waits for no other one."""
 
 
-class Histories:
-    """Writes the histories of the zones of `site`, long ones in turn."""
-
-    def __init__(self, site: str, limiter: Limiter) -> None:
-        self._site = site
-        self._limiter = limiter
-
-    async def answer(self, zone: ZoneView, start: int | None, end: int | None, limit: int) -> bytes:
-        """A History as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open). Raises
-        ServiceError where the journal fails, or the client has gone meanwhile."""
-        asker = current_asker() or Asker()
-        if limit <= PAGE:
-            return await self._written(zone, start, end, limit, asker)
-        async with self._limiter.turn(LARGE):
-            return await self._written(zone, start, end, limit, asker)
-
-    async def _written(self, zone: ZoneView, start: int | None, end: int | None, limit: int, asker: Asker) -> bytes:
-        pages: list[bytes] = []
+async def written(site: str, zone: ZoneView, start: int | None, end: int | None, limit: int, limiter: Limiter) -> bytes:
+    """A History as JSON, of the newest `limit` rows with `start` <= time < `end` (UTC s, None: open); a long one in
+    turn. Raises ServiceError where the journal fails, or the client has gone meanwhile."""
+    asker, pages = current_asker() or Asker(), list[bytes]()
+    async with limiter.turn(LARGE) if limit > PAGE else nullcontext():
         while limit > 0:
             if asker.gone.is_set():
                 raise ServiceError("the history was given up because nobody waits for it")
@@ -45,8 +33,7 @@ class Histories:
             pages.append(await run_in_threadpool(_listed, rows))
             # A damaged row is left out, and counts all the same.
             limit, end = limit - PAGE, rows[0].time
-        about = document(history_of(zone, ()), self._site, zone.id)
-        return with_items(about, reversed(pages))
+        return with_items(document(history_of(zone, ()), site, zone.id), reversed(pages))
 
 
 def history_of(zone: ZoneView, rows: Sequence[HistoryRow]) -> History:

@@ -19,6 +19,7 @@ from service.records.record import to_json
 from service.records.status import STATES, ZoneStatus
 from service.records.view import ZoneView
 from service.web.access import MOST_NAMES, Administrator, may_read
+from service.web.answering import json_answer
 from service.web.models import HealthPayload, ReadyPayload, ReloadPayload, ZoneReadiness
 from service.web.problems import RETRY_SECONDS, documented
 from service.web.server.refusal import RequestRefused, few
@@ -53,7 +54,7 @@ def operation_routes(
         if found := problems():
             raise RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, found, retry_after=RETRY_SECONDS)
         payload = HealthPayload(version if may_read(request) else None, time.monotonic() - started)
-        return Response(to_json(payload), media_type="application/json")
+        return json_answer(to_json(payload))
 
     @router.get(
         "/readyz",
@@ -75,7 +76,7 @@ def operation_routes(
                 zone_count=len(behind),
             )
         shown = tuple(_readiness(*each) for each in every[:MOST_NAMES])
-        return Response(to_json(ReadyPayload(shown, len(every))), media_type="application/json")
+        return json_answer(to_json(ReadyPayload(shown, len(every))))
 
     @router.get(
         "/metrics",
@@ -107,7 +108,7 @@ def operation_routes(
         except ReloadRefused as error:
             # The request is right; the file, or what runs, stands against it.
             raise RequestRefused(HTTPStatus.CONFLICT, error.problems, errors=error.problems) from error
-        return Response(to_json(ReloadPayload(done)), media_type="application/json")
+        return json_answer(to_json(ReloadPayload(done)))
 
     return router
 

@@ -20,9 +20,10 @@ from starlette.requests import ClientDisconnect
 from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.reading import Fault, Quality
 from service.records.receipt import Receipt
-from service.records.record import document, document_of
+from service.records.record import document_of
 from service.records.view import ZoneView
 from service.web.access import Caller, Writer, find_zone
+from service.web.answering import answer
 from service.web.limits import POSTS, Limiter
 from service.web.models import PostedReading, PostedReadings, ReadingsQuery
 from service.web.problems import documented, invalid, sentence_of
@@ -114,7 +115,7 @@ def reading_routes(
                 complaints.note(error, request.headers, caller.name)
                 raise
             taken = await take(posted, zone)
-        return Response(document(taken, site), media_type="application/json")
+        return answer(taken, site)
 
     return router
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Mapping
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header
 from fastapi.concurrency import run_in_threadpool
@@ -16,19 +16,10 @@ from service.publish.sinks import TOPICS, Announcement, Reports
 from service.records.record import document
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
+from service.web.answering import described_events, epoch, events_answer
 from service.web.history import history_of
 from service.web.limits import stream_slot
 from service.web.problems import documented
-from service.web.zones import epoch
-
-_MEDIA_TYPE = "text/event-stream"
-
-_DESCRIBED: dict[int | str, dict[str, Any]] = {
-    200: {
-        "description": f"Server-sent events: {', '.join(TOPICS)}; history after a Last-Event-ID",
-        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}}},
-    }
-}
 
 MISSED_ROWS = 1000
 """Rows of the history that a client is given at most that comes back."""
@@ -41,7 +32,8 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
     @router.get(
         "/{zone}/stream",
         response_class=Response,
-        responses={**_DESCRIBED, **documented(404, 422, 429, 500, 503)},
+        responses=described_events(f"{', '.join(TOPICS)}; history after a Last-Event-ID")
+        | documented(404, 422, 429, 500, 503),
         dependencies=[Depends(stream_slot)],
         summary=f"Every new {', '.join(TOPICS[:-1])} and {TOPICS[-1]} as it is issued",
     )
@@ -52,8 +44,7 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
     ) -> StreamingResponse:
         view = find_zone(zones, zone, caller)
         missed = await _missed(view, _sample_time(last_event_id))
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return StreamingResponse(_events(view, missed), headers=headers, media_type=_MEDIA_TYPE)
+        return events_answer(_events(view, missed))
 
     async def _missed(view: ZoneView, after: datetime | None) -> list[Event]:
         """The rows that came after the client's last event."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from http import HTTPStatus
 from typing import Annotated
 
@@ -21,13 +19,13 @@ from service.publish.payloads import FanPayload, ForecastPayload, GainPayload, S
 from service.records.fan import Fan
 from service.records.history import History
 from service.records.outlook import SET_POINTS
-from service.records.record import document, document_of, enclosed
+from service.records.record import document_of, enclosed
 from service.records.skill import Skill
-from service.records.update import Update
 from service.records.view import ZoneView
 from service.web import planned
 from service.web.access import Asking, find_zone
-from service.web.history import Histories
+from service.web.answering import answer, asked, epoch, json_answer, newest, no_forecast
+from service.web.history import written
 from service.web.limits import Limiter
 from service.web.models import (
     ChannelPayload,
@@ -43,7 +41,7 @@ from service.web.models import (
     ZonesQuery,
     ZoneSummary,
 )
-from service.web.problems import RETRY_SECONDS, documented, invalid
+from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 
 _HOUR = 3600.0
@@ -52,10 +50,9 @@ _HOUR = 3600.0
 def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> APIRouter:
     """Routes over `zones`, whichever there are when a request comes."""
     router = APIRouter(prefix="/zones", tags=["zones"])
-    histories = Histories(site, limiter)
 
     def current(view: ZoneView, payload: ForecastPayload) -> Response:
-        return _json(vouched(payload, view.status(), view.surroundings.limits), site, view.id)
+        return answer(vouched(payload, view.status(), view.surroundings.limits), site, view.id)
 
     @router.get(
         "",
@@ -68,7 +65,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
         page = _page(seen, query)
         last = page[-1] if page and page[-1] != seen[-1] else None
         found = [zones[name] for name in page if name in zones]
-        return _json(ZonesPayload(tuple(map(_summary, found)), last), site)
+        return answer(ZonesPayload(tuple(map(_summary, found)), last), site)
 
     @router.get(
         "/{zone}",
@@ -77,7 +74,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
         summary="One zone: channels, parameters, status, faults",
     )
     async def show_zone(zone: str, caller: Asking) -> Response:
-        return _json(_description(site, find_zone(zones, zone, caller)), site, zone)
+        return answer(_description(site, find_zone(zones, zone, caller)), site, zone)
 
     @router.get(
         "/{zone}/forecast",
@@ -87,7 +84,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
     )
     async def forecast(zone: str, caller: Asking, query: Annotated[ForecastQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        update = _latest(view)
+        update = newest(view)
         published = published_levels(update)
         levels = query.level or published
         if query.horizon is None and set(levels) <= set(published):
@@ -106,7 +103,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
     )
     async def forecast_under_plan(zone: str, caller: Asking, body: planned.ForecastRequest) -> Response:
         view = find_zone(zones, zone, caller)
-        _latest(view)
+        newest(view)
         request = ForecastRequest(
             [view], body.horizon, body.levels, [Plan(inputs={zone: planned.inputs_of(body.inputs)})]
         )
@@ -123,10 +120,8 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
     )
     async def parameters(zone: str, caller: Asking, query: Annotated[ParametersQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        found = await view.ask(ParametersQuestion(tuple(query.level)))
-        if found is None:
-            raise no_forecast(view)
-        return _json(_parameters(view, query.level, *found), site, zone)
+        found = await asked(view, ParametersQuestion(tuple(query.level)))
+        return answer(_parameters(view, query.level, *found), site, zone)
 
     @router.get(
         "/{zone}/skill",
@@ -135,11 +130,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
         summary="What the zone's own forecasts were worth: one step, 1 h, 6 h and 24 h ahead",
     )
     async def skill(zone: str, caller: Asking) -> Response:
-        view = find_zone(zones, zone, caller)
-        found = await view.ask(SkillQuestion())
-        if found is None:
-            raise no_forecast(view)
-        return _json(found, site, zone)
+        return answer(await asked(find_zone(zones, zone, caller), SkillQuestion()), site, zone)
 
     @router.get(
         "/{zone}/gain",
@@ -149,13 +140,13 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
     )
     async def gain(zone: str, caller: Asking) -> Response:
         view = find_zone(zones, zone, caller)
-        payload = GainPayload.of(_latest(view))
+        payload = GainPayload.of(newest(view))
         if payload is None:
             sentence = (
                 f"the estimator '{view.estimator}' of zone '{zone}' has no model of unmeasured heat; mkf and bank do"
             )
             raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence])
-        return _json(payload, site, zone)
+        return answer(payload, site, zone)
 
     @router.get(
         "/{zone}/history",
@@ -165,8 +156,7 @@ def zone_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -> A
     )
     async def history(zone: str, caller: Asking, query: Annotated[HistoryQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
-        content = await histories.answer(view, epoch(query.start), epoch(query.end), query.limit)
-        return Response(content, media_type="application/json")
+        return json_answer(await written(site, view, epoch(query.start), epoch(query.end), query.limit, limiter))
 
     return router
 
@@ -180,29 +170,6 @@ def _page(names: Sequence[str], query: ZonesQuery) -> Sequence[str]:
             raise RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, [sentence])
         first = names.index(query.after) + 1
     return names[first:] if query.limit is None else names[first : first + query.limit]
-
-
-def _json(one: object, site: str, zone: str | None = None) -> Response:
-    return Response(document(one, site, zone), media_type="application/json")
-
-
-def epoch(when: datetime | None) -> int | None:
-    """The first whole UTC second not before `when`."""
-    return None if when is None else math.ceil(when.timestamp())
-
-
-def no_forecast(zone: ZoneView) -> RequestRefused:
-    status = zone.status()
-    sentence = f"zone '{zone.id}' has no forecast now ({status.state}): {status.reason or 'no sample yet'}"
-    retry = max(1, min(RETRY_SECONDS, math.ceil(zone.period)))
-    return RequestRefused(HTTPStatus.SERVICE_UNAVAILABLE, [sentence], retry_after=retry)
-
-
-def _latest(zone: ZoneView) -> Update:
-    update = zone.latest()
-    if update is None:
-        raise no_forecast(zone)
-    return update
 
 
 async def _fan(view: ZoneView, request: ForecastRequest) -> Fan:

@@ -17,7 +17,7 @@ from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from service.errors import NoModel, ServiceError
 from service.forecast.ahead import NextRise
-from service.forecast.answers import Preheat, Range, Room, RoomAnswer, ToDo
+from service.forecast.answers import ModelPayload, Preheat, Range, Room, RoomAnswer, ToDo
 from service.forecast.engine import FanQuestion
 from service.forecast.heating import PreheatQuestion
 from service.forecast.learned import ModelQuestion, Parameters, ParametersQuestion, SkillQuestion
@@ -26,7 +26,6 @@ from service.forecast.room import RoomQuestion
 from service.publish.sinks import Announcement, Occasion
 from service.records.fan import CompactOutputPayload, Fan
 from service.records.history import HistoryRow
-from service.records.model import ZoneModel
 from service.records.outlook import InputOrigin, Surroundings
 from service.records.sample import Sample
 from service.records.series import COLUMNS, Series
@@ -192,7 +191,7 @@ class FakeZone:
         )
         return Fan(update, question.levels, outputs, origins)
 
-    def _model(self, question: ModelQuestion) -> ZoneModel | None:
+    def _model(self, question: ModelQuestion) -> ModelPayload | None:
         self.asked.append(("model", *question))
         if self.estimator == "arx":
             raise NoModel("it knows no physics")

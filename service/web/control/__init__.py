@@ -1,1 +1,1 @@
-"""What a controller asks: models, trust, and forecasts of many zones under many plans."""
+"""What a controller asks: models, trust, forecasts of many zones under many plans, and when to heat."""

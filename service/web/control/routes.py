@@ -12,9 +12,10 @@ from fastapi import APIRouter, Header, Query, Response
 
 from adapters.fields.durations import DAY, format_duration
 from service.errors import NoModel, ServiceError
+from service.forecast.answers import ModelPayload
 from service.forecast.learned import ModelQuestion
 from service.forecast.plan import Plan
-from service.forecast.request import ForecastRequest, Mistake, bound, mistakes
+from service.forecast.request import ForecastRequest, Mistake, bound, mistakes, whole_steps
 from service.forecast.site import forecasts as under
 from service.forecast.site import neighbourhood
 from service.records.fan import Fan
@@ -22,9 +23,9 @@ from service.records.record import document, document_of, to_json, with_items
 from service.records.trust import Trust
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
-from service.web.control.answers import model_json, model_npz, zone_forecast
+from service.web.answering import answer, asked, json_answer, no_forecast
+from service.web.control.answers import model_npz, zone_forecast
 from service.web.control.models import (
-    ModelPayload,
     ModelQuery,
     PlanForecastPayload,
     SiteForecastPayload,
@@ -34,7 +35,6 @@ from service.web.limits import LARGE, Limiter
 from service.web.planned import inputs_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
-from service.web.zones import no_forecast
 
 NPZ = "application/x-npz"
 
@@ -59,17 +59,17 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -
         accept: Annotated[str, Header()] = "application/json",
     ) -> Response:
         view = find_zone(zones, zone, caller)
-        periods = _periods(query.step, view.period)
+        if query.step is not None and query.step > DAY:
+            raise invalid([f"step {format_duration(query.step)} is longer than a day"])
+        periods = 1 if query.step is None else whole_steps(query.step, view.period, "step")
         try:
-            found = await view.ask(ModelQuestion(periods, query.draws))
+            found = await asked(view, ModelQuestion(periods, query.draws, view.estimator))
         except NoModel as error:
             sentence = f"the estimator '{view.estimator}' of zone '{zone}' has no model: {error}"
             raise RequestRefused(HTTPStatus.NOT_FOUND, [sentence]) from None
-        if found is None:
-            raise no_forecast(view)
         # On a thread: a large one would hold the event loop.
-        write, kind = (model_npz, NPZ) if NPZ in accept else (model_json, "application/json")
-        return Response(await asyncio.to_thread(write, site, view, found), media_type=kind)
+        write, kind = (model_npz, NPZ) if NPZ in accept else (document, "application/json")
+        return Response(await asyncio.to_thread(write, found, site, zone), media_type=kind)
 
     @router.get(
         "/zones/{zone}/trust",
@@ -82,7 +82,7 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -
         found = view.trust()
         if not found.horizons:
             raise no_forecast(view)
-        return Response(document(found, site, zone), media_type="application/json")
+        return answer(found, site, zone)
 
     @router.post(
         "/forecasts",
@@ -92,10 +92,10 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -
     )
     async def forecasts(caller: Asking, body: SiteForecastRequest) -> Response:
         seen = {zone: view for zone, view in zones.items() if caller.sees(zone)}
-        asked = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
+        wanted = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones) or seen]
         plans = [Plan(one.name, {zone: inputs_of(given) for zone, given in one.inputs.items()}) for one in body.plans]
-        around = neighbourhood(asked, seen)
-        request = ForecastRequest(asked, body.horizon, body.levels, plans, body.scenarios, around)
+        around = neighbourhood(wanted, seen)
+        request = ForecastRequest(wanted, body.horizon, body.levels, plans, body.scenarios, around)
         numbers = bound(request)
         if found := await asyncio.to_thread(mistakes, request):
             raise invalid([_told(one) for one in found])
@@ -106,27 +106,9 @@ def control_routes(site: str, zones: Mapping[str, ZoneView], limiter: Limiter) -
             ]
             about = document(SiteForecastPayload(body.horizon, ()), site)
             content = await asyncio.to_thread(with_items, about, written)
-        return Response(content, media_type="application/json")
+        return json_answer(content)
 
     return router
-
-
-def _periods(step: float | None, period: float) -> int:
-    """How many periods (s) a `step` (s) has; RequestRefused if it is no whole number, or more than a day."""
-    if step is None:
-        return 1
-    periods = round(step / period)
-    if periods < 1 or abs(periods * period - step) > 1e-6:
-        near = format_duration(max(1, periods) * period)
-        raise invalid(
-            [
-                f"step {format_duration(step)} is not a whole number of the zone's periods of "
-                f"{format_duration(period)}; {near} would be"
-            ]
-        )
-    if step > DAY:
-        raise invalid([f"step {format_duration(step)} is longer than a day"])
-    return periods
 
 
 def _told(one: Mistake) -> str:

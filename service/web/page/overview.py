@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from fastapi import APIRouter, Depends
@@ -20,6 +20,7 @@ from service.records.record import document, document_of
 from service.records.series import Series
 from service.records.view import ZoneView
 from service.web.access import OVERVIEW_PREFIX, Asking, Caller
+from service.web.answering import answer, described_events, events_answer
 from service.web.limits import stream_slot
 from service.web.page.payloads import (
     ExpectedPayload,
@@ -30,14 +31,6 @@ from service.web.page.payloads import (
     SparkPayload,
 )
 from service.web.problems import documented
-
-_MEDIA_TYPE = "text/event-stream"
-_DESCRIBED: dict[int | str, dict[str, Any]] = {
-    200: {
-        "description": "Server-sent events: `rows`, an OverviewChange each",
-        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}}},
-    }
-}
 
 LEADS = (3600, 6 * 3600)
 """How far ahead the overview looks, s."""
@@ -92,18 +85,17 @@ def overview_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVi
     )
     def overview(caller: Asking) -> Response:
         rows = tuple(row(zone, sparks.get(name)) for name, zone in tuple(zones.items()) if caller.sees(name))
-        return Response(document(OverviewPayload(time_zone, rows), site), media_type="application/json")
+        return answer(OverviewPayload(time_zone, rows), site)
 
     @router.get(
         "/stream",
         response_class=Response,
-        responses={**_DESCRIBED, **documented(429, 500, 503)},
+        responses=described_events("`rows`, an OverviewChange each") | documented(429, 500, 503),
         dependencies=[Depends(stream_slot)],
         summary="What changes at a glance, at most once a second",
     )
     async def stream(caller: Asking) -> StreamingResponse:
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return StreamingResponse(_events(caller), headers=headers, media_type=_MEDIA_TYPE)
+        return events_answer(_events(caller))
 
     async def _events(caller: Caller) -> AsyncIterator[bytes]:
         with streams.opened() as news:

@@ -11,12 +11,12 @@ from pydantic import Field
 
 from service.forecast.answers import Room
 from service.forecast.room import Past, RoomQuestion
-from service.records.record import document, document_of
+from service.records.record import document_of
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
+from service.web.answering import answer, asked
 from service.web.models import Query as QueryModel
 from service.web.problems import documented
-from service.web.zones import no_forecast
 
 _DAY = 86400
 _POINTS = 48
@@ -44,9 +44,7 @@ def room_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneView])
         last = view.status().last_sample_time
         end = 0 if last is None else math.ceil(last + view.period)
         series = await view.series(end - query.days * _DAY, end, query.days * _POINTS + 1)
-        found = await view.ask(RoomQuestion(Past.of(series), view.surroundings.floor_area, time_zone))
-        if found is None:
-            raise no_forecast(view)
-        return Response(document(found, site, zone), media_type="application/json")
+        question = RoomQuestion(Past.of(series), view.surroundings.floor_area, time_zone)
+        return answer(await asked(view, question), site, zone)
 
     return router

@@ -12,10 +12,11 @@ from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
 from adapters.fields.times import utc
-from service.records.record import document, document_of
+from service.records.record import document_of
 from service.records.series import GAIN, Array, Series
 from service.records.view import ZoneView
 from service.web.access import Asking, find_zone
+from service.web.answering import answer
 from service.web.models import Instant
 from service.web.models import Query as QueryModel
 from service.web.page.payloads import SeriesGain, SeriesInput, SeriesPayload
@@ -57,7 +58,7 @@ def series_routes(site: str, zones: Mapping[str, ZoneView]) -> APIRouter:
         if start >= end:
             raise invalid([f"start {utc(start):%Y-%m-%dT%H:%M:%SZ} is not before end {utc(end):%Y-%m-%dT%H:%M:%SZ}"])
         found = _payload(view, start, end, await view.series(start, end, query.points))
-        return Response(document(found, site, zone), media_type="application/json")
+        return answer(found, site, zone)
 
     return router
 

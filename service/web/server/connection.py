@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import math
 import time
@@ -19,7 +18,7 @@ from uvicorn.server import ServerState
 
 from service.config.http import LimitsConfig
 from service.records.asker import Asker, asked_by
-from service.web.server.refusal import MEDIA_TYPE
+from service.web.server.refusal import MEDIA_TYPE, problem
 
 FREE_CHUNKS = 64
 """Chunks that every body may come in, whatever their size."""
@@ -268,6 +267,5 @@ class Connection(H11Protocol, asyncio.BufferedProtocol):
 
 def _problem(status: HTTPStatus, detail: str) -> tuple[list[tuple[str, str]], bytes]:
     """Headers and body of an answer that ends its connection."""
-    document = {"type": "about:blank", "title": status.phrase, "status": int(status), "detail": detail}
-    body = json.dumps(document).encode()
+    body = problem(status, detail)
     return [("Content-Type", MEDIA_TYPE), ("Content-Length", str(len(body))), ("Connection", "close")], body

@@ -51,10 +51,16 @@ def _cut(sentence: str) -> str:
 
 
 def problem_answer(status: int, detail: str, headers: Mapping[str, str] | None = None, **members: object) -> Response:
-    """The answer with a problem document: its status, what is wrong and what to do, headers and further members."""
+    """The answer with a problem document and headers."""
+    return Response(problem(status, detail, **members), status, dict(headers or {}), MEDIA_TYPE)
+
+
+def problem(status: int, detail: str, **members: object) -> bytes:
+    """A problem document: its status, what is wrong and what to do, and further members."""
     title = HTTPStatus(status).phrase
-    document = {"type": "about:blank", "title": title, "status": int(status), "detail": detail, **members}
-    return Response(json.dumps(document), status, dict(headers or {}), MEDIA_TYPE)
+    return json.dumps(
+        {"type": "about:blank", "title": title, "status": int(status), "detail": detail} | members
+    ).encode()
 
 
 def failure_answer() -> Response:

@@ -37,12 +37,12 @@ def worker() -> ZoneWorker:
 
 
 def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: ZoneWorker) -> None:
-    model, standing = ModelQuestion(3, 16)(worker, NO_WEATHER, lambda: False), worker.unstalled
+    model, standing = ModelQuestion(3, 16, "mkf")(worker, NO_WEATHER, lambda: False), worker.unstalled
     assert model is not None
     assert standing is not None
     inputs = len(NETWORK.inputs)
-    assert model.mean.b.shape == (1, 4, inputs)
-    assert model.draws.b.shape == (16, 4, inputs)
+    assert model.mean.B.shape == (4, inputs)
+    assert model.draws.B.shape == (16, 4, inputs)
     assert model.known_heat.shape == (48, 4)
     # Simulated with it, the mean model goes where it goes under the whole drive rows.
     drawn = worker.estimator.draws(standing.state, 16)
@@ -51,9 +51,9 @@ def test_matrices_have_the_measured_inputs_and_known_heat_beside_them(worker: Zo
     times = standing.update.forecast.valid_time + PERIOD * np.arange(3.0)
     whole = of_point(drawn, PERIOD, 1)
     expected = mean_path(whole, worker.loop.driving(times, rows))[-1]
-    state = model.mean.a[0] @ model.mean.state[0] + model.mean.b[0] @ rows.mean(axis=0) + model.known_heat[0]
+    state = model.mean.A @ model.mean.state + model.mean.B @ rows.mean(axis=0) + model.known_heat[0]
     # Inputs and known heat vary a little within the half hour.
-    np.testing.assert_allclose(model.mean.c @ state, expected, atol=0.02)
+    np.testing.assert_allclose(model.mean.C @ state, expected, atol=0.02)
     assert np.abs(model.known_heat).max() > 0.0
 
 

@@ -19,7 +19,7 @@ from service.records.history import HistoryRow
 from service.records.record import document
 from service.web import history as module
 from service.web.app import create_app
-from service.web.history import PAGE, Histories, history_of
+from service.web.history import PAGE, history_of, written
 from service.web.limits import LARGE, Limiter
 
 ROWS = 2 * PAGE + 300
@@ -77,12 +77,12 @@ class Slow:
 
 
 async def test_one_client_leaves_room_for_another_and_short_histories_wait_for_none(zone: FakeZone) -> None:
-    histories, slow = Histories("htwg", Limiter()), Slow(zone)
+    limiter, slow = Limiter(), Slow(zone)
 
     async def ask(name: str, limit: int) -> bytes:
         asked_by(Asker(name))
         view: Any = slow
-        return await histories.answer(view, None, None, limit)
+        return await written("htwg", view, None, None, limit, limiter)
 
     greedy = [asyncio.create_task(ask("greedy", 20_000)) for _ in range(5)]
     await until(lambda: slow.reading)
@@ -93,7 +93,7 @@ async def test_one_client_leaves_room_for_another_and_short_histories_wait_for_n
     slow.open.set()
     await asyncio.gather(*greedy, *others, short)
     assert len(slow.reading) == 11
-    assert histories._limiter.open(LARGE) == 0
+    assert limiter.open(LARGE) == 0
 
 
 async def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> None:
@@ -102,5 +102,5 @@ async def test_nothing_is_read_for_a_client_that_has_gone(zone: FakeZone) -> Non
     asked_by(asker)
     view: Any = slow
     with pytest.raises(ServiceError, match="nobody waits for it"):
-        await Histories("htwg", Limiter()).answer(view, None, None, 20_000)
+        await written("htwg", view, None, None, 20_000, Limiter())
     assert slow.reading == []

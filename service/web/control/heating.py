@@ -28,15 +28,15 @@ from service.forecast.heating import (
 from service.forecast.plan import Grid, Plan, Values, check, column
 from service.forecast.request import ForecastRequest, bound, steps_of
 from service.records.outlook import SET_POINTS
-from service.records.record import document, document_of
+from service.records.record import document_of
 from service.records.view import Answer, Question, ZoneView
 from service.web.access import Asking, find_zone
+from service.web.answering import answer, asked, newest
 from service.web.models import Finite, Horizon
 from service.web.models import Query as Parameters
 from service.web.planned import PlannedInput, named_apart, values_of
 from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
-from service.web.zones import no_forecast
 
 _AT_ONCE = 4
 """Zones of a site's demand that are asked at once."""
@@ -111,14 +111,14 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
     async def preheat(zone: str, caller: Asking, query: Annotated[PreheatQuery, Query()]) -> Response:
         view = find_zone(zones, zone, caller)
         _check(view, 1, query.target, "query parameter 'target'")
-        start = _start(view)
+        start = newest(view).forecast.valid_time
         try:
             by = moment(query.by, start, local)
             check_until(by, start, view.period)
         except PlanError as error:
             raise invalid([f"query parameter 'by' {error}"]) from None
         question = PreheatQuestion(query.target, by, query.probability, query.tolerance)
-        return _json(await _answer(view, by - start, question), site, zone)
+        return answer(await _answer(view, by - start, question), site, zone)
 
     @router.post(
         "/zones/{zone}/demand",
@@ -129,7 +129,7 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
     async def demand(zone: str, caller: Asking, body: DemandBody) -> Response:
         view = find_zone(zones, zone, caller)
         called = await _answer(view, body.horizon, _demand(view, body))
-        return _json(called.demand, site, zone)
+        return answer(called.demand, site, zone)
 
     @router.post(
         "/demand",
@@ -139,7 +139,7 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
     )
     async def site_demand(caller: Asking, body: SiteDemandBody) -> Response:
         seen = [zone for zone in zones if caller.sees(zone)]
-        asked = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones or seen)]
+        wanted = [find_zone(zones, zone, caller) for zone in dict.fromkeys(body.zones or seen)]
         turns = asyncio.Semaphore(_AT_ONCE)
 
         async def called(view: ZoneView) -> Called | str:
@@ -153,14 +153,14 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
                 except Away as error:
                     return str(error)
 
-        found = dict(zip((view.id for view in asked), await asyncio.gather(*map(called, asked)), strict=True))
+        found = dict(zip((view.id for view in wanted), await asyncio.gather(*map(called, wanted)), strict=True))
         totals = [one.total for one in found.values() if isinstance(one, Called)]
         summed = await asyncio.to_thread(together, totals)
         rows = [
             ZoneTotal(zone, None, one) if isinstance(one, str) else ZoneTotal(zone, one.demand.total)
             for zone, one in found.items()
         ]
-        return _json(SiteDemand(body.horizon, summed, rows), site)
+        return answer(SiteDemand(body.horizon, summed, rows), site)
 
     @router.post(
         "/zones/{zone}/what-if",
@@ -176,21 +176,9 @@ def heating_routes(site: str, time_zone: str | None, zones: Mapping[str, ZoneVie
             for place, one in enumerate(body.plans)
         ]
         price = None if body.price is None else _check(view, steps, body.price, "field 'price'", limited=False)
-        return _json(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site, zone)
+        return answer(await _answer(view, body.horizon, CompareQuestion(steps, courses, price)), site, zone)
 
     return router
-
-
-def _json(record: object, site: str, zone: str | None = None) -> Response:
-    return Response(document(record, site, zone), media_type="application/json")
-
-
-def _start(view: ZoneView) -> float:
-    """UTC s of the standing forecast."""
-    update = view.latest()
-    if update is None:
-        raise no_forecast(view)
-    return update.forecast.valid_time
 
 
 def _demand(view: ZoneView, body: DemandBody) -> DemandQuestion:
@@ -206,7 +194,7 @@ def _steps(view: ZoneView, horizon: float, plans: int) -> int:
 
 def _check(view: ZoneView, steps: int, given: PlannedInput, place: str, *, limited: bool = True) -> Values:
     """What is planned over `steps` steps, of set-points if `limited`; RequestRefused where that cannot be."""
-    values, grid = values_of(given), Grid(_start(view), view.period, steps)
+    values, grid = values_of(given), Grid(newest(view).forecast.valid_time, view.period, steps)
     try:
         if limited:
             check(values, SET_POINTS, view.network, view.surroundings.limits, grid)
@@ -222,9 +210,6 @@ async def _answer(view: ZoneView, lead: float, question: Question[Answer | None]
     if (why := refusal(view.trust(), lead)) is not None:
         raise RequestRefused(HTTPStatus.CONFLICT, [f"zone '{view.id}' {why}"])
     try:
-        found = await view.ask(question)
+        return await asked(view, question)
     except NoLaw as error:
         raise RequestRefused(HTTPStatus.CONFLICT, [f"zone '{view.id}' cannot say: {error}"]) from None
-    if found is None:
-        raise no_forecast(view)
-    return found
