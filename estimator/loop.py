@@ -27,6 +27,7 @@ from estimator.diagnosis.diagnose import diagnose, due
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record, no_record, with_sample
 from estimator.diagnosis.telemetry import lies
+from estimator.diagnosis.telemetry.earlier import Earlier, before_lies, kept
 from estimator.diagnosis.telemetry.recent import Recent, nothing_recent, with_measured
 from estimator.foresight import Day, foreseen, no_day, with_inputs
 from estimator.heat.known import KnownHeat
@@ -85,6 +86,8 @@ class Carried(NamedTuple):
     """What was measured in the last fortnight."""
     suspicions: tuple[lies.Suspicion, ...] = ()
     """What of it cannot be believed."""
+    earlier: tuple[Earlier, ...] = ()
+    """What had been learned some days ago, the oldest first."""
     diagnosis: Diagnosis = Diagnosis()
     """The newest."""
     vanished: int = 0
@@ -200,24 +203,51 @@ class Loop:
             learns = not started and posterior.outcome is not Outcome.VANISHED
             after = self._thermostat(after, time, outputs, setpoint, started=started, learns=learns)
         if not self._single_steps:
-            after = self._watched(after, time, float(outputs[0]))
+            after = self._watched(after, time, outputs, drive)
+            assert after.standing is not None
+            if after.standing.state is not state:
+                ahead = estimator.predictive(after.standing.state)
         if not self._single_steps and due(estimator.network, before, record, time, int(estimator.period), self._seed):
             after = after._replace(diagnosis=self.diagnose(after))
         scored = carried.standing.forecast if continues and carried.standing is not None else None
         return Step(after, posterior, started, scored, ahead)
 
-    def _watched(self, carried: Carried, time: int, output: float) -> Carried:
+    def _watched(self, carried: Carried, time: int, outputs: Array, drive: Array) -> Carried:
         """`carried` with what was measured at `time`, looked through once in lies.EVERY s."""
         network, period = self.estimator.network, int(self.estimator.period)
         measured = np.where(carried.held.times == time + period, carried.held.values, np.nan)
-        recent = with_measured(carried.recent, time, output, measured)
+        recent = with_measured(carried.recent, time, float(outputs[0]), measured)
         after = carried._replace(recent=recent)
         phase = self._seed % lies.EVERY
         if (time + phase) // lies.EVERY == (time + period + phase) // lies.EVERY:
             return after
         suspicions = lies.looked(network, recent, carried.suspicions, time + period)
         found = carried.diagnosis._replace(findings=lies.among(carried.diagnosis.findings, network, suspicions))
-        return after._replace(suspicions=suspicions, diagnosis=found)
+        after = after._replace(suspicions=suspicions, diagnosis=found)
+        given_up = before_lies(carried.earlier, carried.suspicions, suspicions, time)
+        if given_up is not None:
+            return self._gone_back(after, given_up, outputs, drive)
+        if suspicions or carried.standing is None:
+            return after
+        return after._replace(earlier=kept(carried.earlier, time, carried.standing.state, carried.live))
+
+    def _gone_back(self, carried: Carried, earlier: Earlier, outputs: Array, drive: Array) -> Carried:
+        """`carried` with what had been learned `earlier`. The thermal states begin anew at `outputs` (n_y,), or at what
+        was forecast of a missing one; no forecast that waits for its time teaches anything."""
+        estimator, standing = self.estimator, carried.standing
+        assert standing is not None
+        assert standing.verified is not None
+        begin = np.where(np.isnan(outputs), standing.forecast.mean, outputs)
+        begun = estimator.update(estimator.restart(earlier.state, begin, drive), np.full(len(outputs), np.nan))
+        state = estimator.predict(begun.state, drive)
+        standing = Standing(
+            state,
+            one_step(estimator, estimator.predictive(state), self._levels),
+            self.verification.restart(standing.verified, begin, drive),
+            self.as_issued.restart(standing.issued),
+        )
+        live = earlier.live or (carried.live and self.live.begin())
+        return carried._replace(standing=standing, vanished=0, live=live)
 
     def diagnose(self, carried: Carried) -> Diagnosis:
         """What is not known now; empty before the first sample."""

@@ -9,10 +9,11 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
+from itertools import count
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from pydantic.dataclasses import dataclass
 from adapters.reading import Quality
 from estimator.diagnosis.finding import Diagnosis
 from estimator.diagnosis.record import Record
+from estimator.diagnosis.telemetry.earlier import Earlier
 from estimator.diagnosis.telemetry.lies import Suspicion
 from estimator.diagnosis.telemetry.recent import Recent
 from estimator.foresight import Day
@@ -45,6 +47,8 @@ _DAY = "day."
 _RECENT = "recent."
 _THERMOSTAT = "thermostat."
 _LIVE = "live."
+_EARLIER = "earlier{}."
+_TIME, _STATE = "time", "state."
 
 _VERSION = version("thermogate")
 
@@ -109,6 +113,14 @@ def take(worker: ZoneWorker, mark: str, estimator: str) -> Checkpoint | None:
     if carried.thermostat is not None and carried.live is not None:
         arrays |= {_THERMOSTAT + name: value for name, value in thermostats.pack(carried.thermostat).items()}
         arrays |= {_LIVE + name: value for name, value in loop.live.pack(carried.live).items()}
+    for place, earlier in enumerate(carried.earlier):
+        under = _EARLIER.format(place)
+        arrays[under + _TIME] = np.array(earlier.time, dtype=np.float64)
+        arrays |= {
+            under + _STATE + name: np.asarray(value) for name, value in loop.estimator.pack(earlier.state).items()
+        }
+        if earlier.live is not None:
+            arrays |= {under + _LIVE + name: value for name, value in loop.live.pack(earlier.live).items()}
     about = {
         "network": worker.network.name,
         "estimator": estimator,
@@ -155,7 +167,16 @@ def restore(worker: ZoneWorker, checkpoint: Checkpoint) -> None:
     if known := _under(_THERMOSTAT, checkpoint):
         thermostat = thermostats.unpack(known, len(worker.network.inputs))
         carried = carried._replace(thermostat=thermostat, live=loop.live.unpack(_under(_LIVE, checkpoint)))
+    carried = carried._replace(earlier=tuple(_earlier(worker, checkpoint)))
     worker.resume(Standing(carried, update), meta.held_qualities, meta.progress, meta.trust)
+
+
+def _earlier(worker: ZoneWorker, checkpoint: Checkpoint) -> Iterator[Earlier]:
+    for under in map(_EARLIER.format, count()):
+        if not (state := _under(under + _STATE, checkpoint)):
+            return
+        live, time = _under(under + _LIVE, checkpoint), float(checkpoint.arrays[under + _TIME])
+        yield Earlier(time, worker.loop.estimator.unpack(state), worker.loop.live.unpack(live) if live else None)
 
 
 def _under(prefix: str, checkpoint: Checkpoint) -> dict[str, Any]:

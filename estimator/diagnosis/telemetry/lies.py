@@ -295,7 +295,7 @@ def _amounts(look: Look) -> Found:
         elif len(latest) == look.slots(3.0) and np.abs(latest).max() < highest / 300.0 and small.mean() < 0.1:
             yield UNIT_CHANGED, column, _since(look, (np.abs(new) > 0.0) & (np.abs(new) < highest / 300.0))
         if lowest >= -0.01 * highest and latest.min() < -0.05 * highest and latest.max() <= 0.0:
-            yield SIGN_FLIPPED, column, _since(look, new < -0.05 * highest)
+            yield SIGN_FLIPPED, column, _since(look, new < -0.01 * highest)
 
 
 def _since(look: Look, where: npt.NDArray[np.bool_]) -> float:

@@ -1,0 +1,48 @@
+"""What a zone had learned some days ago: to that it goes back when its telemetry turns out to have lied since."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from estimator.diagnosis.telemetry.lies import Suspicion
+from estimator.thermostat.live import Live
+
+_EVERY = 48 * 3600
+"""s between two that are kept. Two are, so that one of them is older than what a lie takes to be found."""
+
+_SETTLED = 7 * 86400.0
+"""s after which what was suspected is taken for the new truth: what was learned of it is kept."""
+
+
+class Earlier(NamedTuple):
+    """What was known at one time."""
+
+    time: float
+    """UTC s."""
+    state: Any
+    """The estimator's."""
+    live: Live | None
+    """What live forecasts had proved to be worth, and none that was pending; None before the first set-point."""
+
+
+def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live | None) -> tuple[Earlier, ...]:
+    """`earlier` after a look at `time` [UTC s] that found nothing to suspect."""
+    if earlier and time - earlier[-1].time < _EVERY:
+        return earlier
+    pending = None if live is None else live._replace(setpoints=live.setpoints[:0], issues=())
+    return (*earlier[-1:], Earlier(time, state, pending))
+
+
+def before_lies(
+    earlier: tuple[Earlier, ...], before: Iterable[Suspicion], now: Iterable[Suspicion], time: float
+) -> Earlier | None:
+    """What a zone goes back to at `time` [UTC s] when something is suspected `now` that was not `before`, or the other
+    way round; else None."""
+    stood, stands = ({(one.name, one.column): one.since for one in each} for each in (before, now))
+    begun = [since for key, since in stands.items() if key not in stood]
+    ended = [since for key, since in stood.items() if key not in stands and time - since < _SETTLED]
+    if not earlier or not begun + ended:
+        return None
+    since = min(begun + ended)
+    return next((one for one in reversed(earlier) if one.time <= since), earlier[0])
