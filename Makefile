@@ -36,7 +36,7 @@ coverage: $(VENV)/.ready  ## the tests with line coverage of the packages, daemo
 	$(BIN)/coverage report
 
 faults: $(VENV)/.ready  ## the store with every single operation failing; minutes
-	FAULTS=all $(BIN)/python -m pytest tests/service/store/test_faults.py
+	FAULTS=all $(BIN)/python -m pytest tests/service/store/test_faults.py tests/service/store/test_damage.py
 
 replay-ecolar: $(VENV)/.ready  ## both synthetic Ecolar periods with the paper's 20,000 particles, minutes each
 	$(BIN)/python -m replay.simulated.ecolar var/ecolar

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from tqdm import tqdm
@@ -27,14 +26,8 @@ from service.errors import StateMismatch
 from service.records.history import HistoryRow
 from service.records.sample import Sample
 from service.records.series import GAIN
-from service.store.reading import read_state
+from service.store.reading import StoredState, read_state
 from service.zone import snapshot
-
-if TYPE_CHECKING:
-    from service.store.postgres.reading import StoredSite
-    from service.store.reading import StoredState
-
-    Stored = StoredState | StoredSite
 
 _MOST_ROWS = 2**31
 
@@ -50,7 +43,7 @@ def stored_traces(state_dir: Path, zones: Sequence[ZoneConfig], days: int | None
 
 
 def traces_of(
-    state: Stored, place: object, zones: Sequence[ZoneConfig], days: int | None, progress: bool
+    state: StoredState, place: object, zones: Sequence[ZoneConfig], days: int | None, progress: bool
 ) -> list[Trace]:
     """As `stored_traces`, of `state` in `place`."""
     traces = []
@@ -88,13 +81,13 @@ def _same_channels(state_dir: Path, zone: str, network: Network, samples: Sequen
             raise StateMismatch(zone, state_dir)
 
 
-def _start(state: Stored, zone: ZoneConfig, days: int | None) -> int:
+def _start(state: StoredState, zone: ZoneConfig, days: int | None) -> int:
     """UTC s after which the samples of `zone` count."""
     last = state.journal.last_sample_time(zone.id)
     return -(2**62) if days is None or last is None else last - days * DAY
 
 
-def _trace(state: Stored, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
+def _trace(state: StoredState, zone: ZoneConfig, start: int, tick: Callable[[int], object]) -> Trace:
     worker = make_worker(zone)
     tracer = Tracer(zone, worker)
     # All at once: what the daemon deletes meanwhile would be missed in the middle.

@@ -230,10 +230,10 @@ def _copy_checkpoints(state_dir: Path, folder: Path) -> dict[str, int]:
     for zone in zones:
         with as_owner_of(state_dir) as state:
             newest = _newest_checkpoint(CheckpointStore(state / CHECKPOINTS), zone)
-        if newest is not None and newest.checkpoint is not None:
+        if newest is not None:
             (folder / zone).mkdir(parents=True)
-            (folder / zone / newest.path.name).write_bytes(newest.content)
-            steps[zone] = newest.checkpoint.step
+            (folder / zone / f"{newest.step:012d}.npz").write_bytes(newest.content)
+            steps[zone] = newest.step
     return steps
 
 
@@ -241,7 +241,7 @@ def _newest_checkpoint(store: CheckpointStore, zone: str) -> Found | None:
     for found in store.found(zone):
         if found.checkpoint is not None:
             return found
-        _log.warning("checkpoint %s is left out of the backup: %s", found.path, found.damage)
+        _log.warning("checkpoint %s is left out of the backup: %s", found.where, found.damage)
     return None
 
 

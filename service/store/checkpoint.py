@@ -18,6 +18,7 @@ import re
 import struct
 import zipfile
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -75,15 +76,79 @@ class Checkpoint(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A checkpoint's file: what is in it, or what is wrong with it."""
+    """A checkpoint where it is kept: what is in it, or what is wrong with it."""
 
-    path: Path
+    where: object
+    """Its file, or words for its place."""
+    step: int
     content: bytes
     checkpoint: Checkpoint | None
     damage: Exception | None = None
 
 
-class CheckpointStore:
+def examined(where: object, zone: str, step: int, content: bytes) -> Found:
+    """What the bytes that are kept at `where` for `zone` at `step` hold."""
+    try:
+        checkpoint = decode(content, where)
+        if (checkpoint.zone, checkpoint.step) != (zone, step):
+            # Zones alike have the same fingerprint, and would go on with what another room has taught.
+            raise ValueError(f"it is of zone '{checkpoint.zone}' at {checkpoint.step}")
+    except (*DAMAGE, CheckpointError) as error:
+        return Found(where, step, content, None, error)
+    return Found(where, step, content, checkpoint)
+
+
+class Checkpoints(ABC):
+    """The newest checkpoints of all zones, wherever they are kept. It blocks, is asked from threads, and may raise
+    ServiceError."""
+
+    @abstractmethod
+    def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> object:
+        """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`."""
+
+    @abstractmethod
+    def found(self, zone: str) -> Iterator[Found]:
+        """The kept checkpoints of `zone`, newest first, damaged ones among them. Nothing is changed."""
+
+    @abstractmethod
+    def oldest(self, zone: str) -> int | None:
+        """The step of the oldest kept checkpoint of `zone`; None if there is none."""
+
+    @abstractmethod
+    def reset(self, zone: str) -> object:
+        """Set all checkpoints of `zone` aside."""
+
+    @abstractmethod
+    def set_aside(self, zone: str, after: int) -> object:
+        """Set those aside that were taken later than `after`."""
+
+    @abstractmethod
+    def _set_damaged_aside(self, zone: str, found: Found) -> None:
+        """Take no notice of a damaged checkpoint any more, and say so in the log."""
+
+    @abstractmethod
+    def _mismatch(self, zone: str) -> StateMismatch:
+        """What is raised of a zone whose checkpoints have another fingerprint."""
+
+    def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
+        """The newest sound checkpoint of `zone`, None if there is none.
+
+        A damaged one is set aside, which the log says, and the one before it is used. StateMismatch if the sound one
+        has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
+        """
+        for found in self.found(zone):
+            if isinstance(found.damage, CheckpointError):
+                raise found.damage
+            if found.checkpoint is None:
+                self._set_damaged_aside(zone, found)
+            elif found.checkpoint.fingerprint != fingerprint:
+                raise self._mismatch(zone)
+            else:
+                return found.checkpoint
+        return None
+
+
+class CheckpointStore(Checkpoints):
     """Checkpoints of all zones under `directory`, the newest `keep` of each. Every method may raise CheckpointError."""
 
     def __init__(self, directory: Path, keep: int = 3) -> None:
@@ -119,30 +184,15 @@ class CheckpointStore:
         return target
 
     def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
-        """The newest valid checkpoint of `zone`, None if there is none.
-
-        A damaged one is renamed to `.corrupt`, said in the log, and the one before it is used. StateMismatch if the
-        valid one has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
-        """
+        """As all checkpoints are; a damaged one is renamed to `.corrupt`."""
         folder = self.path / zone
         try:
-            if not folder.is_dir():
-                return None
             _remove_leftovers(folder)
-            for found in self.found(zone):
-                if isinstance(found.damage, (OSError, CheckpointError)):
-                    raise found.damage
-                if found.checkpoint is None:
-                    self._set_damaged_aside(found)
-                    continue
-                if found.checkpoint.fingerprint != fingerprint:
-                    raise StateMismatch(zone, folder)
-                return found.checkpoint
+            return super().load(zone, fingerprint)
         except OSError as error:
             raise CheckpointError(
                 f"the checkpoints in {folder} cannot be read ({error.strerror}); make the folder readable and writable"
             ) from error
-        return None
 
     def files(self, zone: str) -> list[Path]:
         """The kept checkpoints of `zone`, newest first."""
@@ -160,22 +210,19 @@ class CheckpointStore:
         return [name for name in names if re.fullmatch(IDENTIFIER, name)]
 
     def found(self, zone: str) -> Iterator[Found]:
-        """The kept checkpoints of `zone`, newest first, damaged ones among them. Nothing is changed; what a daemon has
-        removed meanwhile is passed over, for it has written a newer one."""
+        """As all checkpoints; what a daemon has removed meanwhile is passed over, for it has written a newer one."""
         for path in self.files(zone):
-            content = b""
             try:
                 with open(open_plain(path), "rb") as file:
                     content = file.read()
-                checkpoint = decode(content, path)
-                if checkpoint.zone != zone:
-                    # Zones alike have the same fingerprint, and would go on with what another room has taught.
-                    raise ValueError(f"it is of zone '{checkpoint.zone}'")
-                yield Found(path, content, checkpoint)
             except FileNotFoundError:
                 continue
-            except (*DAMAGE, CheckpointError) as error:
-                yield Found(path, content, None, error)
+            except OSError as error:
+                remedy = "make its folder readable and writable"
+                unread = CheckpointError(f"the checkpoint {path} cannot be read ({error.strerror}); {remedy}")
+                yield Found(path, int(path.stem), b"", None, unread)
+            else:
+                yield examined(path, zone, int(path.stem), content)
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
@@ -208,14 +255,17 @@ class CheckpointStore:
             ) from error
         return aside
 
-    @staticmethod
-    def _set_damaged_aside(found: Found) -> None:
-        aside = found.path.with_name(f"{found.path.name}.corrupt")
-        found.path.replace(aside)
-        sync_folder(found.path.parent)
+    def _set_damaged_aside(self, zone: str, found: Found) -> None:
+        path = Path(str(found.where))
+        aside = path.with_name(f"{path.name}.corrupt")
+        path.replace(aside)
+        sync_folder(path.parent)
         _log.warning(
-            "checkpoint %s is damaged (%s); set aside as %s, using the one before", found.path, found.damage, aside.name
+            "checkpoint %s is damaged (%s); set aside as %s, using the one before", path, found.damage, aside.name
         )
+
+    def _mismatch(self, zone: str) -> StateMismatch:
+        return StateMismatch(zone, self.path / zone)
 
 
 def encode(checkpoint: Checkpoint) -> bytes:

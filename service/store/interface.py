@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from math import inf
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,8 +18,10 @@ from service.errors import JournalError
 from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
 from service.records.update import Update
-from service.store.checkpoint import Checkpoint
 from service.store.journal_rows import HistoryReader, damaged_sample, history_row, linked_sample, to_reading
+
+DAY = 86_400
+"""In s."""
 
 REMEMBERED = 3600
 """Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
@@ -46,34 +48,15 @@ _ROWS = "WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 ORDER BY tim
 _log = logging.getLogger(__name__)
 
 
-class Checkpoints(Protocol):
-    """The newest checkpoints of all zones. It blocks, and is asked from threads."""
-
-    def save(self, zone: str, checkpoint: Checkpoint, *, keep_all: bool = False) -> object:
-        """Write `checkpoint`, durable on return, and remove the oldest ones, unless to `keep_all`."""
-
-    def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
-        """The newest sound checkpoint of `zone`, None if there is none; a damaged one is set aside.
-
-        StateMismatch if it has another `fingerprint`.
-        """
-
-    def oldest(self, zone: str) -> int | None:
-        """The step of the oldest kept checkpoint of `zone`; None if there is none."""
-
-    def reset(self, zone: str) -> object:
-        """Set all checkpoints of `zone` aside."""
-
-    def set_aside(self, zone: str, after: int) -> object:
-        """Set those aside that were taken later than `after`."""
-
-
 class SampleJournal(ABC):
     """The journal under a store: blocking, for one thread at a time. Every method may raise JournalError.
 
     What is read is the same in SQLite and in PostgreSQL; `place` says in messages where, and `reset` how state is given
     up there (None: by `thermogate run --reset`).
     """
+
+    _FINGERPRINTS: ClassVar[str]
+    """Asks for zones with samples and what these belong to."""
 
     def __init__(self, place: str, reset: str | None = None) -> None:
         self._place, self._reset = place, reset
@@ -138,6 +121,14 @@ class SampleJournal(ABC):
         """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
 
     @abstractmethod
+    def prunable(self) -> list[str]:
+        """The zones of which rows may be deleted here, without what was set aside."""
+
+    @abstractmethod
+    def delete(self, zone: str, samples_before: int, history_before: int) -> bool:
+        """Delete the oldest rows of `zone` before these times, a slice of each table; whether there may be more."""
+
+    @abstractmethod
     def close(self) -> None:
         """Flush and close; safe to call twice."""
 
@@ -191,10 +182,25 @@ class SampleJournal(ABC):
             after = rows[-1][0]
             rows = self.read(query, zone, after)
 
+    def fingerprints(self) -> dict[str, str]:
+        """What the samples of every zone that has any belong to, by its id."""
+        return dict(self.read(self._FINGERPRINTS))
+
     def last_sample_time(self, zone: str) -> int | None:
         """Time of the newest stored sample of `zone`, skipped or not."""
         newest = self.read("SELECT time FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1", zone)
         return newest[0][0] if newest else None
+
+    def sample_time_until(self, zone: str, time: int) -> int | None:
+        """Time of the newest stored sample of `zone` up to `time`, skipped or not."""
+        query = "SELECT max(time) FROM samples WHERE zone = ? AND time <= ?"
+        newest: int | None = self.read(query, zone, time)[0][0]
+        return newest
+
+    def first_time(self, table: str, zone: str) -> int | None:
+        """Time of the oldest row of `zone` in a table."""
+        first: int | None = self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+        return first
 
     def samples_ahead(self, zone: str, after: int) -> int:
         """How many samples of `zone` are later than `after`."""

@@ -30,10 +30,16 @@ _RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
 _SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, setpoint, link"
 
 _READING_COLUMNS = "zone, time, channel, value, quality, checksum"
+_DELETED_AT_ONCE = 500
 
 
 class Journal(SampleJournal):
     """An open journal."""
+
+    # With IN instead, SQLite would read all samples.
+    _FINGERPRINTS = (
+        "SELECT zone, fingerprint FROM zones WHERE EXISTS (SELECT 1 FROM samples WHERE samples.zone = zones.zone)"
+    )
 
     def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
         """The journal at `path` over a `connection`, which `open` makes; over one that only reads it is looked at."""
@@ -98,12 +104,6 @@ class Journal(SampleJournal):
             if cursor.rowcount == 0:
                 raise JournalError(f"the journal {self._path} has no sample of zone '{zone}' at {time} to skip")
 
-    def sample_time_until(self, zone: str, time: int) -> int | None:
-        """Time of the newest stored sample of `zone` up to `time`, skipped or not."""
-        query = "SELECT max(time) FROM samples WHERE zone = ? AND time <= ?"
-        newest: int | None = self.read(query, zone, time)[0][0]
-        return newest
-
     def pruned_until(self, zone: str) -> int | None:
         rows = self.read("SELECT time FROM pruned WHERE zone = ?", zone)
         return rows[0][0] if rows else None
@@ -126,6 +126,40 @@ class Journal(SampleJournal):
     def forgot(self, zone: str) -> None:
         with self.transaction() as cursor:
             cursor.execute("DELETE FROM forgotten WHERE zone = ?", (zone,))
+
+    def prunable(self) -> list[str]:
+        return [zone for zone in self.every_zone() if not is_aside(zone)]
+
+    def every_zone(self) -> list[str]:
+        """Every zone there are rows of, what was set aside among them, from one seek each."""
+        found: set[str] = set()
+        for table in ("samples", "history", "readings"):
+            last = ""
+            while rows := self.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):
+                last = rows[0][0]
+                found.add(last)
+        return sorted(found)
+
+    def delete(self, zone: str, samples_before: int, history_before: int) -> bool:
+        """As every journal; of what was set aside the readings as well, as far as the samples."""
+        old = "SELECT time, {} FROM {} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
+        bounds = {"samples": ("link", samples_before), "history": ("zone", history_before)}
+        if is_aside(zone):
+            bounds["readings"] = ("channel", samples_before)
+        last = {
+            table: rows[-1]
+            for table, (column, before) in bounds.items()
+            if (rows := self.read(old.format(column, table), zone, before, _DELETED_AT_ONCE))
+        }
+        if not last:
+            return False
+        with self.transaction() as cursor:
+            for table, (time, _) in last.items():
+                cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, time))
+            if "samples" in last:
+                # The next sample is checked against the link of the one before it.
+                cursor.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?, ?)", (zone, *last["samples"]))
+        return True
 
     def size(self) -> int:
         """Bytes that the journal takes on the disk, with those that its write-ahead log is allowed."""
@@ -178,6 +212,11 @@ class Journal(SampleJournal):
         newest = self.read("SELECT time, link FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1", zone)
         time, link = newest[0] if newest else (EARLIEST, self.pruned_link(zone))
         return time, link or 0
+
+
+def is_aside(zone: str) -> bool:
+    """Whether this names what was set aside of a zone; no id has this sign."""
+    return "@" in zone
 
 
 def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> None:

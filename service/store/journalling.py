@@ -17,13 +17,13 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from adapters.fields.times import written_time
-from service.errors import Fenced, ServiceError, StateMismatch
+from service.errors import CheckpointError, Fenced, ServiceError, StateMismatch
 from service.records.measures import Measure
 from service.records.sample import Sample
 from service.records.series import Series, Stretch
 from service.records.update import Update
-from service.store.checkpoint import Checkpoint
-from service.store.interface import Checkpoints, SampleJournal
+from service.store.checkpoint import Checkpoint, Checkpoints
+from service.store.interface import SampleJournal
 from service.store.retention import Limits
 from service.store.series import Buckets, Page, history_page, inputs_page, joined, series_of
 
@@ -172,6 +172,14 @@ class JournalStore(ABC):
     @abstractmethod
     def _prune(self, limits: Limits) -> Iterator[None]:
         """In the thread of the journal: delete what is beyond `limits`, a slice at every step."""
+
+    def _oldest_checkpoint(self, zone: str) -> int | None:
+        """As `oldest` of the checkpoints; None, with which every sample stays, also where they cannot be listed."""
+        try:
+            return self.checkpoints.oldest(zone)
+        except CheckpointError as error:
+            _log.error("every sample of zone '%s' stays in the journal: %s", zone, error)
+            return None
 
     @abstractmethod
     def _size(self) -> int:

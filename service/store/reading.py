@@ -9,39 +9,35 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from service.errors import JournalError, ServiceError
-from service.store.checkpoint import Checkpoint, CheckpointStore
+from service.store.checkpoint import Checkpoint, Checkpoints, CheckpointStore
+from service.store.interface import SampleJournal
 from service.store.journal import Journal
 from service.store.journal_file import SCHEMA_VERSION, translated
 from service.store.store import CHECKPOINTS, JOURNAL
-
-# With IN instead, SQLite would read all samples.
-_FINGERPRINTS = (
-    "SELECT zone, fingerprint FROM zones WHERE EXISTS (SELECT 1 FROM samples WHERE samples.zone = zones.zone)"
-)
 
 _log = logging.getLogger(__name__)
 
 
 class StoredState:
-    """Journal and checkpoints of a state folder. Nothing is written, locked or set aside.
+    """Journal and checkpoints of a site, wherever they are kept. Nothing is written, locked or set aside.
 
     No transaction is held between two reads: the daemon's write-ahead log would grow for as long.
     """
 
-    def __init__(self, journal: Journal, checkpoints: CheckpointStore) -> None:
+    def __init__(self, journal: SampleJournal, checkpoints: Checkpoints) -> None:
         self.journal = journal
         self._checkpoints = checkpoints
 
     def zones(self) -> dict[str, str]:
         """The fingerprint of every zone with samples, by its id."""
-        return dict(self.journal.read(_FINGERPRINTS))
+        return self.journal.fingerprints()
 
     def checkpoint(self, zone: str, fingerprint: str) -> Checkpoint | None:
         """The newest sound checkpoint of `zone` that belongs to `fingerprint`; None if there is none."""
         for found in self._checkpoints.found(zone):
             if found.checkpoint is not None:
                 return found.checkpoint if found.checkpoint.fingerprint == fingerprint else None
-            _log.warning("checkpoint %s is left out: %s", found.path, found.damage)
+            _log.warning("checkpoint %s is left out: %s", found.where, found.damage)
         return None
 
 
@@ -77,8 +73,8 @@ def stored_fingerprints(state_dir: Path) -> dict[str, str]:
         if not path.exists():
             return {}
         with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
-            return dict(connection.execute(_FINGERPRINTS))
+            return Journal(connection, path).fingerprints()
     # Who checks a configuration need not be one who may look into the state folder.
-    except (OSError, sqlite3.Error) as error:
+    except (OSError, sqlite3.Error, JournalError) as error:
         _log.debug("the zones of %s cannot be read: %s", path, error)
         return {}

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
 from adapters.fields.times import written_time
-from service.store.journal import Journal
+from service.store.interface import DAY, SampleJournal
+from service.store.journal import Journal, is_aside
 
-HOUR, DAY = 3600, 86_400
+HOUR = 3600
 LEAP = 2 * DAY
 """Two samples of a zone further apart than this, in s, are a leap."""
 
@@ -27,7 +28,6 @@ STEADY_HOURS = 24
 MOST_AT_ONCE = 7 * DAY
 """How much of a zone's time is deleted for its age between two looks, in s."""
 
-_ROWS_AT_ONCE = 500
 _PAGES_AT_ONCE = 128
 _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
@@ -46,28 +46,38 @@ class Limits(NamedTuple):
     max_journal: float
 
 
-def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
-    """Delete what is beyond `limits`, a small slice at every step of the iterator; samples come in between.
+def prune_old(
+    journal: SampleJournal, oldest_checkpoint: Oldest, keep_history: float, at_least: int = 0
+) -> Iterator[None]:
+    """Delete what is older than `keep_history` s, a small slice at every step of the iterator; samples come in between.
 
-    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
+    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none. A zone is left alone
+    until rows of more than `at_least` s may go.
     """
     told: list[str] = []
-    for zone in _zones(journal):
+    for zone in journal.prunable():
         newest = journal.last_sample_time(zone)
-        if newest is not None and not _is_aside(zone):
-            before = math.ceil(newest - limits.keep_history)
+        if newest is not None:
+            before = math.ceil(newest - keep_history)
             firsts = [_first(journal, table, zone) for table in ("samples", "history")]
-            if before > min(firsts) and _is_steady(newest, partial(journal.sample_time_until, zone)):
+            if before > min(firsts) + at_least and _is_steady(newest, partial(journal.sample_time_until, zone)):
                 samples, history = (min(before, first + MOST_AT_ONCE) for first in firsts)
-                while _delete(journal, zone, min(samples, _needed(zone, newest, oldest_checkpoint)), history):
+                while journal.delete(zone, min(samples, _needed(zone, newest, oldest_checkpoint)), history):
                     yield
                 if history - firsts[1] > DAY:
                     told.append(f"'{zone}' from {written_time(firsts[1])} to {written_time(history)}")
         yield
-    tell_deleted(told)
+    if told:
+        more = f", and of {len(told) - _TOLD} more zones" if len(told) > _TOLD else ""
+        _log.warning("history older than keep_history is deleted: of zone %s%s", ", ".join(told[:_TOLD]), more)
+
+
+def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
+    """Delete what is beyond `limits`, as `prune_old` does, and the oldest rows of all while the file is too large."""
+    yield from prune_old(journal, oldest_checkpoint, limits.keep_history)
     while journal.size() > _BEGIN * limits.max_journal:
         victim = _oldest_zone(journal, oldest_checkpoint)
-        if victim is None or not _delete(journal, *victim):
+        if victim is None or not journal.delete(*victim):
             break
         journal.shrink(_PAGES_AT_ONCE)
         yield
@@ -93,37 +103,13 @@ def _is_steady(newest: int, sample_until: Callable[[int], int | None]) -> bool:
     return True
 
 
-def tell_deleted(stretches: Sequence[str]) -> None:
-    """Log which zones have lost more history than a day brings, because it was too old."""
-    if stretches:
-        more = f", and of {len(stretches) - _TOLD} more zones" if len(stretches) > _TOLD else ""
-        named = ", ".join(stretches[:_TOLD])
-        _log.warning("history older than keep_history is deleted: of zone %s%s", named, more)
-
-
 _ALWAYS = 2**62
 """Later than every sample."""
 
 
-def _is_aside(zone: str) -> bool:
-    """Whether these rows belong to a zone that was reset; no id has this sign."""
-    return "@" in zone
-
-
-def _zones(journal: Journal) -> list[str]:
-    """Every zone there are rows of, from one seek each."""
-    found: set[str] = set()
-    for table in ("samples", "history", "readings"):
-        last = ""
-        while rows := journal.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):
-            last = rows[0][0]
-            found.add(last)
-    return sorted(found)
-
-
-def _first(journal: Journal, table: str, zone: str) -> int:
+def _first(journal: SampleJournal, table: str, zone: str) -> int:
     """The time of the oldest row of `zone` in a table; later than every sample if there is none."""
-    first: int | None = journal.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+    first = journal.first_time(table, zone)
     return _ALWAYS if first is None else first
 
 
@@ -134,14 +120,14 @@ def _needed(zone: str, newest: int, oldest_checkpoint: Oldest) -> int:
 
 
 def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int, int] | None:
-    """The arguments of `_delete` for the zone whose oldest row is older than every other zone's; None if all is needed.
+    """The arguments of `delete` for the zone whose oldest row is older than every other zone's; None if all is needed.
 
     What was set aside goes first.
     """
     found: list[tuple[bool, float, str, int]] = []
-    for zone in _zones(journal):
+    for zone in journal.every_zone():
         newest = journal.last_sample_time(zone)
-        aside = _is_aside(zone)
+        aside = is_aside(zone)
         before = _ALWAYS if aside or newest is None else _needed(zone, newest, oldest_checkpoint)
         for table in ("samples", "history", "readings"):
             if table == "readings" and not aside:
@@ -154,22 +140,3 @@ def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int,
         return None
     _, _, zone, before = min(found)
     return zone, before, before
-
-
-def _delete(journal: Journal, zone: str, samples_before: int, history_before: int) -> bool:
-    """Delete the oldest rows of `zone` before these times, a slice of each table; whether there were any."""
-    old = "SELECT time, {} FROM {} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
-    samples = journal.read(old.format("link", "samples"), zone, samples_before, _ROWS_AT_ONCE)
-    history = journal.read(old.format("zone", "history"), zone, history_before, _ROWS_AT_ONCE)
-    aside = _is_aside(zone)
-    readings = journal.read(old.format("channel", "readings"), zone, samples_before, _ROWS_AT_ONCE) if aside else []
-    if not samples and not history and not readings:
-        return False
-    with journal.transaction() as cursor:
-        for table, rows in (("samples", samples), ("history", history), ("readings", readings)):
-            if rows:
-                cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, rows[-1][0]))
-        if samples:
-            # The next sample is checked against the link of the one before it.
-            cursor.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?, ?)", (zone, *samples[-1]))
-    return True

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from service.errors import CheckpointError, JournalError, ServiceError
+from service.errors import JournalError, ServiceError
 from service.records.measures import Measure, Rows, single
 from service.store.checkpoint import CheckpointStore
 from service.store.durable_files import SPACE, make_folder
@@ -84,15 +84,6 @@ class Store(JournalStore):
 
     def _size(self) -> int:
         return self._sqlite.size()
-
-    def _oldest_checkpoint(self, zone: str) -> int | None:
-        """As `oldest` of the checkpoints; None, with which every sample stays, also where they cannot be listed."""
-        try:
-            step: int | None = self.checkpoints.oldest(zone)
-        except CheckpointError as error:
-            _log.error("every sample of zone '%s' stays in the journal: %s", zone, error)
-            return None
-        return step
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""

@@ -70,7 +70,7 @@ def _verify_state(folder: Path) -> Verified:
         for found in store.found(zone):
             checkpoints += 1
             if found.damage is not None:
-                problems.append(f"the checkpoint {found.path} is damaged: {found.damage}")
+                problems.append(f"the checkpoint {found.where} is damaged: {found.damage}")
     return Verified(len(zones), samples, rows, checkpoints, tuple(problems))
 
 

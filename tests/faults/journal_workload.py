@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from support.fake_zones import make_update
 
+import service.store.journal
 import service.store.retention
 from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
@@ -57,7 +58,7 @@ class JournalWorkload:
         self.states: list[Content] = [self._copy()]
         """What has to be there after each number of steps."""
         self.steps: list[Callable[[], object]] = []
-        service.store.retention._ROWS_AT_ONCE = 3
+        service.store.journal._DELETED_AT_ONCE = 3
         service.store.retention._PAGES_AT_ONCE = 2
         self._add(self._open)
         for zone in ZONES:

@@ -6,7 +6,7 @@ may be there or not; a write may also be torn between two sectors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,8 +116,8 @@ class Disk:
             for cut in range(first, len(operation.data), SECTOR):
                 yield Case(f"torn after {cut} bytes", lambda i, n: True, True, cut)
 
-    def rebuild(self, case: Case, folder: Path) -> None:
-        """Write what is left in that case into the empty `folder`."""
+    def left(self, case: Case) -> dict[str, bytes | None]:
+        """What is left in that case: the bytes of every file by its path in the folder, and None for a folder."""
         content: dict[int, bytearray] = {}
         for number, (file, operation) in enumerate(self._changes):
             if case.keeps(number, len(self._changes)):
@@ -125,14 +125,22 @@ class Disk:
                     operation = operation._replace(data=operation.data[: case.cut])
                 _change(content.setdefault(id(file), bytearray(file.safe)), operation)
         names = self._names if case.names else self._safe_names
-        for path in sorted(names, key=len):
-            target, kind = folder / path[len(self._root) + 1 :], names[path]
-            if not target.parent.is_dir():
-                continue  # its folder's own name was lost
-            if kind is None:
-                target.mkdir()
-            else:
-                target.write_bytes(content.get(id(kind), kind.safe))
+        return {
+            path[len(self._root) + 1 :]: None if kind is None else bytes(content.get(id(kind), kind.safe))
+            for path, kind in names.items()
+        }
+
+
+def write(left: Mapping[str, bytes | None], folder: Path) -> None:
+    """Write what is `left` into the empty `folder`."""
+    for path in sorted(left, key=len):
+        target, content = folder / path, left[path]
+        if not target.parent.is_dir():
+            continue  # its folder's own name was lost
+        if content is None:
+            target.mkdir()
+        else:
+            target.write_bytes(content)
 
 
 def _change(content: bytearray, operation: Operation) -> None:

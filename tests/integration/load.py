@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
+import asyncio
 import multiprocessing
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 SETTLING = 3.0
 """Seconds before the measurement begins, in which every connection is made and every buffer filled once."""
@@ -40,6 +43,100 @@ class Cost(NamedTuple):
             f"processor {100 * self.cpu:.1f} % of one core",
             f"memory {self.memory_before:.1f} MB before, {self.memory_after:.1f} MB after",
         ]
+
+
+class Load(Protocol):
+    """What was measured."""
+
+    @property
+    def cost(self) -> Cost: ...
+
+    @property
+    def lost(self) -> bool: ...
+
+    def lines(self) -> list[str]: ...
+
+
+class Polled(NamedTuple):
+    """What was measured of devices that are polled."""
+
+    devices: int
+    channels: int
+    polls: int
+    missed: int
+    """Polls that should have been made and were not."""
+    readings: int
+    worst_gap: float
+    """Longest time between two answers of a device, in polls."""
+    cost: Cost
+
+    @property
+    def lost(self) -> bool:
+        """Whether a poll was missed, or has not brought every reading."""
+        return bool(self.missed) or self.readings != self.polls * self.channels
+
+    def lines(self) -> list[str]:
+        """For a person."""
+        return [
+            f"{self.devices} devices x {self.channels} points for {self.cost.seconds:.0f} s",
+            f"polls {self.polls}, missed {self.missed}, readings {self.readings}, worst gap {self.worst_gap:.2f} polls",
+            *self.cost.lines(),
+        ]
+
+
+async def polled(sources: Sequence[Any], devices: int, channels: int, seconds: float, poll: float) -> Polled:
+    """Read `sources` of so many devices, whose channels are "d<number>/...", for `seconds`."""
+    arrivals: dict[str, list[float]] = {f"d{device}": [] for device in range(devices)}
+    counts: list[int] = []
+
+    async def follow(source: Any) -> None:
+        async for batch in source.batches(None):
+            counts.append(sum(reading.fault is None for reading in batch.readings))
+            arrivals[batch.readings[0].channel.split("/")[0]].append(asyncio.get_running_loop().time())
+
+    def late() -> int:
+        return sum(source.late for source in sources)
+
+    tasks = [asyncio.create_task(follow(source)) for source in sources]
+    await asyncio.sleep(2 * poll + SETTLING)
+    for kept in (*arrivals.values(), counts):
+        kept.clear()
+    before, meter = late(), Meter()
+    await asyncio.sleep(seconds)
+    # Of a few seconds on a busy machine, too, there is something to tell.
+    while not all(arrivals.values()) and meter.seconds < seconds + PATIENCE:
+        await asyncio.sleep(poll)
+    cost, missed = meter.read(), late() - before
+    for task in tasks:
+        task.cancel()
+    outcomes = await asyncio.gather(*tasks, return_exceptions=True)
+    failures = [outcome for outcome in outcomes if not isinstance(outcome, asyncio.CancelledError)]
+    if failures:
+        raise RuntimeError(f"{len(failures)} of {len(tasks)} sources failed: {failures[0]!r}")
+    expected = int(cost.seconds / poll)
+    gaps = [later - earlier for arrived in arrivals.values() for earlier, later in pairwise(arrived)]
+    return Polled(
+        devices=devices,
+        channels=channels,
+        polls=sum(map(len, arrivals.values())),
+        missed=missed + sum(max(0, expected - len(arrived)) for arrived in arrivals.values()),
+        readings=sum(counts),
+        worst_gap=max(gaps, default=0.0) / poll,
+        cost=cost,
+    )
+
+
+def command(about: str, measure: Callable[..., Load], **defaults: float) -> int:
+    """Measure with what the command line gives of `defaults`; 1 if something was lost or memory has grown."""
+    parser = argparse.ArgumentParser(description=about)
+    for name, value in defaults.items():
+        if isinstance(value, bool):
+            parser.add_argument(f"--{name}", action="store_true")
+        else:
+            parser.add_argument(f"--{name}", type=type(value), default=value)
+    load = measure(**vars(parser.parse_args()))
+    print("\n".join(load.lines()))
+    return 1 if load.lost or load.cost.grew else 0
 
 
 class Meter:

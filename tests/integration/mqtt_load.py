@@ -9,7 +9,6 @@ its resident memory at the beginning and at the end.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import sys
@@ -24,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import paho.mqtt.client as paho
-from integration.load import SETTLING, Cost, Meter, beside
+from integration.load import SETTLING, Cost, Meter, beside, command
 from support.broker import broker
 from support.sources import bound, source_table
 
@@ -46,6 +45,11 @@ class Load(NamedTuple):
     worst_delay: float
     """Longest time from a message's own time to its reading's delivery, in s."""
     cost: Cost
+
+    @property
+    def lost(self) -> bool:
+        """Whether a message was missed."""
+        return bool(self.missed)
 
     def lines(self) -> list[str]:
         """For a person."""
@@ -140,17 +144,5 @@ def measure(topics: int, rate: float, seconds: float) -> Load:
         return asyncio.run(_measure(site.port, topics, rate, rounds, pipe))
 
 
-def main() -> int:
-    """Measure as the arguments say; 1 if a message was missed or memory has grown."""
-    parser = argparse.ArgumentParser(description="load of the MQTT source")
-    parser.add_argument("--topics", type=int, default=200)
-    parser.add_argument("--rate", type=float, default=10.0)
-    parser.add_argument("--seconds", type=float, default=600.0)
-    arguments = parser.parse_args()
-    load = measure(arguments.topics, arguments.rate, arguments.seconds)
-    print("\n".join(load.lines()))
-    return 1 if load.missed or load.cost.grew else 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(command("load of the MQTT source", measure, topics=200, rate=10.0, seconds=600.0))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from service.errors import StateMismatch
-from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
+from service.store.checkpoint import Checkpoint, Checkpoints, Found, encode, examined
 from service.store.postgres.database import Cursor, Database
 from service.store.postgres.fence import Fence, set_aside_as
 from service.store.postgres.names import RESET
@@ -18,7 +18,7 @@ _OWN = "zone = (SELECT number FROM zones WHERE zone = %s) AND NOT damaged"
 _log = logging.getLogger(__name__)
 
 
-class PostgresCheckpoints:
+class PostgresCheckpoints(Checkpoints):
     """Checkpoints in `database`, the newest `keep` of each zone, written as far as `fence` lets it.
 
     It may be asked from any thread, one after the other. Every method may raise JournalError, and those that write
@@ -52,29 +52,15 @@ class PostgresCheckpoints:
 
         self._write(work)
 
-    def load(self, zone: str, fingerprint: str) -> Checkpoint | None:
-        """The newest sound checkpoint of `zone`, None if there is none.
-
-        A damaged one is marked as such, said in the log, and the one before it is used. StateMismatch if the sound one
-        has another `fingerprint`; CheckpointError if a newer Thermogate wrote it.
-        """
+    def found(self, zone: str) -> Iterator[Found]:
+        """As all checkpoints are."""
         query = f"SELECT step, content FROM checkpoints WHERE {_OWN} AND step < %s ORDER BY step DESC LIMIT 1"
         before = 2**63 - 1
         while rows := self._read(query, zone, before):
             before, content = rows[0]
-            place = f"at {before} of zone '{zone}' in the database {self._database.place}"
-            try:
-                checkpoint = decode(content, place)
-                if checkpoint.zone != zone or checkpoint.step != before:
-                    raise ValueError(f"it is of zone '{checkpoint.zone}' at {checkpoint.step}")
-            except DAMAGE as error:
-                _log.warning("the checkpoint %s is damaged (%s); using the one before", place, error)
-                self._mark(zone, before)
-                continue
-            if checkpoint.fingerprint != fingerprint:
-                raise StateMismatch(zone, f"the database {self._database.place}", RESET)
-            return checkpoint
-        return None
+            yield examined(
+                f"at {before} of zone '{zone}' in the database {self._database.place}", zone, before, content
+            )
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
@@ -101,14 +87,17 @@ class PostgresCheckpoints:
         with self._one:
             self._database.close()
 
-    def _mark(self, zone: str, step: int) -> None:
-        """Take no notice of the checkpoint at `step` any more."""
+    def _set_damaged_aside(self, zone: str, found: Found) -> None:
+        _log.warning("the checkpoint %s is damaged (%s); using the one before", found.where, found.damage)
 
         def work(cursor: Cursor) -> None:
             number = self._fence.required(cursor, [zone])[zone]
-            cursor.execute("UPDATE checkpoints SET damaged = true WHERE zone = %s AND step = %s", (number, step))
+            cursor.execute("UPDATE checkpoints SET damaged = true WHERE zone = %s AND step = %s", (number, found.step))
 
         self._write(work)
+
+    def _mismatch(self, zone: str) -> StateMismatch:
+        return StateMismatch(zone, f"the database {self._database.place}", RESET)
 
     def _read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         with self._one:

@@ -11,7 +11,7 @@ from adapters.reading import Reading
 from service.errors import Fenced, JournalError
 from service.records.history import HISTORY_COLUMNS
 from service.records.sample import Sample
-from service.store.interface import EARLIEST, REMEMBERED, SampleJournal
+from service.store.interface import DAY, EARLIEST, REMEMBERED, SampleJournal
 from service.store.journal_rows import SampleRow, reading_row, sample_row
 from service.store.postgres import partitions
 from service.store.postgres.database import Cursor, Database
@@ -51,11 +51,23 @@ DELETE FROM readings USING unnest(%b::integer[], %b::float8[]) AS old (zone, bef
 WHERE readings.zone = old.zone AND readings.time < old.before
 """
 
+_PRUNABLE = """
+SELECT zone FROM zones WHERE position('@' in zone) = 0 AND (lease = %(name)s AND epoch = %(epoch)s OR lease IS NULL AND
+%(name)s = (SELECT min(name) FROM leases WHERE owner IS NOT NULL AND expires > clock_timestamp())) ORDER BY zone
+"""
+_DELETED_AT_ONCE = 5000
+_PRUNED = """
+UPDATE zones SET pruned = samples.time, pruned_link = samples.link FROM samples
+WHERE number = %(zone)s AND samples.zone = %(zone)s AND samples.time = %(last)s
+"""
+
 Result = TypeVar("Result")
 
 
 class PostgresJournal(SampleJournal):
     """The journal in `database`, written to as far as `fence` lets it: methods that write may raise Fenced."""
+
+    _FINGERPRINTS = "SELECT zone, fingerprint FROM zones WHERE EXISTS (SELECT 1 FROM samples WHERE zone = number)"
 
     def __init__(self, database: Database, fence: Fence) -> None:
         super().__init__(f"the database {database.place}", RESET)
@@ -198,6 +210,33 @@ class PostgresJournal(SampleJournal):
         self._write([zone], work)
         self._ends.pop(zone, None)
 
+    def prunable(self) -> list[str]:
+        """As every journal: the zones of the lease, and of the first lease of all also those that nobody has."""
+
+        def work(cursor: Cursor) -> list[str]:
+            self.fence.held(cursor)
+            lease = self.fence.lease
+            rows = cursor.execute(_PRUNABLE, {"name": lease.name, "epoch": lease.epoch}).fetchall()
+            return [zone for (zone,) in rows]
+
+        return self.database.transaction(work)
+
+    def delete(self, zone: str, samples_before: int, history_before: int) -> bool:
+        """As every journal, once there is a day of them: one statement for many rows."""
+
+        def work(cursor: Cursor) -> bool:
+            number = self.fence.held(cursor, [zone]).get(zone)
+            if number is None:
+                # While this holds the row of a zone that nobody has, nobody takes it.
+                free = "SELECT number FROM zones WHERE zone = %s AND lease IS NULL FOR UPDATE"
+                row = cursor.execute(free, (zone,)).fetchone()
+                number = self.fence.required(cursor, [zone])[zone] if row is None else row[0]
+            deleted = [_delete_of(cursor, "samples", number, samples_before)]
+            deleted += [_delete_of(cursor, "history", number, history_before)]
+            return max(deleted) >= _DELETED_AT_ONCE
+
+        return self.database.transaction(work)
+
     def look(self) -> None:
         """Raises if nothing can be written now: Fenced if the lease is lost."""
         self.database.transaction(self.fence.held)
@@ -277,6 +316,22 @@ def _ends(cursor: Cursor, zones: Collection[str]) -> dict[str, tuple[int, int]]:
         (EARLIEST, sorted(zones)),
     ).fetchall()
     return {zone: (time, link) for zone, time, link in rows}
+
+
+def _delete_of(cursor: Cursor, table: str, number: int, before: int) -> int:
+    """Delete the oldest rows of a zone before that time, a slice, once there is a day of them; how many went."""
+    values = {"zone": number, "before": before}
+    old = f"FROM {table} WHERE zone = %(zone)s AND time < %(before)s ORDER BY time"
+    first = cursor.execute(f"SELECT time {old} LIMIT 1", values).fetchone()
+    if first is None or first[0] > before - DAY:
+        return 0
+    slice_ = f"SELECT max(time) FROM (SELECT time {old} LIMIT {_DELETED_AT_ONCE}) AS slice"
+    values["last"] = cursor.execute(slice_, values).fetchone()[0]
+    if table == "samples":
+        # The next sample is checked against the link of the one before it.
+        cursor.execute(_PRUNED, values)
+    cursor.execute(f"DELETE FROM {table} WHERE zone = %(zone)s AND time <= %(last)s", values)
+    return int(cursor.rowcount)
 
 
 @lru_cache(maxsize=64)

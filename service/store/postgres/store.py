@@ -58,7 +58,7 @@ class PostgresStore(JournalStore):
         self._own.look()
 
     def _prune(self, limits: Limits) -> Iterator[None]:
-        return prune(self._own, limits)
+        return prune(self._own, self._oldest_checkpoint, limits)
 
     def _size(self) -> int:
         self._known_size = self._own.size()

@@ -20,6 +20,7 @@ from support.running_zone import Announced, fed, finished, make, plumbing, strai
 from support.waiting import PATIENCE
 from support.zone_samples import comparable, sample
 
+from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
 from service.errors import JournalError, StateMismatch
 from service.records.sample import Sample
@@ -437,6 +438,32 @@ async def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, cap
     assert per_day // 4 <= min(history_a, history_b)
     assert last == make_sample(steps).time
     assert "it has learned anew from the later ones" in caplog.text, "the pruned samples were no part of any checkpoint"
+
+
+async def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
+    kept: Kept, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also where a month could go as a whole: a clock that is wrong for a day must not cost the history of years."""
+    times = [START + k * DAY // 2 for k in range(90)]
+    async with kept.opened() as store:
+        await asyncio.gather(*(store.append("z", make_sample(0)._replace(time=when)) for when in times))
+        for when in times:
+            store.record("z", make_update(0)._replace(time=when))
+        store.checkpoints.save("z", checkpoint(times[-1]))
+        await store.write(store.journal.flush)
+        left = []
+        for _ in range(6):
+            await store.run(lambda: list(store._prune(Limits(10.0 * DAY, 1e12))))
+            found = [await store.run(store.journal.first_time, table, "z") for table in ("samples", "history")]
+            left.append([(first - START) / DAY for first in found])
+    assert left[:4] == [[7, 7], [14, 14], [21, 21], [28, 28]]
+    # In a database rows go once there is a day of them.
+    assert 33.5 <= min(left[4]) <= max(left[4]) <= 34.5
+    assert left[5] == left[4]
+    told = [record.getMessage() for record in caplog.records if "history older" in record.getMessage()]
+    assert len(told) == 5
+    first, last = (written_time(START + days * DAY) for days in (0, 7))
+    assert told[0] == f"history older than keep_history is deleted: of zone 'z' from {first} to {last}"
 
 
 async def test_a_zone_runs_on_it_and_goes_on_bit_for_bit(kept: Kept, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from faults import shim
 from faults.power_loss import CASES, Disk
+from faults.power_loss import write as rebuild
 from faults.shim import Operation
 
 STRIDE = 1 if os.environ.get("FAULTS") == "all" else 4
@@ -72,7 +73,7 @@ def left(operations: list[Operation], tmp_path: Path) -> list[dict[str, bytes]]:
     for number, case in enumerate(disk.cases()):
         target = tmp_path / str(number)
         target.mkdir()
-        disk.rebuild(case, target)
+        rebuild(disk.left(case), target)
         found.append({path.name: path.read_bytes() for path in target.rglob("*") if path.is_file()})
     return found
 

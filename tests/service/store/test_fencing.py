@@ -21,13 +21,12 @@ from support.waiting import wait_until
 
 import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
-import service.store.postgres.retention as retention
+import service.store.retention as retention
 from adapters.reading import Reading
 from service.errors import Fenced, JournalError, LeaseHeld, StateMismatch
 from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
 from service.store.postgres.partitions import month_of
-from service.store.postgres.retention import prune
 from service.store.postgres.store import PostgresStore
 from service.store.retention import Limits
 
@@ -168,7 +167,7 @@ async def _take(store: PostgresStore) -> None:
 
 
 async def _prune(store: PostgresStore) -> None:
-    await store.run(lambda: list(prune(store._own, Limits(1.0, 1.0))))
+    await store.run(lambda: list(store._prune(Limits(1.0, 1.0))))
 
 
 WRITING: dict[str, Act] = {
@@ -349,7 +348,7 @@ async def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_s
         await asyncio.gather(
             *(store.append(f"z{n}", make_sample(0)._replace(time=when)) for n, store in enumerate(stores))
         )
-    # A zone that nobody serves any more: no owner deletes its rows, they go with their month.
+    # A zone that nobody serves any more.
     await stores[0].claim("left", "f")
     for when in times:
         await stores[0].append("left", make_sample(0)._replace(time=when))
@@ -358,7 +357,7 @@ async def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_s
     for number, store in enumerate(stores):
         store.record(f"z{number}", make_update(0)._replace(time=times[0]))
         await store.write(store.journal.flush)
-        await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number]))
+        await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number] + 2 * 86_400))
     assert _months(fleet) == sorted(
         [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
     )
@@ -367,7 +366,7 @@ async def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_s
         assert _months(fleet) == there, "a leap in time makes nothing old"
         monkeypatch.setattr(retention, "LEAP", leap)
         for store in stores:
-            await store.run(lambda store=store: list(prune(store._own, Limits(1.5 * month, 1e12))))
+            await store.run(lambda store=store: list(store._prune(Limits(1.5 * month, 1e12))))
     stays = [month_of("samples", when).name for when in times[1:]]
     assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
     for number, store in enumerate(stores):
@@ -381,34 +380,6 @@ async def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_s
     await stores[0].claim("old", "f")
     await stores[0].append("old", make_sample(0))
     assert month_of("samples", times[0]).name in _months(fleet)
-
-
-def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
-    fleet: Fleet, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Also where a month could go as a whole: a clock that is wrong for a day must not cost the history of years."""
-    store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
-    day = 86_400
-    first = month_of("samples", make_sample(0).time).start
-    times = [first + k * day // 2 for k in range(90)]
-
-    async def scenario() -> list[list[int]]:
-        await store.claim("z", "f")
-        for when in times:
-            await store.append("z", make_sample(0)._replace(time=when))
-            store.record("z", make_update(0)._replace(time=when))
-        await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(times[-1]))
-        left = []
-        for _ in range(4):
-            await store.run(lambda: list(prune(store._own, Limits(10.0 * day, 1e12))))
-            rows = [fleet.sql(f"SELECT min(time) FROM {{}}.{table}") for table in ("samples", "history")]
-            left.append([(oldest - first) // day for ((oldest,),) in rows])
-        return left
-
-    assert asyncio.run(scenario()) == [[7, 7], [14, 14], [21, 21], [31, 31]], (
-        "the last ten days of the month go with it"
-    )
-    assert sum("history older than keep_history is deleted: of zone 'z'" in text for text in caplog.messages) == 4
 
 
 async def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
@@ -461,7 +432,7 @@ def test_a_row_that_comes_while_its_month_is_dropped_stays(fleet: Fleet, monkeyp
     def drop() -> None:
         # It may also have found no time at which nobody was writing.
         with suppress(JournalError):
-            list(prune(store._own, Limits(1.5 * month, 1e12)))
+            list(store._prune(Limits(1.5 * month, 1e12)))
 
     writer, dropper = threading.Thread(target=lambda: other._database.transaction(work)), threading.Thread(target=drop)
     writer.start()
@@ -494,9 +465,9 @@ async def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet
     before = await store.run(store._own.size)
     await asyncio.to_thread(store.checkpoints.save, "other", Checkpoint("f", 1, {"x": np.arange(100_000.0)}, {}))
     assert 0 < before == await store.run(store._own.size), "checkpoints are no part of the journal"
-    await store.run(lambda: list(prune(store._own, Limits(1e9, 1e12))))
+    await store.run(lambda: list(store._prune(Limits(1e9, 1e12))))
     assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)]
-    await store.run(lambda: list(prune(store._own, Limits(1e9, 1.0))))
+    await store.run(lambda: list(store._prune(Limits(1e9, 1.0))))
     assert len(await store.samples_after("z", None)) == 1, "a zone without checkpoints needs every sample"
     assert fleet.sql("SELECT count(*) FROM {}.samples") == [(1,)]
     assert fleet.sql("SELECT zone FROM {}.zones ORDER BY zone") == [("other",), ("z",)]

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from support.fake_zones import make_sample, make_update
 
-from adapters.fields.times import written_time
 from adapters.reading import Quality, Reading
 from service.store.checkpoint import Checkpoint
 from service.store.journal import Journal
@@ -43,11 +42,6 @@ def steps_of(journal: Journal, zone: str) -> tuple[list[int], list[int]]:
     """Which samples and which history rows of `zone` there are."""
     samples = [(item.time - FIRST) // STEP for item in journal.samples_after(zone, None)]
     return samples, [(row.time - FIRST) // STEP for row in journal.history(zone, None, None, 100_000)]
-
-
-def at(step: int) -> str:
-    """When `step` is, as the log writes it."""
-    return written_time(FIRST + step * STEP)
 
 
 def pruned(journal: Journal, limits: Limits, oldest_checkpoint: int | None) -> int:
@@ -108,22 +102,6 @@ def test_a_clock_that_leaps_ahead_deletes_nothing(journal: Journal) -> None:
     for _ in range(2):
         pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=10_000_000)
     assert steps_of(journal, "living")[0][0] == (ahead - FIRST) // STEP + 294 - 100, "that was a day of samples"
-
-
-def test_what_goes_for_its_age_goes_a_week_at_a_time_and_is_told(
-    journal: Journal, caplog: pytest.LogCaptureFixture
-) -> None:
-    fill(journal, "living", 6000)
-    left = []
-    for _ in range(4):
-        pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=5990)
-        left.append(steps_of(journal, "living")[1][0])
-    assert left == [2016, 4032, 5899, 5899]
-    told = [record.getMessage() for record in caplog.records]
-    assert told == [
-        f"history older than keep_history is deleted: of zone 'living' from {at(first)} to {at(last)}"
-        for first, last in ((0, 2016), (2016, 4032), (4032, 5899))
-    ]
 
 
 def test_without_checkpoints_the_history_still_goes(journal: Journal) -> None:
