@@ -71,7 +71,7 @@ LEVELS = {
         {"fitting", "backtesting"},
         {"model"},
         {"files", "learning"},
-        {"session", "plans", "heating"},
+        {"session", "plans", "heating", "plots"},
         {"settings"},
         {"frames", "arguments"},
     ),

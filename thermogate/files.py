@@ -27,6 +27,7 @@ _NETWORK = TypeAdapter(Network)
 
 
 _UPDATES = "updates"
+_TRACE = "trace."
 
 
 def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> None:
@@ -44,6 +45,7 @@ def write_model(path: Path, session: Session, faults: Mapping[Fault, int]) -> No
         "worker": worker.meta,
     }
     arrays = {**worker.arrays, _UPDATES: session.updates}
+    arrays |= {_TRACE + name: value for name, value in session.tracer.pack().items()}
     content = encode(Checkpoint(session.mark, worker.step, arrays, meta, worker.about))
     temporary = path.parent / f"{path.name}.tmp"
     try:
@@ -75,6 +77,9 @@ def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
         raise DataError(f"{path} was saved by a Thermogate with other defaults; fit the model again")
     snapshot.restore(session.worker, found._replace(meta=meta["worker"]))
     session.updates = found.arrays[_UPDATES]
+    # A model saved before there were reports has none.
+    if trace := {name.removeprefix(_TRACE): rows for name, rows in found.arrays.items() if name.startswith(_TRACE)}:
+        session.tracer.unpack(trace)
     return session, Counter({Fault(name): count for name, count in meta["faults"].items()})
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from datetime import timedelta
+from html import escape
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from estimator.diagnosis.finding import Finding
 from estimator.network.network import Network
 from estimator.types import ParameterSummary
 from estimator.verification.scores import gaussian_crps
+from replay.recorded.trace import Trace
 from service.errors import DataError, NoLaw, NoModel, PlanError
 from service.forecast.engine import FanQuestion
 from service.forecast.heating import (
@@ -40,9 +42,10 @@ from service.records.outlook import SET_POINTS
 from service.records.skill import Skill
 from service.records.view import Answer, Question
 from service.zone.foresight.outlook import NO_WEATHER
+from thermogate import plots
 from thermogate.arguments import items, plain
 from thermogate.files import write_model
-from thermogate.frames import Frame, moments, named_zone, pandas, table
+from thermogate.frames import Frame, clock, moments, named_zone, pandas, table
 from thermogate.heating import BOUNDS_95, comparison_table, demand_table, demand_total, preheat_series
 from thermogate.learning import learn
 from thermogate.plans import planned_inputs, planned_price, planned_setpoints, steps_in
@@ -119,6 +122,40 @@ class Model:
                 quantities |= {f"lower_{level:g}": lower, f"upper_{level:g}": upper}
             columns |= {self._key(output.output, name): values for name, values in quantities.items()}
         return table(columns, self._steps(fan))
+
+    def predict(self, X: Any = None, quantiles: Sequence[float] = QUANTILES) -> Frame:
+        """Quantiles of the measured temperatures [degC] at the times of `X`, as scikit-learn's users expect them.
+
+        `X` is a DataFrame of planned inputs by time, or the times alone; None: the next day. Its times are among those
+        of `forecast`, from the next step on; what it does not plan is foreseen.
+
+        Returns a DataFrame with the index of `X` and a column q0.025, q0.5, ... for each of `quantiles`.
+        """
+        checked, pd = _checked_levels(quantiles), pandas()
+        begin, period, rows = self._begin(), self._settings.zone.period, None
+        horizon: str | float = "24h"
+        if X is not None:
+            frame = X if isinstance(X, pd.DataFrame) else pd.DataFrame(index=X)
+            times = clock(frame, self._settings.tz, "X")
+            rows = np.rint((times.seconds - begin) / period)
+            if not (rows >= 0).all() or (np.abs(times.seconds - begin - rows * period) > 0.5).any():
+                first, second = self._moments([begin, begin + period])
+                raise DataError(
+                    f"X has times that are no forecast's; forecasts are for {first}, {second} and so on. What was "
+                    "forecast for earlier times is in model.predictions"
+                )
+            horizon = max(1, int(rows.max())) * period
+        # The bound of a central interval is a quantile.
+        levels = sorted({abs(2.0 * q - 1.0) for q in checked} - {0.0}) or [0.5]
+        fan = self._asked(X if isinstance(X, pd.DataFrame) else None, horizon, levels)
+        columns: dict[Any, Array] = {}
+        for output in fan.outputs:
+            for q in checked:
+                bounds = output.lower if q < 0.5 else output.upper
+                values = output.median if q == 0.5 else bounds[levels.index(abs(2.0 * q - 1.0))]
+                columns[self._key(output.output, f"q{q:g}")] = values
+        found = table(columns, self._steps(fan))
+        return found if rows is None else found.iloc[rows.astype(int)].set_axis(frame.index)
 
     def scenarios(self, plan: Any = None, horizon: str | float | timedelta = "24h", count: int = 100) -> Frame:
         """`count` equally likely futures [degC] of the measured temperatures, without measurement noise: one column per
@@ -341,6 +378,51 @@ class Model:
         weights = {one.member: one.weights for one in found.members}
         return pandas().DataFrame.from_dict(weights, orient="index", columns=names).rename_axis("member")
 
+    def plot(self, what: str | None = None, *, plan: Any = None, horizon: str | float | timedelta = "24h") -> Any:
+        """A matplotlib Figure of `what`: "forecast" (under `plan` over `horizon`, as in `forecast`), "history",
+        "profile" (heat besides the heating by the hour) or "parameters"; by default of all that the model has.
+
+        For the first measured temperature. DataError for what the model does not have.
+        """
+        trace, tz = self._trace(), self._settings.tz
+        output, worker = self.network.measured[0], self._session.worker
+        panels: dict[str, plots.Draw] = {}
+        if what == "forecast" or (what is None and worker.unstalled is not None):
+            fan = self.forecast(plan, horizon, (0.5, 0.95))
+            own = fan[output] if len(self.network.measured) > 1 else fan
+            panels["Forecast"] = plots.forecast(own, trace, output, tz)
+        if what in (None, "history"):
+            panels["History"] = plots.history(trace, tz)
+        if what == "profile" and not plots.warms(trace):
+            raise DataError(
+                f"the estimator {self.estimator} knows of no heat besides the heating; fit with bank or mkf"
+            )
+        if what in (None, "profile") and plots.warms(trace):
+            panels["Heat besides the heating"] = plots.profile(trace, tz)
+        if what == "parameters" or (what is None and worker.estimator.physical):
+            panels["Parameters"] = plots.parameters(self.parameters())
+        if not panels:
+            raise DataError(f"what is forecast, history, profile or parameters, not {shown(what)}")
+        return plots.drawn(panels)
+
+    def report(self, path: str | PathLike[str], *, language: str = "en") -> Path:
+        """Write the [report](report.md) of what the model has learned from as one HTML page, and return its path.
+
+        It is called after the file. `language` is "en" or "de".
+        """
+        from replay.reports.language import LANGUAGES
+        from replay.reports.publish import report_page
+
+        if language not in LANGUAGES:
+            raise DataError(f"language is {' or '.join(LANGUAGES)}, not {shown(language)}")
+        target = Path(path)
+        trace = self._trace()._replace(zone=target.stem)
+        try:
+            target.write_text(report_page(target.stem, [trace], language), encoding="utf-8")
+        except OSError as error:
+            raise DataError(f"the report cannot be written to {path} ({error.strerror}); choose another file") from None
+        return target
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the model to one file, which `load` reads. It is NumPy's npz and holds no Python objects."""
         write_model(Path(path), self._session, self._faults)
@@ -372,6 +454,16 @@ class Model:
         if self._faults:
             lines.append("  not used: " + ", ".join(f"{count} {fault}" for fault, count in self.faults.items()))
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        room = self._session.tracer.trace(self.faults).room
+        told = [] if room is None else [f"<b>{escape(one.what)}</b>: {escape(one.why)}" for one in room.to_do]
+        told += [] if room is None else [escape(one.sentence) for one in room.answers]
+        skill = self.skill()[["forecasts", "coverage", "crps", "rmse", "skill_persistence"]]
+        return (
+            f"<pre>{escape(repr(self))}</pre><ul>{''.join(f'<li>{sentence}</li>' for sentence in told)}</ul>"
+            f"{skill.to_html(float_format='{:.3g}'.format)}"
+        )
 
     @property
     def _settings(self) -> Settings:
@@ -412,6 +504,12 @@ class Model:
         except (TypeError, ValueError):
             return str(when)
         return str((stamp if stamp.tzinfo else stamp.tz_localize(self._settings.tz)).isoformat())
+
+    def _trace(self) -> Trace:
+        found = self._session.tracer.trace(self.faults)
+        if not found.rows:
+            raise DataError("the model was saved by a Thermogate that kept no history in it; fit it again")
+        return found
 
     def _steps(self, fan: Fan) -> Any:
         """When the steps of `fan` are."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.types import Outcome
+from replay.recorded.trace import Tracer
 from service.config.fitting import fingerprint, make_worker
 from service.records.sample import Sample
 from service.records.update import CONSTANT, Update
@@ -31,12 +32,15 @@ class Session:
         self.worker = make_worker(settings.zone)
         self.names = self._names()
         self._rows: list[list[float]] = []
+        self.tracer = Tracer(settings.zone, self.worker)
+        """What a report needs of them."""
 
     def take(self, sample: Sample) -> None:
         """One sample on."""
         update = self.worker.step(sample)
         if update is not None:
             self._rows.append(self._row(update))
+            self.tracer.note(update)
 
     def __len__(self) -> int:
         """How many samples could be used."""

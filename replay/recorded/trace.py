@@ -12,14 +12,14 @@ from estimator import registry
 from estimator.arrays import Array
 from estimator.diagnosis.finding import Diagnosis
 from estimator.network.network import Network
-from estimator.types import ParameterSummary
 from estimator.verification.hindsight import SAMPLES
 from replay.localtime import DAY, HOUR, Seconds, wall_clock
 from service.config.site import ZoneConfig
 from service.forecast.answers import LearnedLaw, Room
 from service.forecast.learned import learned_laws
 from service.forecast.room import Past, RoomQuestion
-from service.records.history import HistoryRow
+from service.records.history import HISTORY_COLUMNS, HistoryRow
+from service.records.record import values
 from service.records.skill import Skill
 from service.records.update import Update
 from service.zone.foresight.outlook import NO_WEATHER
@@ -113,7 +113,8 @@ class Tracer:
         self._rows: list[HistoryRow] = []
         self._inputs = array("d")
         self._looks: list[int] = []
-        self._summaries: list[ParameterSummary] = []
+        self._parameters: list[Array] = []
+        self._heat_loss: list[Array] = []
         self._issue: _Issue | None = None
         self._followed: dict[int, Array] = {}
         """Inputs in force from each sample since the pending issue, by its time."""
@@ -135,7 +136,6 @@ class Tracer:
     def trace(self, faults: Mapping[str, int]) -> Trace:
         """Everything that was noted, with what the worker knows now. `faults` are those of its alignment."""
         zone, worker, count = self._zone, self._worker, len(self._rows)
-        parameters = [summary.parameters for summary in self._summaries]
         return Trace(
             zone=zone.id,
             network=worker.network,
@@ -146,8 +146,8 @@ class Tracer:
             rows=self._rows,
             inputs=np.array(self._inputs).reshape(count, len(worker.network.inputs)),
             looks=np.array(self._looks, dtype=np.int64),
-            parameters=np.array(parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
-            heat_loss=np.array([summary.heat_loss for summary in self._summaries]).reshape(-1, len(LEVELS)),
+            parameters=np.array(self._parameters).reshape(-1, len(worker.network.parameters), len(LEVELS)),
+            heat_loss=np.array(self._heat_loss).reshape(-1, len(LEVELS)),
             fans=self._fans,
             skill=worker.skill(),
             diagnosis=worker.diagnosis(),
@@ -156,6 +156,33 @@ class Tracer:
             time_zone=zone.whereabouts.time_zone,
             faults=faults,
         )
+
+    def pack(self) -> dict[str, Array]:
+        """What was noted, for a file, without the forecast that waits for its day to pass."""
+        fans, nothing = self._fans, np.empty((0, len(LEVELS)))
+        return {
+            "rows": np.array([values(row) for row in self._rows], dtype=np.float64).reshape(-1, len(HISTORY_COLUMNS)),
+            "inputs": np.array(self._inputs),
+            "looks": np.array(self._looks, dtype=np.float64),
+            "parameters": np.array(self._parameters),
+            "heat_loss": np.array(self._heat_loss),
+            "fan_times": np.concatenate([np.empty(0), *(fan.times for fan in fans)]),
+            "fan_quantiles": np.concatenate([nothing, *(fan.quantiles for fan in fans)]),
+            "fan_ends": np.cumsum([len(fan.times) for fan in fans], dtype=np.float64),
+        }
+
+    def unpack(self, packed: Mapping[str, Array]) -> None:
+        """Go on from what another tracer of the zone has packed."""
+        for row in packed["rows"].tolist():
+            cells = dict(zip(HISTORY_COLUMNS, row, strict=True))
+            whole = {name: int(cells[name]) for name in ("time", "segment")}
+            self._rows.append(HistoryRow(**(cells | whole | {"resampled": bool(cells["resampled"])})))
+        self._inputs = array("d", packed["inputs"].tolist())
+        self._looks = packed["looks"].astype(np.int64).tolist()
+        self._parameters, self._heat_loss = list(packed["parameters"]), list(packed["heat_loss"])
+        ends = packed["fan_ends"].astype(np.int64)[:-1]
+        parts = (np.split(packed[name], ends) for name in ("fan_times", "fan_quantiles"))
+        self._fans = [Fan(times.astype(np.int64), found) for times, found in zip(*parts, strict=True) if len(times)]
 
     def _room(self) -> Room | None:
         if not self._rows:
@@ -177,7 +204,8 @@ class Tracer:
             summary = self._worker.parameters(LEVELS)
             if summary is not None:
                 self._looks.append(update.time)
-                self._summaries.append(summary)
+                self._parameters.append(summary.parameters)
+                self._heat_loss.append(summary.heat_loss)
 
     def _verify(self, update: Update, held: Array) -> None:
         """Unfold the forecast of this day when the day has passed, and issue that of the next."""

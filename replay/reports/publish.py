@@ -26,14 +26,18 @@ def publish_report(
     path = out / FILE
     try:
         out.mkdir(parents=True, exist_ok=True)
-        made = in_language(report(site, traces, progress), language, _names(traces))
-        path.write_text(page(made), encoding="utf-8")
+        path.write_text(report_page(site, traces, language, progress), encoding="utf-8")
     except OSError as error:
         raise ReplayError(f"--out {out}: cannot be written ({error.strerror}); choose another folder") from error
     say = sayer(language)
     table = table_in(tables.skill(traces), say)
     print("\n".join(["", *tables.terminal(table), "", say(f"report: {path}")]))
     return 0
+
+
+def report_page(site: str, traces: Sequence[Trace], language: str = LANGUAGES[0], progress: bool = False) -> str:
+    """The report of `traces` as one HTML page in `language`, one of LANGUAGES."""
+    return page(in_language(report(site, traces, progress), language, _names(traces)))
 
 
 def _names(traces: Sequence[Trace]) -> frozenset[str]:
