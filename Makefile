@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream golden clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream golden lock release clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -78,6 +78,17 @@ fleet-kill-loop: $(VENV)/.fleet  ## a fleet of 2,000 rooms whose machines are ki
 
 load-fleet: $(VENV)/.ready  ## 1,000 zones whose samples land at once, on the real daemon: the part of `make bench` alone
 	$(BIN)/python -m replay.lab.measuring.bench --only fleet --out var/fleet.json
+
+lock: var/release/tools  ## requirements.lock anew from constraints.txt: what `thermogate[all]` needs, with the hash of every file
+	var/release/tools/bin/uv pip compile --quiet --python-platform linux --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	  --constraint constraints.txt --extra all --output-file requirements.lock pyproject.toml
+
+release: $(VENV)/.ready var/release/tools  ## wheel, source archive, SBOM and checksums of this commit into dist, installed and tried; a few minutes
+	.ci/release $(BIN)/python
+
+var/release/tools:
+	@$(PYTHON) -m venv $@
+	@$@/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt build cyclonedx-bom setuptools twine uv || { rm -rf $@; exit 1; }
 
 audit:  ## every pinned dependency against the database of known vulnerabilities
 	$(PYTHON) .ci/audit constraints.txt

@@ -20,15 +20,19 @@ PINS = {
 }
 
 
-def wanted() -> list[Requirement]:
+def wanted(extra: str | None = None) -> list[Requirement]:
+    """What the project needs with `extra`; None: with all of them."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    extras = [line for lines in project["optional-dependencies"].values() for line in lines]
-    return [Requirement(line) for line in project["dependencies"] + extras]
+    optional = project["optional-dependencies"]
+    chosen = optional.keys() if extra is None else {extra, *Requirement(optional[extra][0]).extras}
+    extras = [line for name in chosen for line in optional[name]]
+    found = [Requirement(line) for line in project["dependencies"] + extras]
+    return [one for one in found if one.name != project["name"]]
 
 
-def closure() -> tuple[set[str], set[str]]:
-    """Everything that the project needs, extras included, as far as it is installed; and what is not installed."""
-    needed, missing, queue = set(), set(), [(one, frozenset(one.extras)) for one in wanted()]
+def closure(extra: str | None = None) -> tuple[set[str], set[str]]:
+    """Everything that the project needs with `extra`, or with all, as far as it is installed; and what is not."""
+    needed, missing, queue = set(), set(), [(one, frozenset(one.extras)) for one in wanted(extra)]
     seen = set()
     while queue:
         requirement, extras = queue.pop()
@@ -64,6 +68,17 @@ def test_nothing_is_pinned_that_nobody_needs() -> None:
 @pytest.mark.parametrize("requirement", wanted(), ids=str)
 def test_the_pin_is_within_the_range(requirement: Requirement) -> None:
     assert requirement.specifier.contains(PINS[canonicalize_name(requirement.name)])
+
+
+def test_the_lock_has_the_pins_of_what_a_site_can_use_and_the_hashes_of_their_files() -> None:
+    lines = (ROOT / "requirements.lock").read_text().replace("\\\n", "").splitlines()
+    locked = {}
+    for line in lines:
+        name, version = re.fullmatch(r"([\w.-]+)==(\S+)(?:\s+--hash=sha256:[0-9a-f]{64})+", line).groups()  # type: ignore[union-attr]
+        locked[canonicalize_name(name)] = version
+    assert locked.items() <= PINS.items(), "make lock"
+    needed, missing = closure("all")
+    assert needed - missing <= locked.keys(), "make lock"
 
 
 SOUND = {"name": "a", "version": "1", "vulns": []}

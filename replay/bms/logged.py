@@ -127,7 +127,6 @@ def _configuration(
             "time_zone": ZONE,
             "latitude": KONSTANZ.latitude,
             "longitude": KONSTANZ.longitude,
-            "country": "DE",
         },
         "http": {"host": "127.0.0.1", "port": 8080},
         "zenoh": {"listen": ["tcp/127.0.0.1:7447"]},

@@ -1,20 +1,29 @@
-"""The wheel for a plant-room PC: the whole product, and nothing that only a checkout needs."""
+"""Source archive and wheel for a plant-room PC: the whole product, nothing that only a checkout needs, and it runs."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import sysconfig
+import tarfile
+import time
 import tomllib
+import urllib.error
+import urllib.request
+from collections.abc import Callable
 from configparser import ConfigParser
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 from zipfile import ZipFile
 
 import pytest
 from packaging.requirements import Requirement
+from support.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -35,8 +44,8 @@ def builder() -> str | None:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
-    """The wheel, built offline with the setuptools of this environment from a copy of the sources."""
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The source archive, and the wheel made from it, built offline with the setuptools of this environment."""
     if why := builder():
         pytest.skip(f"no wheel can be built: {why}")
     folder = tmp_path_factory.mktemp("wheel")
@@ -44,14 +53,42 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
     sources, out = folder / "sources", folder / "out"
     for name in PACKAGES:
         shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "constraints.txt"):
         shutil.copy(ROOT / name, sources)
+    shutil.copytree(ROOT / "tests", sources / "tests", ignore=lambda at, names: {n for n in names if n[-3:] != ".py"})
+    archive = [sys.executable, "-c", f"from setuptools import build_meta as b; b.build_sdist({str(out)!r})"]
+    run(archive, cwd=sources)
+    (source,) = out.iterdir()
     command = [sys.executable, "-m", "pip", "wheel", "--disable-pip-version-check", "--no-index", "--no-deps"]
-    command += ["--no-build-isolation", "--wheel-dir", str(out), str(sources)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    run([*command, "--no-build-isolation", "--wheel-dir", str(out), str(source)])
+    (wheel,) = out.glob("*.whl")
+    return source, wheel
+
+
+def run(command: list[str], **options: object) -> str:
+    """What `command`, which must succeed, prints."""
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False, **options)  # type: ignore[call-overload]
     assert done.returncode == 0, done.stdout + done.stderr
-    (built,) = out.iterdir()
-    return ZipFile(built)
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(built: tuple[Path, Path]) -> ZipFile:
+    return ZipFile(built[1])
+
+
+def test_the_source_archive_has_what_a_build_needs_and_nothing_else(built: tuple[Path, Path]) -> None:
+    with tarfile.open(built[0]) as archive:
+        names = [name.split("/", 1)[1] for name in archive.getnames() if "/" in name]
+    made = {"PKG-INFO", "setup.cfg", "thermogate.egg-info"}
+    assert {name.split("/")[0] for name in names} == made | {
+        *PACKAGES,
+        "LICENSE",
+        "MANIFEST.in",
+        "README.md",
+        "pyproject.toml",
+    }
+    assert not any(name.startswith(LEFT_OUT) for name in names)
 
 
 def metadata(wheel: ZipFile, file: str) -> str:
@@ -118,3 +155,95 @@ def test_it_names_the_version_and_the_licence(wheel: ZipFile) -> None:
     text = metadata(wheel, "METADATA")
     assert f"\nVersion: {PROJECT['project']['version']}\n" in text
     assert "\nLicense-Expression: Apache-2.0\n" in text
+    assert metadata(wheel, "licenses/LICENSE") == (ROOT / "LICENSE").read_text(encoding="utf-8")
+
+
+def test_type_checkers_read_the_types_of_every_package(wheel: ZipFile) -> None:
+    assert {f"{name}/py.typed" for name in PACKAGES} <= set(wheel.namelist())
+
+
+@pytest.fixture(scope="module")
+def installed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with the wheel: that of `make release`, which has each dependency installed as well, or one that
+    borrows them from this environment, which takes a second."""
+    if given := os.environ.get("THERMOGATE_INSTALLED"):
+        return Path(given)
+    _, wheel = request.getfixturevalue("built")
+    folder = tmp_path_factory.mktemp("installed")
+    run([sys.executable, "-m", "venv", "--without-pip", str(folder)])
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "bin" / "python"), "--disable-pip-version-check"]
+    run([*pip, "install", "--no-index", "--no-deps", "--no-compile", str(wheel)])
+    (packages,) = folder.glob("lib/python*/site-packages")
+    # Python reads no .pth file of a folder that one names: that which leads to the checkout counts for nothing.
+    (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return folder
+
+
+def outside(installed: Path, folder: Path) -> dict[str, str]:
+    """The variables of somebody who has that environment, and neither compiler nor make nor checkout."""
+    own = {"PATH": str(installed / "bin"), "HOME": str(folder), "XDG_CACHE_HOME": str(folder / "cache")}
+    assert not any(shutil.which(tool, path=own["PATH"]) for tool in ("cc", "gcc", "clang", "make", "git"))
+    if "THERMOGATE_INSTALLED" not in os.environ:
+        # Compiling every kernel takes a minute.
+        own["NUMBA_DISABLE_JIT"] = "1"
+    return own
+
+
+def test_what_is_installed_is_the_wheel(installed: Path, tmp_path: Path) -> None:
+    where = outside(installed, tmp_path)
+    told = run(["thermogate", "--version"], env=where, cwd=tmp_path)
+    assert told == f"thermogate {PROJECT['project']['version']}\n"
+    told = run(
+        [str(installed / "bin" / "python"), "-c", "import thermogate as tg; print(tg.__file__)"],
+        env=where,
+        cwd=tmp_path,
+    )
+    assert Path(told.strip()).is_relative_to(installed)
+
+
+def test_the_demo_serves_its_page_and_forecasts_and_stops(installed: Path, tmp_path: Path) -> None:
+    where = outside(installed, tmp_path)
+    command = ["thermogate", "demo", "--port", "0", "--directory", str(tmp_path), "--set", "zenoh.enabled=false"]
+    if "NUMBA_DISABLE_JIT" in where:
+        for room in range(4):
+            command += ["--set", f'zones.{room}.estimator="ekf"']
+    log = tmp_path / "log"
+    with log.open("w") as stream:
+        daemon = subprocess.Popen(command, env=where, cwd=tmp_path, stdout=stream, stderr=stream)
+    try:
+        url = until(daemon, log, lambda: re.search(r"serving on (http://\S+)", log.read_text()))[1]
+        with urllib.request.urlopen(url, timeout=PATIENCE) as page:
+            assert "<title>Thermogate" in page.read().decode()
+        forecast = until(daemon, log, lambda: asked(f"{url}/zones/room1/forecast"))
+        assert forecast["intervals"][0]["lower"] < forecast["mean"] < forecast["intervals"][0]["upper"]
+        # It lives in its own time, years ago, and nothing is late in it.
+        status = asked(f"{url}/zones/room1")["status"]
+        assert (status["state"], status["last_sample_time"][:7]) == ("running", "2025-01")
+        assert 0 <= status["age_s"] < 86_400
+        daemon.terminate()
+        assert daemon.wait(PATIENCE) == 0
+        assert "SYNTHETIC" in log.read_text()
+    finally:
+        daemon.kill()
+        daemon.wait()
+    assert run(["thermogate", "check", "demo.toml"], env=where, cwd=tmp_path)
+
+
+def until(process: subprocess.Popen, log: Path, what: Callable[[], Any]) -> Any:
+    """What `what` gives as soon as it gives something; compiling every kernel first takes minutes on a busy machine."""
+    deadline = time.monotonic() + 5 * PATIENCE
+    while not (found := what()):
+        assert process.poll() is None, log.read_text()
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
+    return found
+
+
+def asked(url: str) -> Any:
+    """The JSON at `url`; None where there is an error instead, such as before the first sample."""
+    try:
+        with urllib.request.urlopen(url, timeout=PATIENCE) as answer:
+            return json.load(answer)
+    except urllib.error.HTTPError as error:
+        error.close()
+        return None

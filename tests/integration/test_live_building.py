@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import json
-import re
-import subprocess
-import time
 import urllib.request
 from collections.abc import Iterator
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from support.bms_process import Bms, simulated
-from support.harness import THERMOGATE, Daemon
+from support.harness import Daemon
 
 from replay.bms.faults import MENU
 
@@ -79,32 +75,3 @@ def test_no_fault_of_a_room_harms_one_that_does_not_touch_it(kind: str, plant: t
     assert [later["time"] > earlier["time"] for earlier, later in pairwise(rows)] == [True] * 3
     for row in rows:
         assert row["lower"] < row["mean"] < row["upper"]
-
-
-def test_the_live_demo_serves_and_stops(tmp_path: Path) -> None:
-    command = [str(THERMOGATE), "demo", "--port", "0", "--directory", str(tmp_path)]
-    settings = ["--set", "zenoh.enabled=false"]
-    process = subprocess.Popen([*command, *settings], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    try:
-        said = ""
-        while (found := re.search(r"serving on (http://\S+)", said)) is None:
-            line = process.stderr.readline()
-            assert line, said
-            said += line
-        deadline = time.monotonic() + 180
-        while ask(f"{found[1]}/zones")["zones"][0]["samples"] < 2:
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
-        # It lives in its own time, years ago, and nothing is late in it.
-        status = ask(f"{found[1]}/zones/room1")["status"]
-        assert (status["state"], status["last_sample_time"][:7]) == ("running", "2025-01")
-        assert 0 <= status["age_s"] < 86_400
-        process.terminate()
-        shown, _ = process.communicate(timeout=180)
-        assert process.returncode == 0
-        assert "SYNTHETIC" in shown
-        assert (tmp_path / "demo.toml").exists()
-    finally:
-        process.kill()
-        process.communicate()
