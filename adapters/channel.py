@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from math import inf
-from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self
 
 from pydantic import BaseModel, Field
 
-from adapters.edge import Edge, LiveConverter
+from adapters.edge import Edge
 from adapters.fields.tables import TABLE
 from adapters.fields.values import Duration, NonZero, Number, Pace, Positive, PositiveDuration, Range, Text
 from adapters.reading import Source
@@ -112,30 +112,6 @@ class Binding(NamedTuple):
 
 
 _OF_THE_ZONE = {"aggregate", "max_age", "installed", "forecast"}
-
-
-class Watched:
-    """A channel of a live source at work, with what has to be remembered of its last values."""
-
-    def __init__(self, binding: Binding, longest_stretch: float, rollover: float | None = None) -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s."""
-        self.binding, self.id = binding, binding.id
-        self.edge = binding.edge(rollover)
-        self.converter = LiveConverter(binding.id, self.edge, longest_stretch, binding.channel.stuck_after)
-
-
-AtWork = TypeVar("AtWork", bound=Watched)
-
-
-def put_to_work(
-    bindings: Iterable[Binding], before: Iterable[AtWork], begin: Callable[[Binding], AtWork]
-) -> list[AtWork]:
-    """`bindings` at work: those that were so `before` go on with what they remember, the others `begin`."""
-    known = {one.id: one for one in before}
-    return [
-        one if (one := known.get(binding.id)) is not None and one.binding.reads_like(binding) else begin(binding)
-        for binding in bindings
-    ]
 
 
 class SourceConfig(BaseModel):

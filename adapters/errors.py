@@ -1,5 +1,10 @@
 """Errors of the adapters, one tree with one base."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class SourceError(Exception):
     """Base of every error a source raises on purpose; its text is one sentence naming the place and the remedy."""
@@ -11,3 +16,12 @@ class SourceUnavailable(SourceError):
 
 class SourceConfigError(SourceError):
     """The source is described wrongly; trying again will not help."""
+
+
+@contextmanager
+def said_of(source: str) -> Iterator[None]:
+    """Errors that begin with the name of the `source`."""
+    try:
+        yield
+    except SourceError as error:
+        raise type(error)(f"sources.{source}: {error}") from error

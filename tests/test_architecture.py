@@ -34,10 +34,11 @@ LEVELS = {
     ),
     "adapters": (
         {"kinds"},
-        {"weather"},
+        {"weather", "opcua"},
         {"bacnet", "csv", "home_assistant", "http", "modbus", "mqtt", "schedule", "series", "zenoh"},
         {"messages"},
         {"payload"},
+        {"watched"},
         {"channel"},
         {"edge", "rhythm", "pacing", "fields", "routing"},
         {"reading", "units", "timestamps", "holidays", "scanning"},

@@ -9,15 +9,17 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 from adapters.bacnet.asking import Asking
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
 from adapters.bacnet.objects import DEVICE, PRESENT_VALUE, SERVICES_SUPPORTED, STATUS_FLAGS, UNITS, ObjectId, Property
-from adapters.bacnet.points import Channels, Seen
+from adapters.bacnet.points import BacnetChannel, Seen, addresses, judged
 from adapters.bacnet.values import Tagged, Unreadable, whole
-from adapters.reading import Batch, Reading
+from adapters.reading import Batch, Fault, Reading
 from adapters.rhythm import Rhythm
+from adapters.watched import Channels
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent device is asked again, in s."""
@@ -62,17 +64,16 @@ class Session:
         source: str,
         device: int,
         link: BacnetLink,
-        channels: Channels,
+        channels: Channels[BacnetChannel],
         manner: Manner,
         deliver: Callable[[Batch], Awaitable[None]],
     ) -> None:
         self.silent: bool | None = None
         self.reason = ""
         """Why it is silent."""
-        self.late = 0
-        """How many polls began later than they should have by a whole `poll` or more."""
         self._source, self._instance, self._link = source, device, link
         self._channels, self._manner, self._deliver = channels, manner, deliver
+        self.rhythm = Rhythm(f"sources.{source} device {device}", manner.poll)
         self._device: Device | None = None
         self._at: str | None = None
         """The address that the device was given last, if any."""
@@ -82,15 +83,13 @@ class Session:
         self._kept: dict[ObjectId, _Kept] = {}
         self._refused: set[ObjectId] = set()
         """Objects that the device did not give away, until they are asked for again."""
-        self._complained: set[ObjectId] = set()
         self._subscribed: dict[ObjectId, float] = {}
         """Objects with a subscription, and when it is to be renewed (monotonic s)."""
         self._not_offered: set[ObjectId] = set()
 
     async def follow(self) -> None:
         """Ask for ever; never raises for what a device does."""
-        loop = asyncio.get_running_loop()
-        rhythm = Rhythm(self._manner.poll, loop.time() - self._manner.poll + self._manner.phase)
+        self.rhythm.begin(self._manner.phase - self._manner.poll)
         pause = 0.0
         while True:
             try:
@@ -104,15 +103,12 @@ class Session:
             if self.silent:
                 _log.info("sources.%s: device %d answers again", self._source, self._instance)
             self.silent = False
-            due = rhythm.next(loop.time())
-            if rhythm.overrun:
-                self._note_late(rhythm.overrun)
-            await asyncio.sleep(due - loop.time())
+            await self.rhythm.wait()
 
     def rebound(self) -> None:
         """The channels have changed: look at units and subscriptions again, and where the device is."""
         self._refresh = 0.0
-        if self._channels.devices.get(self._instance) != self._at:
+        if self._address() != self._at:
             self._device = None
 
     def heard(self, notification: Notification) -> bool:
@@ -128,10 +124,18 @@ class Session:
         self._kept[notification.object] = _Kept(seen, before.read if before else float("-inf"))
         return True
 
+    def _objects(self) -> list[ObjectId]:
+        """The objects of the device that have channels."""
+        return [object for device, object in self._channels.points if device == self._instance]
+
+    def _address(self) -> str | None:
+        """Where the channels say that the device is."""
+        return addresses(self._channels.all()).get(self._instance)
+
     async def _look(self) -> None:
         """Bring one reading of every channel."""
         if self._device is None or self._asking is None:
-            self._at = self._channels.devices.get(self._instance)
+            self._at = self._address()
             self._device = await self._link.find(self._instance, self._at)
             self._asking = Asking(self._link, self._device, _OBJECT_OCTETS)
             self._subscribed.clear()
@@ -140,7 +144,7 @@ class Session:
             self._refused.clear()
             self._not_offered.clear()
         now = time.monotonic()
-        objects = [object for object in self._channels.objects(self._instance) if object not in self._refused]
+        objects = [object for object in self._objects() if object not in self._refused]
         to_read = [
             object
             for object in objects
@@ -157,17 +161,18 @@ class Session:
         readings: list[Reading] = []
         for object in objects:
             if object in self._refused:
-                readings += self._channels.refused(self._instance, object)
+                readings += self._channels.bad((self._instance, object), Fault.REFUSED_BY_DEVICE)
             elif object in self._kept:
                 seen = self._kept[object].seen
-                readings += self._channels.readings(self._instance, object, seen, when.get(object, told))
+                point, judge = (self._instance, object), partial(judged, seen=seen)
+                readings += self._channels.readings(point, judge, when.get(object, told), seen.value)
         if readings:
             await self._deliver(Batch(readings, max((told, *when.values()))))
         await self._subscribe(self._device)
 
     async def _read_units(self, asking: Asking) -> None:
         """Ask for the units of every object; those that have none are of no concern."""
-        for answer in await asking.ask(self._channels.objects(self._instance), (UNITS,)):
+        for answer in await asking.ask(self._objects(), (UNITS,)):
             for what, value in answer.values.items():
                 self._units.pop(what.object, None)
                 if isinstance(value, Tagged):
@@ -184,9 +189,9 @@ class Session:
         lifetime, poll = self._manner.lifetime, self._manner.poll
         if not device.subscriptions or poll >= CONFIRM:
             return
-        objects = self._channels.objects(self._instance)
+        objects = self._objects()
         left = max(_SUBSCRIBED_AT_ONCE, math.ceil(len(objects) * poll / (lifetime / 4)))
-        allowed = {object for object in objects if self._channels.may_subscribe(self._instance, object)}
+        allowed = {object for object in objects if all(one.cov for one in self._channels.at((self._instance, object)))}
         self._subscribed = {object: due for object, due in self._subscribed.items() if object in allowed}
         before = len(self._not_offered)
         for object in objects:
@@ -221,25 +226,16 @@ class Session:
             for object in dict.fromkeys(what.object for what in answer.values):
                 value, flags = (answer.values[Property(object, kind)] for kind in (PRESENT_VALUE, STATUS_FLAGS))
                 if not isinstance(value, Tagged):
-                    self._note_refusal(object, str(value))
+                    self._refused.add(object)
+                    again = f"every {REFRESH / 60:.0f} min"
+                    self._channels.note_refusal((self._instance, object), str(value), again)
                     continue
                 seen = Seen(value, flags if isinstance(flags, Tagged) else None, self._units.get(object))
                 self._kept[object] = _Kept(seen, time.monotonic())
-                self._note_value(object)
+                self._channels.note_value((self._instance, object))
                 there.append(object)
             found.append((answer.time, there))
         return found
-
-    def _note_late(self, seconds: float) -> None:
-        self.late += 1
-        if self.late == 1:
-            _log.warning(
-                "sources.%s: reading device %d took %.1f s, poll is %.1f s; poll less often",
-                self._source,
-                self._instance,
-                seconds,
-                self._manner.poll,
-            )
 
     def _note_silence(self, reason: str) -> None:
         if not self.silent:
@@ -249,22 +245,3 @@ class Session:
         self.silent, self.reason = True, reason
         # It may be somewhere else when it comes back, and has forgotten its subscriptions.
         self._device = None
-
-    def _note_refusal(self, object: ObjectId, reason: str) -> None:
-        self._refused.add(object)
-        if object not in self._complained:
-            self._complained.add(object)
-            _log.error(
-                "sources.%s: the device refuses %s: %s; asking again every %.0f min",
-                self._source,
-                self._channels.names(self._instance, object),
-                reason,
-                REFRESH / 60,
-            )
-
-    def _note_value(self, object: ObjectId) -> None:
-        if object in self._complained:
-            self._complained.discard(object)
-            _log.info(
-                "sources.%s: the device gives %s again", self._source, self._channels.names(self._instance, object)
-            )

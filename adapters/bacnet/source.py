@@ -8,16 +8,18 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, TypeVar
 
 from adapters.bacnet.config import BacnetConfig
 from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, STATUS_FLAGS, UNITS, Property
-from adapters.bacnet.points import BacnetChannel, Channels, Seen, probed
+from adapters.bacnet.points import BacnetChannel, Seen, addresses, probed
 from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceUnavailable, said_of
 from adapters.reading import Batch, Probe
+from adapters.watched import Channels
 
 if TYPE_CHECKING:
     from adapters.bacnet.client import BacnetLink, Device, Notification
@@ -52,7 +54,7 @@ class BacnetSource:
         """What came and could not be used, by kind: no BACnet/IP at all, a frame or an APDU that cannot be decoded, a
         notification without values, and what found no room (overrun)."""
         self._table, self._listed = table, tuple(bindings)
-        self._channels = Channels(bindings, table.poll)
+        self._channels = Channels(name, bindings, lambda one: BacnetChannel(one, table.poll))
         self._rebound = False
         self._link: BacnetLink | None = None
         self._late = 0
@@ -62,7 +64,7 @@ class BacnetSource:
     @property
     def late(self) -> int:
         """How many polls of a device began later than they should have by a whole `poll` or more."""
-        return self._late + sum(session.late for session in self._sessions.values())
+        return self._late + sum(session.rhythm.late for session in self._sessions.values())
 
     def check(self) -> list[str]:
         """Sentences about a library that is not installed, and about devices that cannot be found."""
@@ -71,7 +73,7 @@ class BacnetSource:
             problems.append(
                 f"sources.{self.name}: BACnet needs bacpypes3; install it with: pip install 'thermogate[bacnet]'"
             )
-        lost = [str(device) for device, address in self._channels.devices.items() if address is None]
+        lost = [str(device) for device, address in addresses(self._channels.all()).items() if address is None]
         if lost and not self._table.broadcasts:
             problems.append(
                 f"sources.{self.name}: nobody can be asked where device {lost[0]} is: give interface its prefix, such "
@@ -86,41 +88,40 @@ class BacnetSource:
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
-        link = await self._open()
         arrived: asyncio.Queue[Batch] = asyncio.Queue(_ROOM)
         tasks: dict[int, asyncio.Task[None]] = {}
-        try:
-            link.listen(self._heard)
-            self._follow(link, arrived, tasks)
-            while True:
-                batch = await _soon(arrived)
-                if batch is not None:
-                    yield batch
+        async with self._open() as link:
+            try:
+                link.listen(self._heard)
+                self._follow(link, arrived, tasks)
+                while True:
+                    batch = await _soon(arrived)
+                    if batch is not None:
+                        yield batch
+                    for task in tasks.values():
+                        if task.done():
+                            task.result()
+                    if self._rebound:
+                        self._rebound = False
+                        self._channels.replace(self._listed)
+                        self._follow(link, arrived, tasks)
+                    sessions = self._sessions.values()
+                    if arrived.empty() and sessions and all(session.silent for session in sessions):
+                        raise SourceUnavailable(self._nobody())
+            finally:
                 for task in tasks.values():
-                    if task.done():
-                        task.result()
-                if self._rebound:
-                    self._rebound = False
-                    self._channels.replace(self._listed)
-                    self._follow(link, arrived, tasks)
-                if arrived.empty() and self._sessions and all(session.silent for session in self._sessions.values()):
-                    raise SourceUnavailable(self._nobody())
-        finally:
-            for task in tasks.values():
-                task.cancel()
-            await asyncio.gather(*tasks.values(), return_exceptions=True)
-            self._late, self._sessions = self.late, {}
-            await link.close()
+                    task.cancel()
+                await asyncio.gather(*tasks.values(), return_exceptions=True)
+                self._late, self._sessions = self.late, {}
 
     async def probe(self, seconds: float) -> list[Probe]:
         """Every channel, by a request of its own; who else is there, if a device does not answer."""
         from adapters.bacnet.client import NoAnswer, Refused
 
-        link = await self._open(beside=True)
-        devices: dict[int, Device | str] = {}
-        others: tuple[str, ...] = ()
-        try:
-            for instance, address in self._channels.devices.items():
+        async with self._open(beside=True) as link:
+            devices: dict[int, Device | str] = {}
+            others: tuple[str, ...] = ()
+            for instance, address in addresses(self._channels.all()).items():
                 try:
                     devices[instance] = await link.find(instance, address)
                 except (NoAnswer, Refused) as error:
@@ -132,59 +133,54 @@ class BacnetSource:
             probes = []
             for channel in (BacnetChannel(binding, self._table.poll) for binding in self._listed):
                 device = devices[channel.device]
-                if isinstance(device, str):
-                    probes.append(Probe(channel.id, channel.place, "-", None, None, device, others))
-                    continue
+                hints: tuple[str, ...] = ()
                 try:
-                    probes.append(await _look(link, device, channel))
+                    if not isinstance(device, str):
+                        probes.append(await _look(link, device, channel))
+                        continue
+                    verdict, hints = device, others
                 except NoAnswer as error:
-                    probes.append(Probe(channel.id, channel.place, "-", None, None, str(error)))
+                    verdict = str(error)
                 except Refused as error:
                     verdict = f"the device refuses it: {error}; check object, or list what there is with --scan"
-                    probes.append(Probe(channel.id, channel.place, "-", None, None, verdict))
+                probes.append(Probe(channel.id, channel.place, "-", None, None, verdict, hints))
             return probes
-        finally:
-            await link.close()
 
     async def scan(self, wanted: Scan) -> Scanned:
         """The devices that answer within the time of `wanted`, and their objects whose values are numbers."""
         from adapters.bacnet.scan import scan
 
-        link = await self._open(beside=True)
-        try:
+        async with self._open(beside=True) as link:
             return await scan(link, wanted, broadcasts=self._table.broadcasts)
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
-        finally:
-            await link.close()
 
     async def close(self) -> None:
         """Close the port; safe to call twice."""
         if self._link is not None:
             await self._link.close()
 
-    async def _open(self, *, beside: bool = False) -> BacnetLink:
+    @asynccontextmanager
+    async def _open(self, *, beside: bool = False) -> AsyncIterator[BacnetLink]:
         for problem in self.check():
             raise SourceConfigError(problem)
         from adapters.bacnet.client import BacnetLink
 
-        self._link = link = BacnetLink(self._table, self._note, beside=beside)
-        try:
-            await link.open()
-        except SourceUnavailable as error:
-            await link.close()
-            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
-        return link
+        with said_of(self.name):
+            self._link = link = BacnetLink(self._table, self._note, beside=beside)
+            try:
+                await link.open()
+                yield link
+            finally:
+                await link.close()
 
     def _follow(self, link: BacnetLink, arrived: asyncio.Queue[Batch], tasks: dict[int, asyncio.Task[None]]) -> None:
         """Follow every device that has channels, and no other."""
         from adapters.bacnet.session import Manner, Session
 
         process = zlib.crc32(self.name.encode()) % LARGEST_PROCESS + 1
-        devices = self._channels.devices
+        devices = addresses(self._channels.all())
         for device in tasks.keys() - devices.keys():
             tasks.pop(device).cancel()
-            self._late += self._sessions.pop(device).late
+            self._late += self._sessions.pop(device).rhythm.late
         poll, lifetime = self._table.poll, self._table.lifetime
         for index, device in enumerate(devices):
             if device in tasks:
@@ -203,7 +199,7 @@ class BacnetSource:
     def _nobody(self) -> str:
         reasons = [session.reason for session in self._sessions.values()]
         more = "" if len(reasons) == 1 else f", and {len(reasons) - 1} other{'s' * (len(reasons) > 2)}"
-        return f"sources.{self.name}: {reasons[0]}{more}; check device, address and the network"
+        return f"{reasons[0]}{more}; check device, address and the network"
 
     def _note(self, kind: str) -> None:
         """Something came that cannot be used."""

@@ -9,12 +9,13 @@ from copy import copy
 from math import inf
 from typing import NamedTuple
 
-from adapters.channel import Binding, Watched, put_to_work
+from adapters.channel import Binding
 from adapters.edge import LiveConverter
 from adapters.http.config import HttpSourceConfig
 from adapters.http.posted import Posted
 from adapters.reading import Batch, Fault, Probe, Quality, Reading
 from adapters.timestamps import EARLIEST
+from adapters.watched import Watched, put_to_work
 
 _UNHEARD = "this source is posted to, and only the running daemon hears that; look at last_good in GET /zones/{zone}"
 
@@ -131,12 +132,8 @@ class HttpChannel(Watched):
         self.measurement = channel.measurement or self.zone
         self.field = channel.field or (name if channel.measurement is None else "value")
         self._counted_until = -inf
-
-    @property
-    def place(self) -> str:
-        """What it is called, in the operator's words."""
         tags = "".join(f",{key}={value}" for key, value in self.tags.items())
-        return f"{self.name or self.id}, or {self.measurement}{tags} {self.field}"
+        self.place = f"{self.name or self.id}, or {self.measurement}{tags} {self.field}"
 
     @property
     def counted(self) -> _Count:

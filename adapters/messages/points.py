@@ -6,12 +6,13 @@ import logging
 import time
 from collections.abc import Iterator, Sequence
 
-from adapters.channel import Binding, Watched, put_to_work
+from adapters.channel import Binding
 from adapters.fields.times import written_to_the_millisecond
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.payload.payload import Decoded, Payload, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
+from adapters.watched import Watched, put_to_work
 
 REPEAT = 600.0
 """What is wrong with the samples of a channel is said again after this time at the earliest, in s."""

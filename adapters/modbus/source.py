@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from importlib.util import find_spec
 from typing import NamedTuple
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceUnavailable, said_of
 from adapters.modbus.client import ModbusLink, NoAnswer, Refused
 from adapters.modbus.config import ModbusConfig
 from adapters.modbus.plan import Point, Request, halves, plan
-from adapters.modbus.points import Channels, ModbusChannel
+from adapters.modbus.points import ModbusChannel, readings
 from adapters.modbus.probing import probe_all
 from adapters.modbus.scan import scan
-from adapters.reading import Batch, Probe
+from adapters.reading import Batch, Fault, Probe
 from adapters.rhythm import Rhythm
 from adapters.scanning import Scan, Scanned
+from adapters.watched import Channels
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent unit is asked again, in s."""
@@ -63,10 +64,9 @@ class ModbusSource:
 
     def __init__(self, name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
-        self.late = 0
-        """How many polls began later than they should have by a whole `poll` or more."""
         self._table, self._listed = table, tuple(bindings)
-        self._channels = Channels(bindings, table)
+        self._channels = Channels(name, bindings, lambda one: ModbusChannel(one, table))
+        self._rhythm = Rhythm(f"sources.{name}", table.poll)
         self._rebound = False
         """Whether `_listed` has changed since the last round."""
         self._requests: list[Request] = []
@@ -75,6 +75,11 @@ class ModbusSource:
         self._refusals: dict[Point, _Refusal] = {}
         self._silent: dict[int, _Silence] = {}
         self._link: ModbusLink | None = None
+
+    @property
+    def late(self) -> int:
+        """How many polls began later than they should have by a whole `poll` or more."""
+        return self._rhythm.late
 
     def check(self) -> list[str]:
         """A sentence if a serial port is named and the library for it is not installed."""
@@ -90,55 +95,40 @@ class ModbusSource:
 
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
-        link = await self._open()
-        try:
-            loop = asyncio.get_running_loop()
-            rhythm = Rhythm(self._table.poll, loop.time())
+        async with self._open() as link:
+            self._rhythm.begin()
             while True:
                 async for batch in self._round(link):
                     yield batch
-                due = rhythm.next(loop.time())
-                self._note_late(rhythm)
-                await asyncio.sleep(due - loop.time())
-        finally:
-            link.close()
+                await self._rhythm.wait()
 
     async def probe(self, seconds: float) -> list[Probe]:
         """Every channel, each by a request of its own; counters twice, `seconds` apart at most."""
-        link = await self._open()
-        try:
+        async with self._open() as link:
             channels = [ModbusChannel(binding, self._table) for binding in self._listed]
             return await probe_all(link, channels, min(seconds, _BETWEEN_COUNTS))
-        except SourceUnavailable as error:
-            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
-        finally:
-            link.close()
 
     async def scan(self, wanted: Scan) -> Scanned:
         """The registers that units have, and what might be in them."""
-        link = await self._open()
-        try:
+        async with self._open() as link:
             return await scan(link, wanted, self._table)
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
-        finally:
-            link.close()
 
     async def close(self) -> None:
         """Close the connection; safe to call twice."""
         if self._link is not None:
             self._link.close()
 
-    async def _open(self) -> ModbusLink:
+    @asynccontextmanager
+    async def _open(self) -> AsyncIterator[ModbusLink]:
         for problem in self.check():
             raise SourceConfigError(problem)
-        self._link = link = ModbusLink(self._table)
-        try:
-            await link.open()
-        except SourceUnavailable as error:
-            link.close()
-            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
-        return link
+        with said_of(self.name):
+            self._link = link = ModbusLink(self._table)
+            try:
+                await link.open()
+                yield link
+            finally:
+                link.close()
 
     async def _round(self, link: ModbusLink) -> AsyncIterator[Batch]:
         """Everything once, but for units that are left alone."""
@@ -174,33 +164,17 @@ class ModbusSource:
                 else:
                     (point,) = request.points
                     self._note_refusal(point, error)
-                    yield Batch(self._channels.refused(point), time.time())
+                    yield Batch(self._channels.bad(point, Fault.REFUSED_BY_DEVICE), time.time())
             except NoAnswer as error:
                 left_alone.add(request.unit)
                 self._note_silence(request.unit, str(error))
-            except SourceUnavailable as error:
-                raise SourceUnavailable(f"sources.{self.name}: {error}") from error
             else:
                 self._note_answer(request)
-                yield Batch(list(self._channels.readings(request, answer)), answer.time)
+                yield Batch(list(readings(self._channels, request, answer)), answer.time)
         units = {point.unit for point in self._channels.points}
         if units <= self._silent.keys():
             self._silent.clear()
-            raise SourceUnavailable(
-                f"sources.{self.name}: {self._table.place} is connected but silent; check unit_id and the device"
-            )
-
-    def _note_late(self, rhythm: Rhythm) -> None:
-        if not rhythm.overrun:
-            return
-        self.late += 1
-        if self.late == 1:
-            _log.warning(
-                "sources.%s: a round took %.1f s, poll is %.1f s; poll less often or read in batches",
-                self.name,
-                rhythm.overrun,
-                self._table.poll,
-            )
+            raise SourceUnavailable(f"{self._table.place} is connected but silent; check unit_id and the device")
 
     def _is_due(self, point: Point, now: float) -> bool:
         """Whether a point that was refused is to be asked for again."""
@@ -210,15 +184,10 @@ class ModbusSource:
         before, pause = self._refusals.get(point), REFUSAL
         if not error.lasting:
             pause = min(2 * before.pause if before and not before.lasting else max(FAILURE, self._table.poll), REFUSAL)
-        if before is None or before.lasting != error.lasting:
-            _log.error(
-                "sources.%s: the device %s %s: %s; asking again %s",
-                self.name,
-                "refuses" if error.lasting else "cannot give",
-                self._channels.names(point),
-                error,
-                f"every {REFUSAL / 60:.0f} min" if error.lasting else f"in {pause:.0f} s, then after growing pauses",
-            )
+        verb, again = "refuses", f"every {REFUSAL / 60:.0f} min"
+        if not error.lasting:
+            verb, again = "cannot give", f"in {pause:.0f} s, then after growing pauses"
+        self._channels.note_refusal(point, str(error), again, verb)
         until = time.monotonic() + pause
         self._refusals[point] = _Refusal(pause, until, error.lasting)
         self._whole_until = min(self._whole_until, until)
@@ -235,4 +204,4 @@ class ModbusSource:
             _log.info("sources.%s: unit %d answers again", self.name, request.unit)
         for point in self._refusals.keys() & set(request.points):
             del self._refusals[point]
-            _log.info("sources.%s: the device gives %s again", self.name, self._channels.names(point))
+            self._channels.note_value(point)

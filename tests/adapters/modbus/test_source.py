@@ -5,7 +5,6 @@ import contextlib
 import struct
 import time
 from contextlib import aclosing
-from types import SimpleNamespace
 
 import pytest
 from pymodbus.constants import ExcCodes
@@ -346,36 +345,6 @@ async def test_a_request_is_repeated_before_it_is_given_up():
         await rounds(bms, 1)
         found = len(site.requests(1))
     assert found == 3
-
-
-def test_polls_keep_their_rhythm_and_late_ones_are_counted(caplog, monkeypatch):
-    """On a clock of its own, by which a round takes as long as is said."""
-    clock = SimpleNamespace(now=0.0)
-
-    async def sleep(seconds):
-        clock.now += seconds
-
-    loop = SimpleNamespace(time=lambda: clock.now)
-    monkeypatch.setattr(adapters.modbus.source, "asyncio", SimpleNamespace(get_running_loop=lambda: loop, sleep=sleep))
-
-    async def job(took):
-        clock.now, times = 0.0, []
-        async with serving(plant(holding=[1])) as site:
-            bms = source(site.port, [channel("c", 0)], poll=0.1)
-            async with aclosing(bms.batches(None)) as stream:
-                for seconds in took:
-                    await anext(stream)
-                    times.append(clock.now)
-                    clock.now += seconds
-        return times, bms.late
-
-    times, late = run(job([0.03, 0.09, 0.15, 0.0, 0.02, 0.0]))
-    assert times == pytest.approx([0.0, 0.1, 0.2, 0.35, 0.45, 0.55]), "a round that is late moves those after it"
-    assert late == 0
-    times, late = run(job([0.35, 0.0, 0.0]))
-    assert times == pytest.approx([0.0, 0.35, 0.45]), "what was missed is not made up for"
-    assert late == 1
-    assert caplog.text.count("poll less often or read in batches") == 1
 
 
 async def test_a_probe_shows_registers_values_and_what_else_they_might_be():
