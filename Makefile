@@ -134,6 +134,11 @@ $(VENV)/home-assistant/installed: .ci/home-assistant | $(VENV)/.ready
 	@$(PYTHON) .ci/home-assistant $(VENV)/home-assistant && touch $@ || \
 	  echo "Home Assistant cannot be installed; the test against it is skipped"
 
+# For CI and for whoever wants it: the foreign server of the test of OPC UA, which is skipped without it.
+$(VENV)/node-opcua: | $(VENV)/.ready
+	@npm install --silent --no-audit --no-fund --prefix $@ node-opcua-server@2.186.4 || \
+	  { rm -rf $@; echo "node-opcua cannot be installed; the test against it is skipped"; }
+
 # For CI and for whoever wants them: without it, the tests of buildings of EnergyPlus are skipped.
 $(VENV)/.energyplus: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,energyplus]' && touch $@ || \

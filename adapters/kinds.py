@@ -9,6 +9,7 @@ from adapters.home_assistant.config import HomeAssistantConfig
 from adapters.http.config import HttpSourceConfig
 from adapters.modbus.config import ModbusConfig
 from adapters.mqtt.config import MqttSourceConfig
+from adapters.opcua.config import OpcuaConfig, OpcuaHistoryConfig
 from adapters.schedule.config import ScheduleConfig
 from adapters.series.config import InfluxConfig, PrometheusConfig
 from adapters.zenoh.config import ZenohSourceConfig
@@ -23,6 +24,8 @@ SOURCE_KINDS: dict[str, type[SourceConfig]] = {
         InfluxConfig,
         ModbusConfig,
         MqttSourceConfig,
+        OpcuaConfig,
+        OpcuaHistoryConfig,
         PrometheusConfig,
         ScheduleConfig,
         ZenohSourceConfig,

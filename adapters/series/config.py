@@ -42,15 +42,31 @@ class SeriesChannelConfig(ChannelConfig):
         return self.query
 
 
-class SeriesConfig(LoginConfig, RecordedConfig):
-    """What every table of such a source has."""
+class HistoryConfig(RecordedConfig):
+    """What the table of every database has that is asked for a stretch of time."""
+
+    begin: Moment = Field(description='the first time to read, such as "2026-01-01T00:00:00Z"')
+    end: Moment | None = Field(default=None, description="time to stop before; none: now")
+    step: PositiveDuration = Field(default=60.0, description="time from one reading to the next")
+
+    @property
+    def asked(self) -> Database:
+        """The database."""
+        raise NotImplementedError
+
+    def build(self, name: str, bindings: Sequence[Binding]) -> SeriesSource:
+        """The source called `name`."""
+        from adapters.series.source import SeriesSource
+
+        return SeriesSource(name, self, bindings)
+
+
+class SeriesConfig(LoginConfig, HistoryConfig):
+    """What every table of a database over HTTP has."""
 
     url: Annotated[str, BeforeValidator(web_address("http://127.0.0.1:9090"))] = Field(
         description='the address of the database, such as "http://127.0.0.1:9090"'
     )
-    begin: Moment = Field(description='the first time to read, such as "2026-01-01T00:00:00Z"')
-    end: Moment | None = Field(default=None, description="time to stop before; none: now")
-    step: PositiveDuration = Field(default=60.0, description="time from one reading to the next")
 
     @property
     def described(self) -> str:
@@ -61,17 +77,6 @@ class SeriesConfig(LoginConfig, RecordedConfig):
     def server(self) -> Server:
         """The server, and as whom it is asked."""
         return Server(self.url, self)
-
-    @property
-    def asked(self) -> Database:
-        """The database, which is asked at the server."""
-        raise NotImplementedError
-
-    def build(self, name: str, bindings: Sequence[Binding]) -> SeriesSource:
-        """The source called `name`."""
-        from adapters.series.source import SeriesSource
-
-        return SeriesSource(name, self, bindings)
 
 
 class PrometheusConfig(SeriesConfig):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import json
 import re
@@ -46,9 +47,12 @@ class Server:
     url: str
     login: LoginConfig
 
-    def ask(self, path: str, parameters: Mapping[str, str]) -> Any:
+    async def ask(self, path: str, parameters: Mapping[str, str]) -> Any:
         """The JSON that `path` answers. Raises SourceUnavailable, and SourceConfigError where it refuses the
         question."""
+        return await asyncio.to_thread(self._answer, path, parameters)
+
+    def _answer(self, path: str, parameters: Mapping[str, str]) -> Any:
         request = urllib.request.Request(f"{self.url.rstrip('/')}{path}?{urlencode(parameters)}")
         user, secret = self.login.credentials()
         if user is not None:
@@ -81,21 +85,25 @@ class Server:
 class Database(Protocol):
     """A database of time series."""
 
-    def points(self, query: str, begin: float, end: float, step: float) -> Points:
+    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
         """What `query` gives in [begin, end), UTC s, one point every `step` s at most. Raises SourceError."""
         ...
 
+    async def close(self) -> None:
+        """Release what it holds; safe to call twice."""
+        return
+
 
 @dataclass(frozen=True)
-class Prometheus:
+class Prometheus(Database):
     """Prometheus, VictoriaMetrics and others with its range queries."""
 
     server: Server
 
-    def points(self, query: str, begin: float, end: float, step: float) -> Points:
+    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
         """The values of the PromQL expression `query` at begin, begin + step, ..., each at most 5 min old."""
         asked = {"query": query, "start": f"{begin:.3f}", "end": f"{end - 1e-3:.3f}", "step": f"{step:g}"}
-        answer = self.server.ask("/api/v1/query_range", asked)
+        answer = await self.server.ask("/api/v1/query_range", asked)
         try:
             found = answer["data"]["result"]
             if len(found) > 1:
@@ -108,14 +116,14 @@ class Prometheus:
 
 
 @dataclass(frozen=True)
-class InfluxDB:
+class InfluxDB(Database):
     """InfluxDB, versions 1, 2 and 3, by the interface of version 1: InfluxQL over `/query`."""
 
     server: Server
     name: str
     """Of the database; of the bucket in version 2."""
 
-    def points(self, query: str, begin: float, end: float, step: float) -> Points:
+    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
         """The means over every `step` of what `query`, such as `"value" FROM "degC" WHERE "room" = '101'`, selects."""
         field, source, condition = parts(query)
         first, last, every = round(1000 * begin), round(1000 * end), round(1000 * step)
@@ -123,7 +131,7 @@ class InfluxDB:
         if condition:
             where = f"({condition}) AND {where}"
         asked = f"SELECT mean({field}) FROM {source} WHERE {where} GROUP BY time({every:d}ms) fill(none)"
-        answer = self.server.ask("/query", {"db": self.name, "epoch": "ms", "q": asked})
+        answer = await self.server.ask("/query", {"db": self.name, "epoch": "ms", "q": asked})
         try:
             (result,) = answer["results"]
             if "error" in result:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import AsyncIterator, Sequence
 
 from adapters.channel import Binding
 from adapters.edge import Converter, newest
-from adapters.errors import SourceError, SourceUnavailable
+from adapters.errors import SourceUnavailable, said_of
 from adapters.pacing import Pacer
 from adapters.reading import Batch, Probe, Reading
-from adapters.series.config import SeriesConfig
+from adapters.series.config import HistoryConfig
 from adapters.series.database import Points
 
 _PAGE = 5000
@@ -24,10 +23,10 @@ _LOOK_BACK = 100
 class SeriesSource:
     """A stretch of a database, as fast as possible or at a pace, with one reading every step at most."""
 
-    def __init__(self, name: str, table: SeriesConfig, bindings: Sequence[Binding]) -> None:
+    def __init__(self, name: str, table: HistoryConfig, bindings: Sequence[Binding]) -> None:
         self.name = name
         self._table, self._database, self._step = table, table.asked, table.step
-        self._channels = [(one.id, one.channel.query, one.edge()) for one in bindings]
+        self._channels = [(one.id, one.channel.address, one.edge()) for one in bindings]
         """Of each channel its id, its query and its edge."""
         self._closed = False
 
@@ -70,12 +69,11 @@ class SeriesSource:
     async def close(self) -> None:
         """End the delivery; safe to call twice."""
         self._closed = True
+        await self._database.close()
 
     async def _asked(self, query: str, begin: float, end: float) -> Points:
-        try:
-            return await asyncio.to_thread(self._database.points, query, begin, end, self._step)
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
+        with said_of(self.name):
+            return await self._database.points(query, begin, end, self._step)
 
 
 def _readings(converter: Converter, points: Points) -> list[Reading]:

@@ -24,7 +24,7 @@ _ROWS = 4096
 """Zones whose weights are in memory at a time."""
 
 
-_POLLED = ("modbus", "bacnet")
+_POLLED = ("modbus", "bacnet", "opcua")
 """Kinds of sources whose devices bear one process that polls them."""
 
 _FAR_MORE = 1.5

@@ -12,7 +12,11 @@ from pymodbus.client.mixin import ModbusClientMixin
 ROOT = Path(__file__).parents[2]
 ADAPTERS = ROOT / "adapters"
 
-KNOWING = {"pymodbus": {"modbus/client.py"}, "bacpypes3": {"bacnet/client.py", "bacnet/stack.py"}}
+KNOWING = {
+    "asyncua": {"opcua/client.py"},
+    "pymodbus": {"modbus/client.py"},
+    "bacpypes3": {"bacnet/client.py", "bacnet/stack.py"},
+}
 
 
 def others(kind: str) -> set[str]:
@@ -20,6 +24,15 @@ def others(kind: str) -> set[str]:
     if kind == "modbus":
         reads = {"read_coils", "read_discrete_inputs", "read_holding_registers", "read_input_registers"}
         return {name for name in vars(ModbusClientMixin) if not name.startswith("__")} - reads
+    if kind == "opcua":
+        pytest.importorskip("asyncua", reason="asyncua is not installed")
+        from asyncua import Client, Node
+        from asyncua.client.ua_session import UaSession
+
+        reads = ("read", "get", "browse", "translate", "subscribe", "connect", "history_read", "create_subscription")
+        more = {"delete", "disconnect", "set_user", "set_password", "set_security"}
+        verbs = {name for one in (Client, Node, UaSession) for name, verb in vars(one).items() if callable(verb)}
+        return {name for name in verbs if not name.startswith(("_", *reads))} - more
     pytest.importorskip("bacpypes3", reason="bacpypes3 is not installed")
     from bacpypes3.apdu import confirmed_request_types, unconfirmed_request_types
     from support.bacnet_plant import READS
@@ -69,12 +82,12 @@ def test_few_modules_know_the_library_of_a_bus(library: str) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [path for kind in ("modbus", "bacnet") for path in sorted((ADAPTERS / kind).glob("*.py"))],
+    [path for kind in ("modbus", "bacnet", "opcua") for path in sorted((ADAPTERS / kind).glob("*.py"))],
     ids=lambda path: path.stem,
 )
 def test_no_module_names_a_verb_that_writes(path: Path) -> None:
     forbidden, tree = others(path.parent.name), tree_of(path)
-    assert forbidden & {"write_register", "WritePropertyRequest"}
+    assert forbidden & {"write_register", "WritePropertyRequest", "write_value"}
     named = {name for name in names(tree) if name.isidentifier()}
     assert not named & forbidden
     assert not any("write" in name.lower() for name in named)

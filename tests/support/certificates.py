@@ -36,11 +36,15 @@ def make_pair(
     signer: Pair | None = None,
     kind: str = "ec",
     password: bytes | None = None,
+    uri: str | None = None,
 ) -> Pair:
-    """NAME.pem and NAME.key for localhost and 127.0.0.1, good for `days` from now, signed by `signer` or itself."""
+    """NAME.pem and NAME.key for localhost, 127.0.0.1 and `uri`, good for `days` from now, signed by `signer` or
+    itself."""
     key = ec.generate_private_key(ec.SECP256R1()) if kind == "ec" else rsa.generate_private_key(65537, 2048)
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     now = datetime.now(UTC)
+    names = [x509.DNSName("localhost"), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
+    names += [x509.UniformResourceIdentifier(uri)] if uri else []
     builder = (
         x509.CertificateBuilder()
         .subject_name(subject)
@@ -52,7 +56,7 @@ def make_pair(
         .add_extension(x509.BasicConstraints(ca=signer is None, path_length=None), critical=True)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
         .add_extension(
-            x509.SubjectAlternativeName([x509.DNSName("localhost"), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]),
+            x509.SubjectAlternativeName(names),
             critical=False,
         )
     )

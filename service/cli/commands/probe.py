@@ -38,7 +38,9 @@ def add_to(add: AddCommand) -> None:
     )
     scan = parser.add_argument_group("scan", "list what there is to read, reading only; needs no zones yet")
     scan.add_argument(
-        "--scan", action="store_true", help="list registers (Modbus), devices and objects (BACnet) or topics (MQTT)"
+        "--scan",
+        action="store_true",
+        help="list registers (Modbus), devices and objects (BACnet), topics (MQTT) or variables (OPC UA)",
     )
     scan.add_argument(
         "--devices",
@@ -154,7 +156,7 @@ async def _scan_all(sources: Mapping[str, SourceConfig], wanted: Scan, *, asked:
         lines = aligned(found.rows) if len(found.rows) > 1 else []
         print("\n".join([f"source {name}: {table.described}", *lines, *map(one_line, found.remarks)]))
     if not scanned and not asked:
-        kinds = "there is no source that can be scanned; those of kind modbus, bacnet and mqtt can"
+        kinds = "there is no source that can be scanned; those of kind modbus, bacnet, mqtt and opcua can"
         print(f"thermogate: {kinds}", file=sys.stderr)
     return 0 if good and scanned else 1
 

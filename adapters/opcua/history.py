@@ -1,0 +1,42 @@
+"""The history of an OPC UA server as a database of time series."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from adapters.opcua.client import OpcuaLink
+from adapters.opcua.config import OpcuaHistoryConfig
+from adapters.series.database import Database, Points
+
+
+class History(Database):
+    """What a server has recorded (part 11, Historical Access), over one session that is opened when it is needed."""
+
+    def __init__(self, table: OpcuaHistoryConfig) -> None:
+        self._table = table
+        self._link: OpcuaLink | None = None
+
+    async def points(self, query: str, begin: float, end: float, step: float) -> Points:
+        """The values of the node `query` at begin, begin + step, ..., each recorded at most `hold` s before; a bad
+        value ends the one before. Raises SourceError."""
+        if self._link is None:
+            link = OpcuaLink(self._table)
+            await link.open()
+            self._link = link
+        recorded = [
+            (seen.time, verdict.raw)
+            for seen in await self._link.history(query, begin - self._table.hold, end)
+            if seen.time is not None and ((verdict := seen.judged()).raw is not None or verdict.fault is not None)
+        ]
+        times, values = np.array(sorted(recorded, key=lambda one: one[0]), dtype=np.float64).reshape(-1, 2).T
+        grid = np.arange(begin, end, step)
+        last = np.searchsorted(times, grid, "right") - 1
+        known = np.flatnonzero(last >= 0)
+        known = known[(grid[known] - times[last[known]] <= self._table.hold) & np.isfinite(values[last[known]])]
+        return Points(grid[known], values[last[known]])
+
+    async def close(self) -> None:
+        """End the session; safe to call twice."""
+        link, self._link = self._link, None
+        if link is not None:
+            await link.close()

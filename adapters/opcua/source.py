@@ -1,0 +1,162 @@
+"""Live telemetry of an OPC UA server, read only."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+from adapters.channel import Binding
+from adapters.errors import SourceConfigError, said_of
+from adapters.opcua.config import OpcuaConfig
+from adapters.opcua.values import Seen
+from adapters.reading import Batch, Probe, Reading
+from adapters.rhythm import Rhythm
+from adapters.scanning import Scan, Scanned
+from adapters.watched import Channels, Watched
+
+if TYPE_CHECKING:
+    from adapters.opcua.client import OpcuaLink
+
+CONFIRM = 60.0
+"""Nodes with a subscription are read as well after this time, in s."""
+
+# Counts that lie further apart than so many polls make no power: what was used meanwhile is not what is used now.
+_POLLS_IN_A_STRETCH = 10
+
+_log = logging.getLogger(__name__)
+
+
+class OpcuaChannel(Watched):
+    """A channel at work, by the node whose value it is."""
+
+    def __init__(self, binding: Binding, poll: float) -> None:
+        super().__init__(binding, _POLLS_IN_A_STRETCH * poll)
+        self.point = self.place = str(binding.channel.node)
+        self.subscribe = bool(binding.channel.subscribe)
+
+
+class OpcuaSource:
+    """The nodes of one server: a subscription to those that it offers, and one request for the others, at every poll.
+
+    A batch is what one poll brings. A value is dated by its source if that time stamp is from after the last poll, and
+    by the poll otherwise: most servers leave the time stamp of a value that stays the same. Where the connection is
+    lost `batches` raises SourceUnavailable, and is to be called again.
+    """
+
+    def __init__(self, name: str, table: OpcuaConfig, bindings: Sequence[Binding]) -> None:
+        self.name = name
+        self._table, self._listed = table, tuple(bindings)
+        self._channels = Channels(name, bindings, lambda one: OpcuaChannel(one, table.poll))
+        self._rebound = False
+        """Whether `_listed` has changed since the last poll."""
+        self._link: OpcuaLink | None = None
+        self._rhythm = Rhythm(f"sources.{name}", table.poll)
+        self._subscribed: dict[str, Seen] = {}
+        """What was last seen of the nodes with a subscription."""
+
+    @property
+    def late(self) -> int:
+        """How many polls began later than they should have by a whole `poll` or more."""
+        return self._rhythm.late
+
+    def check(self) -> list[str]:
+        """Files that cannot be used, and a missing library."""
+        return [f"sources.{self.name}: {problem}" for problem in self._table.problems()]
+
+    def rebind(self, bindings: Sequence[Binding]) -> None:
+        """Read `bindings` from the next poll on, over the same connection."""
+        self._listed, self._rebound = tuple(bindings), True
+
+    async def batches(self, start: float | None) -> AsyncIterator[Batch]:
+        """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
+        async with self._open() as link:
+            self._rhythm.begin()
+            polled, confirm = time.time() - self._table.poll, 0.0
+            self._rebound = True
+            while True:
+                if self._rebound:
+                    await self._follow(link)
+                    confirm = 0.0
+                everything = time.monotonic() >= confirm
+                seen = await self._look(link, everything)
+                confirm = time.monotonic() + CONFIRM if everything else confirm
+                now = time.time()
+                yield Batch([one for node in seen for one in self._readings(node, seen[node], polled, now)], now)
+                polled = now
+                await self._rhythm.wait()
+
+    async def probe(self, seconds: float) -> list[Probe]:
+        """Every channel, and the unit that the server states of it."""
+        channels = [OpcuaChannel(binding, self._table.poll) for binding in self._listed]
+        nodes = list(dict.fromkeys(channel.point for channel in channels))
+        async with self._open() as link:
+            seen, units = await link.read(nodes), await link.units(nodes)
+        return [_probed(channel, seen[channel.point], units.get(channel.point)) for channel in channels]
+
+    async def scan(self, wanted: Scan) -> Scanned:
+        """The variables of the server whose values are numbers."""
+        from adapters.opcua.scan import scan
+
+        async with self._open() as link:
+            return await scan(link)
+
+    async def close(self) -> None:
+        """End the session; safe to call twice."""
+        if self._link is not None:
+            await self._link.close()
+
+    @asynccontextmanager
+    async def _open(self) -> AsyncIterator[OpcuaLink]:
+        with said_of(self.name):
+            for problem in self._table.problems():
+                raise SourceConfigError(problem)
+            from adapters.opcua.client import OpcuaLink
+
+            self._link = link = OpcuaLink(self._table)
+            try:
+                await link.open()
+                yield link
+            finally:
+                await link.close()
+
+    async def _follow(self, link: OpcuaLink) -> None:
+        """Take up the channels that are listed now, and subscribe to those that allow it."""
+        self._rebound = False
+        self._channels.replace(self._listed)
+        allowed = [node for node in self._channels.points if all(one.subscribe for one in self._channels.at(node))]
+        wanted = allowed if self._table.poll < CONFIRM else []
+        refused = await link.subscribe(wanted, self._table.poll)
+        for node, status in list(refused.items())[:1]:
+            say = "sources.%s: the server offers no subscription to %d of %d nodes, such as %s (%s); they are polled"
+            _log.info(say, self.name, len(refused), len(wanted), node, status)
+        self._subscribed = {node: Seen(None) for node in wanted if node not in refused}
+
+    async def _look(self, link: OpcuaLink, everything: bool) -> dict[str, Seen]:
+        """What every node has now; `everything` reads those with a subscription too: notifications get lost."""
+        told = link.taken()
+        self._subscribed |= {node: told[node] for node in self._subscribed.keys() & told.keys()}
+        to_read = [node for node in self._channels.points if everything or node not in self._subscribed]
+        if not to_read:
+            await link.check()
+        found = await link.read(to_read)
+        self._subscribed |= {node: found[node] for node in self._subscribed.keys() & found.keys()}
+        return found | self._subscribed
+
+    def _readings(self, node: str, seen: Seen, polled: float, now: float) -> list[Reading]:
+        """The readings that `seen` brings, between the last poll and now, UTC s."""
+        if seen.is_refusal:
+            self._channels.note_refusal(node, seen.status, "at every poll")
+        else:
+            self._channels.note_value(node)
+        when = seen.time if seen.time is not None and polled < seen.time <= now else now
+        verdict = seen.judged()
+        return self._channels.readings(node, lambda _: verdict, when)
+
+
+def _probed(channel: OpcuaChannel, seen: Seen, unit: str | None) -> Probe:
+    hints = () if unit is None else (f"the server states its unit as {unit}",)
+    shown = f"{seen.value:.6g}" if isinstance(seen.value, float) else str(seen.value)
+    return channel.probed(seen.judged(), "-" if seen.value is None else shown[:40], seen.time or time.time(), hints)
