@@ -58,7 +58,8 @@ def stream_routes(site: str, zones: Mapping[str, ZoneView], streams: Streams) ->
 
     async def _events(view: ZoneView, missed: list[Event]) -> AsyncIterator[bytes]:
         with streams.opened(view.id) as opened:
-            current = Announcement(site, view.id, view.status(), view.latest(), reports=Reports(trust=view.trust()))
+            reports = Reports(trust=view.trust(), ahead=streams.ahead.get(view.id))
+            current = Announcement(site, view.id, view.status(), view.latest(), reports=reports)
             opened.put([*missed, *events_of(current)])
             async for data in opened.read():
                 yield data

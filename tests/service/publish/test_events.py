@@ -10,10 +10,12 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from prometheus_client import CollectorRegistry
 from support.fake_zones import PERIOD, START, announced, make_update, running, waiting
+from support.running_zone import Announced
 
 import service.publish.events
 import service.web.server.server
 from service.config.http import HttpConfig, LimitsConfig
+from service.forecast.ahead import LookingAhead
 from service.publish.events import Event, Stream, Streams
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
 from service.records.record import document
@@ -223,6 +225,16 @@ async def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
         assert held(server) < 10_000
         await server.until(lambda: server.app.state.limiter.open("streams") == 1)
         assert not stuck.writer.is_closing(), "it was not the client who left"
+
+
+async def test_a_client_that_comes_later_hears_the_hours_ahead_at_once():
+    async with serving() as server:
+        heard = Announced()
+        await LookingAhead(SITE, {"living": server.zone}, [heard, server.streams]).attend("living")
+        client = await server.connect()
+        first = {kind: data for kind, _, data in await client.events(6)}
+        assert first["ahead"] == json.loads(heard.told[0].payload("ahead"))
+        assert server.streams.overtaken == 0
 
 
 async def test_a_stop_does_not_wait_for_streams_read_or_not():
