@@ -63,7 +63,7 @@ load-bacnet: $(VENV)/.ready  ## 20 BACnet devices x 50 points each 10 s for 10 m
 golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as it now is; look at the difference before you commit it
 	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py
 
-home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the test against it
+home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the tests against it
 
 bench: $(VENV)/.ready  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.lab.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)

@@ -1,0 +1,103 @@
+"""The integration for Home Assistant, inside the real one: its own tests run there, against a daemon of ours."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from support.harness import ROOT, THERMOGATE, Daemon
+from support.home_assistant import HOME
+from support.thermostat_house import recorded
+
+from replay.recorded.learning import learn, survey
+from service.config.load import load, load_history
+from service.errors import ConfigError
+from service.web.keys import Scope, create_key
+
+PERIOD = 600
+
+PLANT = """
+[site]
+id = "home"
+state_dir = STATE
+
+[sources.home-assistant]
+kind = "http"
+
+[[zones]]
+id = "living"
+period = "10min"
+# No posted reading becomes a sample while the test runs.
+lateness = "1h"
+network = "tite"
+estimator = "ekf"
+
+[zones.channels]
+T_i = { source = "home-assistant", unit = "degC" }
+T_out = { source = "home-assistant", unit = "degC" }
+u_heat = { source = "home-assistant", unit = "W", aggregate = "mean", installed = 6000 }
+
+[zones.setpoint]
+source = "home-assistant"
+unit = "degC"
+"""
+
+HISTORY = """
+[sources.past]
+kind = "csv"
+files = ["past.csv"]
+timestamp = { column = "time" }
+
+[[zones]]
+id = "living"
+setpoint = { source = "past", column = "setpoint", unit = "degC" }
+
+[zones.channels]
+T_i = { source = "past", column = "T_i", unit = "degC" }
+T_out = { source = "past", column = "T_out", unit = "degC" }
+u_heat = { source = "past", column = "u_heat", unit = "W" }
+"""
+
+
+def record(file: Path, days: int) -> None:
+    """The last `days` of a house."""
+    outputs, inputs, wanted = recorded(days, PERIOD)
+    begin = int(time.time()) // PERIOD * PERIOD - len(wanted) * PERIOD
+    with file.open("w", newline="") as stream:
+        rows = csv.writer(stream)
+        rows.writerow(["time", "T_i", "T_out", "u_heat", "setpoint"])
+        for k, ((indoor,), (outdoor, heat), setpoint) in enumerate(zip(outputs, inputs, wanted, strict=True)):
+            stamp = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(begin + k * PERIOD))
+            rows.writerow([stamp, f"{indoor:.3f}", f"{outdoor:.3f}", f"{heat:.1f}", setpoint])
+
+
+def test_the_integration_in_home_assistant(tmp_path: Path) -> None:
+    if not (HOME / "bin" / "pytest").exists():
+        pytest.skip("Home Assistant is not installed; make home-assistant installs it")
+    plant, history = tmp_path / "home.toml", tmp_path / "past.toml"
+    plant.write_text(PLANT.replace("STATE", json.dumps(str(tmp_path / "state"))))
+    history.write_text(HISTORY)
+    record(tmp_path / "past.csv", days=4)
+    config = load_history(plant, history)
+    learn(config, survey(config, None, None), jobs=1)
+    scopes: dict[str, Scope] = {"admin": "admin", "short": "admin", "reader": "read"}
+    keys = {name: create_key(tmp_path / "state" / "keys.json", name, scope) for name, scope in scopes.items()}
+    component = ROOT / "deploy" / "home-assistant" / "custom_components" / "thermogate"
+    with Daemon(plant, tmp_path / "log") as daemon:
+        site = {"url": daemon.url(), "file": str(plant), "command": [str(THERMOGATE)], "component": str(component)}
+        # It is another application, with another interpreter's packages.
+        clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "COVERAGE"))}
+        clean |= {"THERMOGATE_SITE": json.dumps(site | keys), "PYTHONPATH": str(component.parents[1])}
+        checks = ROOT / "tests" / "deploy" / "home_assistant"
+        command = [HOME / "bin" / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", checks / "pytest.ini"]
+        ran = subprocess.run([*command, checks], capture_output=True, text=True, env=clean, timeout=300, check=False)
+    assert ran.returncode == 0, f"{ran.stdout}\n{ran.stderr}\n{daemon.log()}"
+    # What the flow shows is a whole configuration, and the history of its zone.
+    assert load(tmp_path / "whole.toml").zones[0].id == "attic"
+    with pytest.raises(ConfigError, match=r"home-assistant_v2\.db' is not there"):
+        load_history(tmp_path / "whole.toml", tmp_path / "history.toml")
