@@ -54,7 +54,8 @@ def fit(
         period: the sampling period, such as "15min"; None takes the usual distance of the rows.
         estimator, estimator_options, levels, max_gap, hold_inputs: as in [[zones]]; None is the daemon's default.
         habits: whether people heat the zone every day at the same hours; None: for the network "auto".
-        sun: "facades", which needs `latitude` and `longitude`, "hours", or False; None: as the network "auto" can.
+        sun: "facades", which needs `latitude` and `longitude`, as does "clear-sky", which needs no sensor; "hours", or
+            False; None: as the network "auto" can.
         floor_area: of the zone [m2], which scales what is thought of it before the first sample.
         latitude, longitude: of the building, in degrees, north and east positive.
         country: whose public holidays are as weekends, such as "DE" or "DE-BW".

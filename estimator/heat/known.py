@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.heat.sun import FACES, Location, split, sun
-from estimator.heat.terms import DIFFUSE, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
+from estimator.heat.sun import FACES, Location, Sun, clear_sky, split, sun
+from estimator.heat.terms import CLEAR, DIFFUSE, HABIT_HOURS, HORIZONTAL, SUN_HOURS, sun_channel
 from estimator.network.network import Network
 
 _RESOLUTION = 600.0
@@ -35,13 +35,15 @@ class KnownHeat:
     """Drive rows of one network. It has no state."""
 
     def __init__(self, network: Network, period: float, calendar: Calendar, location: Location | None = None) -> None:
-        """`period` [s] is that over which inputs are held; `location` is needed for the sun by facades."""
+        """`period` [s] is that over which inputs are held; `location` is needed for the sun by facades and for a
+        clear sky."""
         self._network, self._period = network, float(period)
         self._calendar, self._location = calendar, location
         channel = sun_channel(network)
         self._sun = None if channel is None else network.inputs.index(channel)
         self._series = tuple(dict.fromkeys(term.series for term in network.terms))
         self._columns = [self._series.index(term.series) for term in network.terms]
+        self._clear = any(name.startswith(CLEAR) for name in self._series)
         parts = max(1, round(period / _RESOLUTION))
         self._parts = (np.arange(parts) + 0.5) * self._period / parts
 
@@ -55,10 +57,11 @@ class KnownHeat:
             return inputs
         times = np.asarray(times, dtype=np.float64)
         known = {HORIZONTAL: np.maximum(inputs[:, self._sun], 0.0)} if self._sun is not None else {}
-        if self._location is not None and known:
+        if self._location is not None and (known or self._clear):
             position = sun(times[:, None] + self._parts, self._location)
-            light = split(position, known[HORIZONTAL])
-            known |= {face: light.beam[face] for face in FACES} | {DIFFUSE: light.diffuse}
+            known |= _light(position, known[HORIZONTAL]) if known else {}
+            if self._clear:
+                known |= {CLEAR + name: part for name, part in _light(position, clear_sky(position)).items()}
         local = self._calendar(times + self._period / 2.0)
         habits = _periodic_hats(local.hour)
         for place, hour in enumerate(HABIT_HOURS):
@@ -75,6 +78,12 @@ class KnownHeat:
         if not self._columns:
             return inputs
         return self.drive(np.array([time]), inputs[None])[0]
+
+
+def _light(position: Sun, horizontal: Array) -> dict[str, Array]:
+    """The mean `horizontal` irradiance (L,) [W/m2], and what of it falls on each face and is diffuse."""
+    light = split(position, horizontal)
+    return {HORIZONTAL: horizontal, DIFFUSE: light.diffuse} | {face: light.beam[face] for face in FACES}
 
 
 def _periodic_hats(hours: Array) -> Array:

@@ -2,7 +2,8 @@
 
 Position: Michalsky, "The Astronomical Almanac's algorithm for approximate solar position", Solar Energy 40 (1988),
 within .01 degrees to 2050. Split of the irradiance into diffuse and beam: Erbs, Klein and Duffie, "Estimation of the
-diffuse radiation fraction", Solar Energy 28 (1982).
+diffuse radiation fraction", Solar Energy 28 (1982). Clear sky: Haurwitz, "Insolation in relation to cloudiness and
+cloud density", Journal of Meteorology 2 (1945), 1098 W/m2 sin(h) exp(-.057 / sin(h)).
 """
 
 from __future__ import annotations
@@ -70,6 +71,14 @@ def sun(times: Array, location: Location) -> Sun:
         up=np.sin(latitude) * np.sin(declination) + np.cos(latitude) * across,
         beyond=SOLAR_CONSTANT / distance**2,
     )
+
+
+def clear_sky(position: Sun) -> Array:
+    """Mean horizontal irradiance (L,) [W/m2] under a clear sky, of L intervals in which the sun is known at S times
+    each (L, S)."""
+    height = np.maximum(position.up, 1e-3)
+    mean: Array = np.where(position.up > 0.0, 1098.0 * height * np.exp(-0.057 / height), 0.0).mean(axis=1)
+    return mean
 
 
 def diffuse_fraction(clearness: Array) -> Array:

@@ -16,13 +16,15 @@ from estimator.network.family import envelope
 from estimator.network.network import Network
 from estimator.network.terms import HeatTerm
 
-SUN_KINDS = ("facades", "hours")
+SUN_KINDS = ("facades", "hours", "clear-sky")
 HABIT_HOURS = tuple(range(0, 24, 3))
 """h of local time at which the eight periodic hats of a day have their peaks."""
 SUN_HOURS = (6, 9, 12, 15, 18)
 """h of local standard time; before the first and after the last the hats go on."""
 
 DIFFUSE, HORIZONTAL = "diffuse", "horizontal"
+CLEAR = "clear_"
+"""Before the names of series: what they would be if the sky were clear."""
 
 _APERTURE, _APERTURE_SD, _APERTURE_WALK = 1.0, 2.0, 0.03
 _HABIT, _HABIT_SD, _DIFFERENCE_SD, _HABIT_WALK = 200.0, 80.0, 100.0, 5.0
@@ -41,9 +43,10 @@ def with_known_heat(
     location: Location | None = None,
     floor_area: float | None = None,
 ) -> Network:
-    """`network` with terms for `habits` and for the `sun`, by "facades" or by "hours".
+    """`network` with terms for `habits` and for the `sun`, by "facades" or "hours", or by facades under a "clear-sky".
 
-    Facades need a `location`, and the sun a heat input in W/m2. NetworkError with one sentence where that is missing.
+    Facades and a clear sky need a `location`; without a clear sky the sun needs a heat input in W/m2. NetworkError with
+    one sentence where that is missing.
     """
     scale = 1.0 if floor_area is None else floor_area / TYPICAL_AREA
     terms: list[HeatTerm] = []
@@ -55,27 +58,29 @@ def with_known_heat(
             terms += _habit_terms(node, room, scale)
     skin = envelope(network)
     if sun is not None and skin is not None:
-        terms.append(_aperture("sun_envelope", skin, HORIZONTAL, scale))
+        clear = CLEAR if sun == "clear-sky" else ""
+        terms.append(_aperture("sun_envelope", skin, clear + HORIZONTAL, scale))
     return replace(network, terms=tuple(terms)).validate()
 
 
 def _sun_terms(
     network: Network, kind: str, location: Location | None, node: str, room: str, scale: float
 ) -> list[HeatTerm]:
-    if sun_channel(network) is None:
+    if kind not in SUN_KINDS:
+        raise NetworkError(f'sun = "{kind}" must be "facades", "hours" or "clear-sky"')
+    if sun_channel(network) is None and kind != "clear-sky":
         raise NetworkError(
-            f'sun = "{kind}" needs the horizontal irradiance; add a heat input in W/m2, such as the channel I_sol'
+            f'sun = "{kind}" needs the horizontal irradiance; add a heat input in W/m2, such as the channel I_sol, or '
+            'write sun = "clear-sky"'
         )
     if kind == "hours":
         return [_aperture(f"sun_{hour:02}{room}", node, f"sun_{hour:02}", scale) for hour in SUN_HOURS]
-    if kind != "facades":
-        raise NetworkError(f'sun = "{kind}" must be "facades" or "hours"')
     if location is None:
-        raise NetworkError(
-            'sun = "facades" needs the latitude and longitude of the site; without them write sun = "hours"'
-        )
+        otherwise = '; without them write sun = "hours"' if kind == "facades" else ""
+        raise NetworkError(f'sun = "{kind}" needs the latitude and longitude of the site{otherwise}')
     faces = ("east", "south" if location.latitude >= 0.0 else "north", "west")
-    return [_aperture(f"sun_{face}{room}", node, face, scale) for face in (*faces, DIFFUSE)]
+    clear = CLEAR if kind == "clear-sky" else ""
+    return [_aperture(f"sun_{face}{room}", node, clear + face, scale) for face in (*faces, DIFFUSE)]
 
 
 def _aperture(name: str, node: str, series: str, scale: float) -> HeatTerm:

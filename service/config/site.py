@@ -51,7 +51,8 @@ def _sun(value: object) -> str | bool:
     if value is False:
         return False
     if value not in SUN_KINDS:
-        raise ValueError(f'must be "facades", "hours" or false, not {shown(value)}')
+        kinds = ", ".join(f'"{kind}"' for kind in SUN_KINDS)
+        raise ValueError(f"must be {kinds} or false, not {shown(value)}")
     return str(value)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import tomli_w
 
-from estimator.heat.terms import DIFFUSE, HABIT_HOURS, SUN_HOURS
+from estimator.heat.terms import CLEAR, DIFFUSE, HABIT_HOURS, SUN_HOURS
 from estimator.network.network import HeatInput, Network, Parameter
 from estimator.registry import written
 from service.config.site import TABLES, Config
@@ -34,7 +34,7 @@ def effective_toml(config: Config) -> str:
 def _known_heat(network: Network) -> dict[str, Any]:
     """The keys of a zone that give `network` its terms."""
     series = {term.series for term in network.terms}
-    by = {"facades": DIFFUSE, "hours": f"sun_{SUN_HOURS[0]:02}"}
+    by = {"facades": DIFFUSE, "hours": f"sun_{SUN_HOURS[0]:02}", "clear-sky": CLEAR + DIFFUSE}
     return {
         "habits": f"habit_{HABIT_HOURS[0]:02}" in series,
         "sun": next((kind for kind, mark in by.items() if mark in series), False),

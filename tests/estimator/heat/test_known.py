@@ -7,7 +7,7 @@ import pytest
 
 from estimator.errors import NetworkError
 from estimator.heat.known import KnownHeat, LocalTime
-from estimator.heat.sun import Location, sun
+from estimator.heat.sun import Location, clear_sky, sun
 from estimator.heat.terms import HABIT_HOURS, SUN_HOURS, with_known_heat
 from estimator.network.network import HeatInput
 from estimator.network.presets import automatic
@@ -104,6 +104,23 @@ def test_a_long_interval_holds_the_mean_of_the_short_ones():
         np.testing.assert_allclose(of(net, coarse, f"sun_{face}")[day], means[day], atol=0.05 * means.max())
 
 
+def test_under_a_clear_sky_a_zone_without_a_sensor_knows_what_one_would_measure():
+    times = JUNE + 600.0 * np.arange(144)
+    sensed = with_known_heat(ROOM, sun="facades", location=PLACE)
+    dark = automatic(["T_i", "T_out", "u_heat"])
+    clear = with_known_heat(dark, sun="clear-sky", location=PLACE)
+    inputs = np.column_stack([np.full(144, 10.0), np.full(144, 500.0)])
+    found = KnownHeat(clear, 600.0, calendar, PLACE).drive(times, inputs)
+    position = sun(times[:, None] + 300.0, PLACE)
+    measured = np.column_stack([inputs, clear_sky(position)])
+    known = KnownHeat(sensed, 600.0, calendar, PLACE).drive(times, measured)
+    assert {term.name for term in clear.terms} == {term.name for term in sensed.terms}
+    for term in clear.terms:
+        tolerance = 25.0 if term.name == "sun_envelope" else 1e-9
+        np.testing.assert_allclose(of(clear, found, term.name), of(sensed, known, term.name), atol=tolerance)
+    assert 900.0 < of(clear, found, "sun_envelope").max() < 1000.0
+
+
 def test_priors_grow_with_the_floor_area():
     small, large = (with_known_heat(ROOM, habits=True, sun="hours", floor_area=area) for area in (35.0, 140.0))
     for one, other in zip(small.terms, large.terms, strict=True):
@@ -122,5 +139,7 @@ def test_what_is_missing_is_said():
         with_known_heat(dark, sun="hours")
     with pytest.raises(NetworkError, match='latitude and longitude of the site; without them write sun = "hours"'):
         with_known_heat(ROOM, sun="facades")
-    with pytest.raises(NetworkError, match='must be "facades" or "hours"'):
+    with pytest.raises(NetworkError, match=r'sun = "clear-sky" needs the latitude and longitude of the site$'):
+        with_known_heat(dark, sun="clear-sky")
+    with pytest.raises(NetworkError, match='must be "facades", "hours" or "clear-sky"'):
         with_known_heat(ROOM, sun="moon")

@@ -24,6 +24,7 @@ WAYS = {
     "automatic": [AUTO],
     "the sun by the hour": [AUTO, SUN, "zones.living.floor_area=120"],
     "the sun by facades": [AUTO, SUN, *PLACE, "zones.living.floor_area=120"],
+    "a clear sky": [AUTO, *PLACE, 'zones.living.sun="clear-sky"'],
     "a bank": [AUTO, 'zones.living.estimator="bank"', "zones.living.estimator_options={discount = 0.99}"],
     "a socket": ['http={socket = "http.sock"}'],
     "a set-point": ['zones.living.setpoint={source = "log", column = "Bedroom", unit = "K", max_age = "1d"}'],
