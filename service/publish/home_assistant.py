@@ -8,7 +8,6 @@ from importlib.metadata import version
 from typing import Any
 
 from adapters.fields.durations import format_duration
-from estimator.diagnosis.finding import FINDINGS
 from service.publish.payloads import AheadPayload
 from service.publish.sinks import Announcement
 from service.records.skill import Skill
@@ -84,11 +83,6 @@ def discovery(
             document["json_attributes_topic"] = f"{topics}/{topic}"
         found[f"{prefix}/{component}/{identity}/{key}/config"] = json.dumps(document).encode()
     return found
-
-
-def retired(prefix: str, site: str, zone: str) -> list[str]:
-    """The configuration topics of the entities that a zone once had, for the broker to forget."""
-    return [f"{prefix}/binary_sensor/thermogate_{site}_{zone}/{finding}/config" for finding in FINDINGS]
 
 
 _Entity = tuple[str, str, str, dict[str, Any]]

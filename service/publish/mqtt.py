@@ -24,7 +24,7 @@ from adapters.mqtt.background import Background
 from adapters.mqtt.broker import BrokerConfig, Topic
 from adapters.mqtt.client import IN_FLIGHT, Client, Will, connected
 from service.pauses import GrowingPause, within
-from service.publish.home_assistant import discovery, retired
+from service.publish.home_assistant import discovery
 from service.publish.sinks import Announcement, Occasion, Sink, SinkKind
 from service.records.measures import Measure, single
 
@@ -119,8 +119,6 @@ class Publisher(Sink):
             heating = ("heating",) if ahead is not None and ahead.heating is not None else ()
             entities = (*announcement.topics, *heating)
             if self._prefix is not None and entities not in told:
-                if not told:
-                    messages |= dict.fromkeys(retired(self._prefix, self._site, zone), CLEARED)
                 told.add(entities)
                 messages |= discovery(self._prefix, self._site, base, self._available, announcement, self._page)
             self._keep({topic: payload for topic, payload in messages.items() if self._last.get(topic) != payload})

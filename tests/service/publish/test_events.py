@@ -5,35 +5,33 @@ import json
 import socket
 import threading
 import time
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 import pytest
 from prometheus_client import CollectorRegistry
 from support.fake_zones import PERIOD, START, announced, make_update, running, waiting
 from support.running_zone import Announced
+from support.served import Client, config, serving
+from support.waiting import PATIENCE, until
 
 import service.publish.events
-import service.web.server.server
-from service.config.http import HttpConfig, LimitsConfig
 from service.forecast.ahead import LookingAhead
 from service.publish.events import Event, Stream, Streams
 from service.publish.payloads import ForecastPayload, GatePayload, VolatilityPayload
 from service.records.record import document
 from service.web.app import Backend, create_app
-from service.web.server.server import HttpServer
 
 SITE = "home"
 
 
-class Client:
+class Listener(Client):
     """One connection to a stream, read as bytes and parsed into events."""
 
-    def __init__(self, reader, writer):
-        self.reader, self.writer, self.text = reader, writer, ""
+    text, rest = "", b""
 
     async def events(self, count):
         """Read until `count` events have come; (event, id, data) of every one of them."""
-        async with asyncio.timeout(180):
+        async with asyncio.timeout(PATIENCE):
             while len(found := self.parsed()) < count:
                 chunk = await self.reader.read(65536)
                 assert chunk, f"ended after {self.text}"
@@ -43,15 +41,10 @@ class Client:
     async def heard(self, stamp):
         """Read until the status of the sample at `stamp` has come; what came before is forgotten."""
         news = ""
-        async with asyncio.timeout(180):
+        async with asyncio.timeout(PATIENCE):
             while "event: status" not in news or f"id: {stamp}" not in news.split("event: status")[-1]:
                 news += (await self.reader.read(65536)).decode()
         return news
-
-    async def to_the_end(self):
-        async with asyncio.timeout(180):
-            self.text += (await self.reader.read()).decode()
-        return self.text
 
     def parsed(self):
         events = []
@@ -63,25 +56,20 @@ class Client:
         return events
 
 
-class Serving:
+class Site:
     """A server with one zone, whose updates tests announce."""
 
-    def __init__(self, url, streams, zone, app):
-        self.port = int(url.rpartition(":")[2])
-        self.streams, self.zone, self.app, self.clients = streams, zone, app, []
+    def __init__(self, server, streams, zone, app):
+        self.server, self.streams, self.zone, self.app, self.clients = server, streams, zone, app, []
 
-    async def connect(self, path="/zones/living/stream", headers="", receive_buffer=None):
-        raw = socket.socket()
-        if receive_buffer is not None:
-            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        raw.setblocking(False)
-        await asyncio.get_running_loop().sock_connect(raw, ("127.0.0.1", self.port))
+    async def connect(self, headers="", receive_buffer=None):
         # A reader with a tiny limit stops reading from its socket until it is asked to.
-        limit = 2**16 if receive_buffer is None else 16
-        reader, writer = await asyncio.open_connection(sock=raw, limit=limit)
-        writer.write(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\n{headers}\r\n".encode())
-        self.clients.append(Client(reader, writer))
-        return self.clients[-1]
+        client = await Listener.to(self.server, limit=2**16 if receive_buffer is None else 16)
+        if receive_buffer is not None:
+            client.writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        await client.send(f"GET /zones/living/stream HTTP/1.1\r\nHost: localhost\r\n{headers}\r\n".encode())
+        self.clients.append(client)
+        return client
 
     def announce(self, step):
         update = make_update(step, self.zone.network)
@@ -93,32 +81,19 @@ class Serving:
         announcing.join()
         return update
 
-    async def until(self, done):
-        async with asyncio.timeout(180):
-            while not done():
-                await asyncio.sleep(0.01)
-
 
 @asynccontextmanager
-async def serving(limits=None, zones=None):
-    streams = Streams()
-    http = HttpConfig(port=0, limits=LimitsConfig(**(limits or {})))
+async def opened(limits=None, zones=None):
+    streams, http = Streams(), config(limits=limits or {})
     zones = zones or {"living": running("living")}
     app = create_app(SITE, zones, CollectorRegistry(), backend=Backend(streams=streams), http=http)
-    server = HttpServer(app, http)
-    task = asyncio.create_task(server.run())
-    await server.started(task)
-    serving = Serving(server.url, streams, zones["living"], app)
-    try:
-        yield serving
-    finally:
+    async with serving(app, http) as server:
+        site = Site(server, streams, zones["living"], app)
+        yield site
         streams.end()
-        await server.stop(task)
-        for client in serving.clients:
-            client.rest = b"" if client.writer.is_closing() else await client.reader.read(2**20)
-            client.writer.close()
-            with suppress(OSError):
-                await client.writer.wait_closed()
+    for client in site.clients:
+        client.rest = b"" if client.writer.is_closing() else await client.reader.read(2**20)
+        await client.close()
 
 
 def stamp(step):
@@ -126,7 +101,7 @@ def stamp(step):
 
 
 async def test_what_stands_comes_at_once_and_then_what_is_issued():
-    async with serving() as server:
+    async with opened() as server:
         client = await server.connect(headers="Accept-Encoding: gzip\r\n")
         first = await client.events(5)
         assert [kind for kind, _, _ in first] == ["forecast", "volatility", "gate", "trust", "status"]
@@ -146,7 +121,7 @@ async def test_what_stands_comes_at_once_and_then_what_is_issued():
 
 
 async def test_a_zone_without_a_sample_tells_its_state():
-    async with serving(zones={"living": waiting("living")}) as server:
+    async with opened(zones={"living": waiting("living")}) as server:
         client = await server.connect()
         ((kind, id, data),) = await client.events(1)
         assert (kind, id, data["state"]) == ("status", None, "waiting")
@@ -159,7 +134,7 @@ async def test_a_zone_without_a_sample_tells_its_state():
     ("last", "rows"), [(stamp(0), [stamp(1), stamp(2)]), (stamp(2), []), ("nonsense", []), (stamp(0)[:-1], [])]
 )
 async def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
-    async with serving() as server:
+    async with opened() as server:
         client = await server.connect(headers=f"Last-Event-ID: {last}\r\n")
         events = await client.events(6 if rows else 5)
         history = [data for kind, _, data in events if kind == "history"]
@@ -169,10 +144,10 @@ async def test_a_client_that_comes_back_is_given_the_rows_it_missed(last, rows):
 
 async def test_a_silent_zone_sends_comments(monkeypatch):
     monkeypatch.setattr(service.publish.events, "KEEP_ALIVE", 0.02)
-    async with serving() as server:
+    async with opened() as server:
         client = await server.connect()
         await client.events(5)
-        async with asyncio.timeout(180):
+        async with asyncio.timeout(PATIENCE):
             while client.text.count(": ping") < 3:
                 client.text += (await client.reader.read(1000)).decode()
         assert len(client.parsed()) == 5
@@ -191,7 +166,7 @@ async def test_newer_events_take_the_place_of_those_that_were_not_read():
 
 
 async def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over():
-    async with serving({"streams_per_client": 200, "streams": 200}) as server:
+    async with opened({"streams_per_client": 200, "streams": 200}) as server:
         clients = await asyncio.gather(*(server.connect() for _ in range(200)))
         await asyncio.gather(*(client.events(5) for client in clients))
         assert server.app.state.limiter.open("streams") == 200
@@ -201,7 +176,7 @@ async def test_two_hundred_streams_all_hear_every_sample_and_none_is_left_over()
             assert {events[-1][1] for events in heard} == {stamp(step)}
         for client in clients:
             client.writer.close()
-        await server.until(lambda: server.app.state.limiter.open("streams") == 0)
+        await until(lambda: server.app.state.limiter.open("streams") == 0)
         assert not server.streams._open
 
 
@@ -211,24 +186,24 @@ def held(server):
 
 
 async def test_a_client_that_never_reads_holds_four_events_and_is_cut_off():
-    async with serving({"send_timeout": 1.0}) as server:
+    async with opened({"send_timeout": 1.0}) as server:
         stuck, well = await server.connect(receive_buffer=2048), await server.connect()
         await well.heard(stamp(2))
         step = 3
         # Until the buffers between the two are full; from then on nothing but the newest is kept for it.
-        async with asyncio.timeout(180):
+        async with asyncio.timeout(PATIENCE):
             while server.streams.overtaken < 40:
                 server.announce(step)
                 assert (await well.heard(stamp(step))).count("event: ") == 4, "the others miss nothing"
                 step += 1
         assert server.app.state.limiter.open("streams") == 2
         assert held(server) < 10_000
-        await server.until(lambda: server.app.state.limiter.open("streams") == 1)
+        await until(lambda: server.app.state.limiter.open("streams") == 1)
         assert not stuck.writer.is_closing(), "it was not the client who left"
 
 
 async def test_a_client_that_comes_later_hears_the_hours_ahead_at_once():
-    async with serving() as server:
+    async with opened() as server:
         heard = Announced()
         await LookingAhead(SITE, {"living": server.zone}, [heard, server.streams]).attend("living")
         client = await server.connect()
@@ -238,7 +213,7 @@ async def test_a_client_that_comes_later_hears_the_hours_ahead_at_once():
 
 
 async def test_a_stop_does_not_wait_for_streams_read_or_not():
-    async with serving() as server:
+    async with opened() as server:
         stuck, well = await server.connect(receive_buffer=2048), await server.connect()
         step = 3
         while server.streams.overtaken < 8:
@@ -249,5 +224,5 @@ async def test_a_stop_does_not_wait_for_streams_read_or_not():
     assert not stuck.rest.endswith(b"0\r\n\r\n")
     late = service.publish.events.Streams()
     late.end()
-    with late.opened("living") as opened:
-        assert [data async for data in opened.read()][1:] == []
+    with late.opened("living") as stream:
+        assert [data async for data in stream.read()][1:] == []

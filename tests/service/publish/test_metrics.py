@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import platform
 
-import pytest
-from prometheus_client import REGISTRY, generate_latest
+from prometheus_client import generate_latest
 from prometheus_client.parser import text_string_to_metric_families
 from support.fake_zones import FakeZone, announced, make_update, running
 
@@ -52,13 +51,6 @@ def test_zones_are_not_asked_before_the_first_scrape() -> None:
     Metrics({"living": Unready("living")})
 
 
-def test_registries_are_apart() -> None:
-    first, second = Metrics({}), Metrics({})
-    first.publish(announced("living", make_update(0), running("living").status()))
-    assert at("thermogate_samples_total", zone="living") not in scrape(second)
-    assert b"thermogate" not in generate_latest(REGISTRY)
-
-
 def test_a_measure_is_read_at_every_scrape_and_not_before() -> None:
     read: list[float] = []
 
@@ -78,12 +70,6 @@ def test_a_measure_is_read_at_every_scrape_and_not_before() -> None:
     values = scrape(metrics)
     assert values[at("thermogate_mailbox_depth", zone="living")] == 2.0
     assert values[at("thermogate_journal_rows_total")] == 7.0
-
-
-def test_a_name_is_given_once() -> None:
-    metrics = Metrics({})
-    with pytest.raises(ValueError, match="Duplicated"):
-        metrics.register([Measure("thermogate_gate", "gauge", "Another", (), lambda: single(0.0))])
 
 
 def test_checkpoints_failures_and_the_process_are_counted() -> None:

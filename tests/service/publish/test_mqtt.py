@@ -18,7 +18,6 @@ from support.waiting import wait_until
 from service.config.load import load
 from service.errors import ConfigError
 from service.publish import mqtt
-from service.publish.home_assistant import retired
 from service.publish.mqtt import MqttConfig, Publisher
 from service.publish.sinks import TOPICS, Announcement, Occasion, Reports
 from service.records.measures import family
@@ -134,17 +133,6 @@ def test_a_zone_that_is_removed_is_forgotten(site: Mosquitto) -> None:
         wait_until(lambda: f"{LIVING}status" in late.newest() and len(late.newest()) > 20)
         assert not any("bedroom" in topic for topic in late.newest())
     publishing.remove("bedroom")
-    publishing.close()
-
-
-def test_the_entities_of_single_findings_are_withdrawn(site: Mosquitto) -> None:
-    (once, *_) = retired("homeassistant", "htwg", "living")
-    with Party(site.port, once) as watching:
-        watching.put(once, b"{}", retain=True, qos=1)
-        wait_until(lambda: watching.newest() == {once: b"{}"})
-        publishing = publisher(site.port, "homeassistant")
-        publishing.publish(everything())
-        wait_until(lambda: watching.newest() == {once: b""})
     publishing.close()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import threading
@@ -14,6 +13,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from support.fake_zones import announced, make_update, running
+from support.harness import free_port
 from support.publishing import opened, settings
 from support.zenoh_plant import session as session_of
 
@@ -25,22 +25,6 @@ from service.publish.zenoh import Publisher, ZenohConfig
 from service.records.record import document
 
 ZONES = ["living", "bedroom"]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def listener(address: str) -> zenoh.Session:
-    config = zenoh.Config()
-    config.insert_json5("mode", '"peer"')
-    config.insert_json5("listen/endpoints", "[]")
-    config.insert_json5("connect/endpoints", json.dumps([address]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
 
 
 @pytest.fixture
@@ -57,9 +41,8 @@ def publisher(address: str) -> Iterator[Publisher]:
 
 @pytest.fixture
 def session(publisher: Publisher, address: str) -> Iterator[zenoh.Session]:
-    session = listener(address)
-    yield session
-    session.close()
+    with session_of("peer", connect=address) as opened_session:
+        yield opened_session
 
 
 def receive(subscriber: zenoh.Subscriber, count: int, timeout: float = 240) -> list[zenoh.Sample]:

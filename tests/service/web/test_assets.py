@@ -54,11 +54,6 @@ def test_who_has_it_is_not_sent_it_again(path: str) -> None:
     assert again.headers["x-content-type-options"] == "nosniff"
 
 
-def test_a_file_that_is_not_there_is_a_problem() -> None:
-    assert get(daemon_app(), "/static/../app.py").status_code == 404
-    assert get(daemon_app(), "/static/%2e%2e/app.py").status_code == 404
-
-
 @pytest.mark.parametrize("size", [10, 2_000, 300_000])
 def test_answers_are_compressed_for_who_takes_that(size: int) -> None:
     app = daemon_app()

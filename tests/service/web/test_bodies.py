@@ -174,17 +174,6 @@ def test_a_body_that_no_route_reads_is_not_taken_in(app: FastAPI) -> None:
     assert not asked
 
 
-@pytest.mark.parametrize("path", ["/zones", "/zones/living", "/metrics", "/healthz", "/zones/living/skill", "/readyz"])
-def test_a_parameter_that_a_route_does_not_know_is_refused(app: FastAPI, path: str) -> None:
-    assert get(app, path).status_code in (200, 503)
-    assert "query parameter 'colour' is not known" in problem(get(app, f"{path}?colour=red"), 422)["detail"]
-
-
-def test_what_a_path_takes_is_told_in_full(app: FastAPI) -> None:
-    answer = request(app, "OPTIONS", PLAN)
-    assert (answer.status_code, answer.headers["allow"]) == (405, "GET, POST")
-
-
 def test_the_description_allows_no_level_and_no_horizon_that_is_refused(app: FastAPI) -> None:
     parameters = get(app, "/openapi.json").json()["paths"]["/zones/{zone}/forecast"]["get"]["parameters"]
     schemas = {each["name"]: each["schema"] for each in parameters}

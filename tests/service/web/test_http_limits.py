@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
@@ -22,10 +22,6 @@ from service.web.server.peers import peer_of
 from service.web.server.server import HttpServer
 
 QUICK = {"receive_timeout": 0.6, "send_timeout": 0.6, "idle_timeout": 0.6}
-
-
-def run(scenario: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 180))
 
 
 def small_app() -> FastAPI:
@@ -109,7 +105,7 @@ async def test_a_connection_without_requests_is_closed() -> None:
             await client.close()
 
 
-def test_a_slow_answer_is_not_the_clients_fault() -> None:
+async def test_a_slow_answer_is_not_the_clients_fault() -> None:
     app = small_app()
 
     @app.get("/slow")
@@ -117,11 +113,8 @@ def test_a_slow_answer_is_not_the_clients_fault() -> None:
         await asyncio.sleep(1.0)
         return "done"
 
-    async def scenario() -> None:
-        async with serving(app, config(limits=QUICK)) as server:
-            assert (await ask(server, "/slow")).body == b'"done"'
-
-    run(scenario())
+    async with serving(app, config(limits=QUICK)) as server:
+        assert (await ask(server, "/slow")).body == b'"done"'
 
 
 @pytest.mark.parametrize("path", ["/large?megabytes=32", "/endless"])

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ssl
-from collections.abc import Coroutine
 from pathlib import Path
-from typing import Any
 
 import pytest
 from fastapi import FastAPI, Response
@@ -19,10 +17,6 @@ from service.publish.metrics import Metrics
 from service.web.app import create_app
 from service.web.measures import http_measures
 from service.web.server.server import HttpServer
-
-
-def run(scenario: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(scenario, 180))
 
 
 def app() -> FastAPI:
@@ -108,24 +102,21 @@ async def test_who_does_not_finish_the_handshake_is_let_go(
     assert not [record for record in caplog.records if record.levelname != "INFO"], "no noise in the log"
 
 
-def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path) -> None:
+async def test_who_never_reads_is_cut_off_through_encryption_too(tmp_path: Path) -> None:
     application = app()
 
     @application.get("/large")
     async def large() -> Response:
         return Response(bytes(32 * 2**20))
 
-    async def scenario() -> None:
-        pair = make_pair(tmp_path)
-        settings = {"certificate": pair.certificate, "private_key": pair.private_key}
-        async with serving(application, config(**settings, limits={"send_timeout": 0.3})) as server:
-            deaf = await Client.to(server, trusting(pair), limit=1024)
-            deaf.writer.transport.pause_reading()
-            await deaf.send(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
-            await until(lambda: server.cut_off["slow to read"] and server.connections == 0)
-            deaf.writer.transport.abort()
-
-    run(scenario())
+    pair = make_pair(tmp_path)
+    settings = {"certificate": pair.certificate, "private_key": pair.private_key}
+    async with serving(application, config(**settings, limits={"send_timeout": 0.3})) as server:
+        deaf = await Client.to(server, trusting(pair), limit=1024)
+        deaf.writer.transport.pause_reading()
+        await deaf.send(b"GET /large HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        await until(lambda: server.cut_off["slow to read"] and server.connections == 0)
+        deaf.writer.transport.abort()
 
 
 def test_a_certificate_that_cannot_be_used_stops_the_start(tmp_path: Path) -> None:

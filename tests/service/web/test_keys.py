@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import hashlib
 import json
 import logging
 import os
-import resource
 import stat
 import threading
 from datetime import UTC, datetime, timedelta
@@ -180,26 +178,6 @@ def test_a_file_that_cannot_be_read_at_the_moment_closes_and_is_read_later(
                 ring.find(asked)
     assert ring.find(secret) is None
     assert ring.find(other) is not None
-
-
-def test_descriptors_that_are_used_up_open_nothing(file: Path) -> None:
-    secret = create_key(file, "one", "read")
-    ring = KeyRing(file, required=True)
-    revoke_key(file, "one")
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    taken: list[int] = []
-    try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (64, hard))
-        with contextlib.suppress(OSError):
-            while True:
-                taken.append(os.open("/dev/null", os.O_RDONLY))
-        with pytest.raises(KeyFileError):
-            ring.find(secret)
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        for descriptor in taken:
-            os.close(descriptor)
-    assert ring.find(secret) is None
 
 
 def test_what_stands_in_the_way_is_said_in_one_sentence(tmp_path: Path) -> None:

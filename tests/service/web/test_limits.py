@@ -111,7 +111,7 @@ async def test_a_place_is_held_until_the_stream_has_ended(app: FastAPI, tmp_path
     assert app.state.limiter.open(STREAMS) == 0
 
 
-def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> None:
+async def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> None:
     async def ticks() -> AsyncIterator[bytes]:
         while True:
             yield b"tick"
@@ -123,16 +123,13 @@ def test_a_stream_ends_when_its_key_is_revoked(app: FastAPI, tmp_path: Path) -> 
 
     secret = create_key(tmp_path / "keys.json", "one", "read")
 
-    async def scenario() -> None:
-        running = asyncio.create_task(ask(app, "/ticks", authorization=f"Bearer {secret}"))
-        await until(lambda: app.state.limiter.open(STREAMS) == 1)
-        await asyncio.sleep(0.1)
-        assert not running.done()
-        revoke_key(tmp_path / "keys.json", "one")
-        assert await asyncio.wait_for(running, 180) == 200
-        assert app.state.limiter.open(STREAMS) == 0
-
-    asyncio.run(scenario())
+    running = asyncio.create_task(ask(app, "/ticks", authorization=f"Bearer {secret}"))
+    await until(lambda: app.state.limiter.open(STREAMS) == 1)
+    await asyncio.sleep(0.1)
+    assert not running.done()
+    revoke_key(tmp_path / "keys.json", "one")
+    assert await asyncio.wait_for(running, 180) == 200
+    assert app.state.limiter.open(STREAMS) == 0
 
 
 async def test_a_place_is_given_back_if_the_stream_breaks_or_its_client_goes(app: FastAPI) -> None:
