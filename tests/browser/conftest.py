@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from support.browser import browser
 from support.waiting import PATIENCE
 
 SCREENS = {
@@ -18,15 +19,11 @@ SCREENS = {
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     """A browser for one module: playwright runs an event loop, beside which other tests could not run theirs."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
-    executable = shutil.which("chromium")
-    if executable is None:
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[dev]'")
+    if shutil.which("chromium") is None:
         pytest.skip("chromium is not installed: apt-get install chromium")
-    with playwright.sync_playwright() as driver:
-        # As root, as in a container of CI, chromium has no sandbox of its own.
-        browser = driver.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
-        yield browser
-        browser.close()
+    with browser() as launched:
+        yield launched
 
 
 GONE = ("ERR_CONNECTION_REFUSED", "ERR_CONNECTION_RESET", "ERR_INCOMPLETE_CHUNKED_ENCODING", "ERR_EMPTY_RESPONSE")

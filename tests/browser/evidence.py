@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import statistics
 import sys
 import time
@@ -19,7 +18,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from support.browser import eventually
+from support.browser import browser, eventually
 from support.building import Building, building
 from support.fake_zones import FakeZone, running
 
@@ -161,26 +160,19 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "var" / "page.json", help="file of the figures")
     parser.add_argument("--stream", type=float, default=60.0, help="seconds of streaming")
     arguments = parser.parse_args()
-    from playwright.sync_api import sync_playwright
-
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        raise SystemExit("chromium is not installed; apt-get install chromium")
     figures: dict[str, Any] = {}
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+    with browser() as launched:
         for count in (1, 30, 1000):
             with building(rooms(count)) as served:
-                figures[f"overview of {count}"] = paint(browser, served)
+                figures[f"overview of {count}"] = paint(launched, served)
                 print(count, figures[f"overview of {count}"], flush=True)
                 if count == 30:
-                    figures["room"] = room(browser, served)
+                    figures["room"] = room(launched, served)
                     print("room", figures["room"], flush=True)
                 if count == 1000:
-                    figures["scrolling"] = scrolling(browser, served)
+                    figures["scrolling"] = scrolling(launched, served)
                     print("scrolling", figures["scrolling"], flush=True)
-                    figures["streaming"] = streaming(browser, served, arguments.stream)
-        browser.close()
+                    figures["streaming"] = streaming(launched, served, arguments.stream)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     arguments.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     print(arguments.out)

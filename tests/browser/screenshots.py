@@ -8,20 +8,22 @@ made again.
 from __future__ import annotations
 
 import argparse
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from support.browser import eventually
+from support.browser import browser, eventually
 from support.harness import free_port
+from support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 
@@ -40,47 +42,43 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=120.0, help="how long the demo runs before")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    port = free_port()
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service", "demo", "--port", str(port), "--directory", folder]
-        # Zenoh's port belongs to whatever else runs here.
-        command += ["--set", "zenoh.enabled=false"]
-        demo = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        try:
-            url = f"http://127.0.0.1:{port}"
-            answers(url, demo)
-            time.sleep(arguments.seconds)
-            _photograph(url, arguments.out)
-        finally:
-            demo.terminate()
-            demo.wait()
+    with demo() as (url, _):
+        time.sleep(arguments.seconds)
+        _photograph(url, arguments.out)
     print("\n".join(str(arguments.out / f"{name}.png") for name, *_ in PHOTOGRAPHED))
     return 0
 
 
-def answers(url: str, demo: subprocess.Popen[bytes]) -> None:
-    """Wait until the daemon serves its page."""
-    deadline = time.monotonic() + 180
-    while True:
+@contextmanager
+def demo(*options: str) -> Iterator[tuple[str, int]]:
+    """The living demo, once it serves its page: the address, and the process."""
+    port = free_port()
+    url = f"http://127.0.0.1:{port}"
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "service", "demo", "--port", str(port), "--directory", folder]
+        # Zenoh's port belongs to whatever else runs here.
+        command += ["--set", "zenoh.enabled=false", *options]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            with urllib.request.urlopen(url, timeout=10):
-                return
-        except OSError:
-            if demo.poll() is not None or time.monotonic() > deadline:
-                raise
-            time.sleep(0.2)
+            wait_until(lambda: process.poll() is not None or _serves(url))
+            yield url, process.pid
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def _serves(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=10):
+            return True
+    except OSError:
+        return False
 
 
 def _photograph(url: str, out: Path) -> None:
-    from playwright.sync_api import sync_playwright
-
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        raise SystemExit("chromium is not installed; apt-get install chromium")
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+    with browser() as launched:
         for name, path, width, height, colours, language in PHOTOGRAPHED:
-            context = browser.new_context(
+            context = launched.new_context(
                 viewport={"width": width, "height": height}, color_scheme=colours, locale=language
             )
             context.set_default_timeout(180_000)
@@ -89,7 +87,6 @@ def _photograph(url: str, out: Path) -> None:
             _drawn(page, "zone" in path)
             page.screenshot(path=out / f"{name}.png")
             context.close()
-        browser.close()
 
 
 def _drawn(page: Any, room: bool) -> None:

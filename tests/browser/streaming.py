@@ -9,11 +9,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 import urllib.request
 from collections.abc import Sequence
@@ -24,9 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from evidence import Measured
-from screenshots import answers
-from support.browser import eventually
-from support.harness import free_port
+from screenshots import demo
+from support.browser import browser, eventually
 
 ROOT = Path(__file__).parents[2]
 
@@ -71,23 +67,8 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=3600.0, help="how long")
     parser.add_argument("--pace", type=float, default=600.0, help="multiple of real time")
     arguments = parser.parse_args()
-    port, looks = free_port(), []
-    with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "service", "demo", "--port", str(port), "--directory", folder]
-        demo = subprocess.Popen(
-            # Zenoh's port belongs to whatever else runs here.
-            [*command, "--pace", f"{arguments.pace:g}", "--set", "zenoh.enabled=false"],
-            cwd=ROOT,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            url = f"http://127.0.0.1:{port}"
-            answers(url, demo)
-            looks = _stream(url, demo.pid, arguments.seconds)
-        finally:
-            demo.terminate()
-            demo.wait()
+    with demo("--pace", f"{arguments.pace:g}") as (url, process):
+        looks = _stream(url, process, arguments.seconds)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     figures = {"pace": arguments.pace, "looks": [look._asdict() for look in looks]}
     arguments.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -96,15 +77,9 @@ def main() -> int:
 
 
 def _stream(url: str, daemon: int, seconds: float) -> list[Look]:
-    from playwright.sync_api import sync_playwright
-
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        raise SystemExit("chromium is not installed; apt-get install chromium")
     looks: list[Look] = []
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
-        pages = {name: Measured(browser) for name in PAGES}
+    with browser() as launched:
+        pages = {name: Measured(launched) for name in PAGES}
         for name, path in PAGES.items():
             pages[name].page.goto(url + path)
         pages["overview"].page.wait_for_selector("tr[data-zone]")
@@ -116,7 +91,6 @@ def _stream(url: str, daemon: int, seconds: float) -> list[Look]:
                 looks.append(_look(url, round(passed), pages, daemon, thorough))
                 print(looks[-1], flush=True)
             pages["room"].page.wait_for_timeout(1000)
-        browser.close()
     return looks
 
 

@@ -1,11 +1,29 @@
-"""Waiting in a page, and what axe says of it."""
+"""A real browser, waiting in a page, and what axe says of it."""
 
 from __future__ import annotations
 
+import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from support.waiting import PATIENCE
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """Debian's chromium, driven by playwright; SystemExit where there is none."""
+    from playwright.sync_api import sync_playwright
+
+    executable = shutil.which("chromium")
+    if executable is None:
+        raise SystemExit("chromium is not installed; apt-get install chromium")
+    with sync_playwright() as driver:
+        # As root, as in a container of CI, chromium has no sandbox of its own.
+        launched = driver.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
+        yield launched
+        launched.close()
 
 
 def eventually(page: Any, condition: str, argument: object = None) -> None:
