@@ -162,8 +162,6 @@ class KeyRing:
         self._file = FollowedFiles(path)
         self._keys = read_keys(path)
         self._in_force = required or bool(self._keys)
-        self._complaint = ""
-        """Why the file cannot be read or trusted now; then no key is accepted."""
 
     @property
     def in_force(self) -> bool:
@@ -180,7 +178,7 @@ class KeyRing:
         KeyFileError while nobody can say, because the file cannot be read or trusted.
         """
         self._follow()
-        if self._complaint:
+        if self._file.complaint:
             raise KeyFileError("the API keys cannot be read now; the log of the daemon says why")
         digest, now = _digest(secret), datetime.now(UTC)
         found = [key for key in self._keys if hmac.compare_digest(key.digest, digest)]
@@ -189,25 +187,18 @@ class KeyRing:
     def accepts(self, key: Key) -> bool:
         """Whether `key`, found before, is still there and active."""
         self._follow()
-        return not self._complaint and key in self._keys and key.state(datetime.now(UTC)) == "active"
+        return not self._file.complaint and key in self._keys and key.state(datetime.now(UTC)) == "active"
+
+    def _read(self) -> None:
+        self._keys = read_keys(self._path)
 
     def _follow(self) -> None:
         """Read the file again if it is another one than last time, or could not be read then."""
-        if not self._file.changed():
+        before, complaint = _accepted(self._keys), self._file.complaint
+        # What a file that cannot be read would say may be that a key was revoked.
+        if not self._file.follow(self._read, "no API key is accepted"):
             return
-        self._file.look()
-        before = _accepted(self._keys)
-        try:
-            self._keys = read_keys(self._path)
-        except KeyFileError as error:
-            # What it would say may be that a key was revoked.
-            self._file.forget()
-            if str(error) != self._complaint:
-                self._complaint = str(error)
-                _log.error("%s; until then no API key is accepted", error)
-            return
-        if self._complaint:
-            self._complaint = ""
+        if complaint:
             _log.info("the keys in %s can be read again", self._path)
         self._in_force = self._in_force or bool(self._keys)
         now = _accepted(self._keys)

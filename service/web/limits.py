@@ -15,6 +15,7 @@ from typing import NamedTuple
 from fastapi import Request
 
 from service.config.http import LimitsConfig
+from service.pauses import Seldom
 from service.records.asker import Asker, current_asker
 from service.web.server.refusal import RequestRefused
 
@@ -46,9 +47,6 @@ def table(limits: LimitsConfig) -> dict[str, Limit]:
 
 LONG_WAIT_SECONDS = 5.0
 """A client that waits longer for its turn is told of in the log."""
-
-REPEAT = 600.0
-"""Who gets no turn is said again after this time at the earliest, in s."""
 
 FAILURES = 10
 """Wrong keys that a peer may send at once, and then per FAILURE_SECONDS."""
@@ -86,7 +84,7 @@ class _Queue:
         self._limit = limit
         self._room = asyncio.Semaphore(limit.at_once)
         self._turns: dict[str, asyncio.Semaphore] = {}
-        self._say_at: dict[str, float] = {}
+        self._seldom = Seldom()
         self.open: Counter[str] = Counter()
 
     @asynccontextmanager
@@ -139,9 +137,7 @@ class _Queue:
 
     def _complain(self, kind: str, sentence: str) -> None:
         """Log who gets no turn, now and then."""
-        now = time.monotonic()
-        if now >= self._say_at.get(kind, -math.inf):
-            self._say_at[kind] = now + REPEAT
+        if self._seldom.due(kind):
             _log.warning("%s", sentence)
 
 

@@ -83,41 +83,32 @@ async def known_parameters(request: Request) -> None:
 
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with a problem document."""
-    app.add_exception_handler(RequestRefused, _refused)
-    app.add_exception_handler(RequestError, _unanswerable)
-    app.add_exception_handler(TooManyQuestions, _too_many)
-    app.add_exception_handler(ServiceError, _unavailable)
-    app.add_exception_handler(RequestValidationError, _misread)
-    app.add_exception_handler(HTTPException, _framework)
-    app.add_exception_handler(Exception, _internal)
+    for kind in (ServiceError, RequestValidationError, HTTPException, Exception):
+        app.add_exception_handler(kind, _answer)
 
 
-async def _refused(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestRefused)
-    return refusal(error)
+async def _answer(request: Request, error: Exception) -> Response:
+    match error:
+        case RequestRefused():
+            return refusal(error)
+        case RequestError():
+            return refusal(invalid(error.problems))
+        case TooManyQuestions():
+            headers = {"Retry-After": str(SOON_SECONDS)}
+            return problem_answer(HTTPStatus.TOO_MANY_REQUESTS, str(error), headers)
+        case ServiceError():
+            headers = {"Retry-After": str(RETRY_SECONDS)}
+            return problem_answer(HTTPStatus.SERVICE_UNAVAILABLE, str(error), headers)
+        case RequestValidationError():
+            # Only those that are told are put into words.
+            told = few(error.errors(), sentence_of)
+            return refusal(RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, told, errors=told))
+        case HTTPException():
+            return _framework(request, error)
+    return failure_answer()
 
 
-async def _unanswerable(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestError)
-    return refusal(invalid(error.problems))
-
-
-async def _too_many(request: Request, error: Exception) -> Response:
-    return problem_answer(HTTPStatus.TOO_MANY_REQUESTS, str(error), {"Retry-After": str(SOON_SECONDS)})
-
-
-async def _unavailable(request: Request, error: Exception) -> Response:
-    return problem_answer(HTTPStatus.SERVICE_UNAVAILABLE, str(error), {"Retry-After": str(RETRY_SECONDS)})
-
-
-async def _misread(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)
-    told = few(error.errors(), sentence_of)
-    return refusal(RequestRefused(HTTPStatus.UNPROCESSABLE_ENTITY, told, errors=told))
-
-
-async def _framework(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
+def _framework(request: Request, error: HTTPException) -> Response:
     details = {
         HTTPStatus.NOT_FOUND: f"there is nothing at {request.url.path}; /docs lists what there is",
         HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not take {request.method}; /docs lists what it takes",
@@ -138,10 +129,6 @@ def _allowed(request: Request) -> list[str]:
     return sorted(
         method for method, scope in asked if any(route.matches(scope)[0] is Match.FULL for route in router.routes)
     )
-
-
-async def _internal(request: Request, error: Exception) -> Response:
-    return failure_answer()
 
 
 def sentence_of(detail: Mapping[str, Any]) -> str:

@@ -19,6 +19,7 @@ from starlette.requests import ClientDisconnect
 
 from adapters.http.posted import Posted, from_lines, from_senml
 from adapters.reading import Fault, Quality
+from service.pauses import Seldom
 from service.records.receipt import Receipt
 from service.records.record import document_of
 from service.records.view import ZoneView
@@ -34,9 +35,6 @@ MAX_VALUES = 20_000
 """Values in one request."""
 
 RETRY_SECONDS = 1
-
-REPEAT = 600.0
-"""What is wrong with posts of a kind is said again after this time at the earliest, in s."""
 
 _LONGEST = 300
 """Characters of a sentence about what somebody wrote."""
@@ -125,15 +123,13 @@ class _Complaints:
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
-        self._say_at: dict[str, float] = {}
+        self._seldom = Seldom()
 
     def note(self, error: RequestRefused, headers: Mapping[str, str], client: str) -> None:
         """Note why a post with `headers` was refused, which came with the key called `client`."""
         kind = _KINDS.get(HTTPStatus(error.status)) or _FORMATS[_media_type(headers)]
         self._counts[kind] += 1
-        now = time.monotonic()
-        if now >= self._say_at.get(kind, float("-inf")):
-            self._say_at[kind] = now + REPEAT
+        if self._seldom.due(kind):
             count = self._counts[kind]
             sentence = str(error)[:_LONGEST]
             _log.warning(

@@ -11,12 +11,10 @@ from http import HTTPStatus
 
 from adapters.http.posted import Posted
 from service.daemon.supply.feeds import Feed, Handed
+from service.pauses import Seldom
 from service.records.receipt import NOTHING, Receipt
 from service.web.readings import RETRY_SECONDS
 from service.web.server.refusal import RequestRefused
-
-REPEAT = 600.0
-"""That nobody asks for what is posted is said again after this time at the earliest, in s."""
 
 TOGETHER = 1000
 """Values that are handed to the zones in one turn of the event loop: some ms of it."""
@@ -34,7 +32,7 @@ class Ingest:
     def __init__(self, feeds: Callable[[], Sequence[Feed]], expected: Callable[[], bool]) -> None:
         """`feeds` gives the sources at work, `expected` says whether one of them should be posted to."""
         self._feeds, self._expected = feeds, expected
-        self._say_at = float("-inf")
+        self._seldom = Seldom()
 
     async def take(self, posted: Sequence[Posted], zone: str | None) -> Receipt:
         """Hand `posted` to the zones, or to `zone` alone; what counts as accepted is durable on return. Raises
@@ -49,8 +47,7 @@ class Ingest:
         receipt, used = await hand(feeds, posted, zone)
         unknown = [one for place, one in enumerate(posted) if place not in used]
         names = tuple(dict.fromkeys(one.shown for one in unknown[:_LOOKED_AT]))[:_SHOWN]
-        if unknown and time.monotonic() >= self._say_at:
-            self._say_at = time.monotonic() + REPEAT
+        if unknown and self._seldom.due():
             _log.info("no channel asks for %d of %d posted values, such as %s", len(unknown), len(posted), names[0])
         return replace(receipt, unknown=len(unknown), unknown_names=names)
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from pathlib import Path
 
+from service.errors import ServiceError
+
 _Signature = tuple[int, ...] | None
+_log = logging.getLogger(__name__)
 
 
 class FollowedFiles:
@@ -13,6 +18,8 @@ class FollowedFiles:
     def __init__(self, *paths: Path) -> None:
         """Looks at the files for the first time; one that is not there may come."""
         self._paths = paths
+        self.complaint = ""
+        """Why they cannot be read now."""
         self.look()
 
     def look(self) -> None:
@@ -20,9 +27,23 @@ class FollowedFiles:
         is read again."""
         self._seen: list[_Signature] | None = self._signatures()
 
-    def forget(self) -> None:
-        """They could not be read after all, and have to be looked at again."""
-        self._seen = None
+    def follow(self, read: Callable[[], None], until_then: str) -> bool | None:
+        """`read` them if one is another than at the last look; whether that succeeded, None if none is. What keeps them
+        from being read is logged once, with what holds until then, and they are read again at the next call."""
+        if not self.changed():
+            return None
+        self.look()
+        try:
+            read()
+        except ServiceError as error:
+            # It may be that only the moment was wrong.
+            self._seen = None
+            if str(error) != self.complaint:
+                self.complaint = str(error)
+                _log.error("%s; until then %s", error, until_then)
+            return False
+        self.complaint = ""
+        return True
 
     def changed(self) -> bool:
         """Whether a file is another one than at the last look."""

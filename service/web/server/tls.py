@@ -46,7 +46,6 @@ class ServerCertificate:
         self._private_key = private_key
         self._client_ca = client_ca
         self._reminded = -math.inf
-        self._complaint = ""
         self._files = FollowedFiles(*(path for path in (certificate, private_key, client_ca) if path is not None))
         self.reload()
 
@@ -57,22 +56,13 @@ class ServerCertificate:
         # A context of its own: one that held an RSA certificate would go on serving it beside its ECDSA successor.
         self.context = _context(self._certificate, self._private_key, self._client_ca)
         self.expires = expires
-        self._complaint = ""
+        self._files.complaint = ""
         self._reminded = -math.inf
 
     def follow(self) -> None:
         """Reload if a file has changed, and remind in the log of a certificate that comes to its end."""
-        if self._files.changed():
-            try:
-                self.reload()
-            except CertificateError as error:
-                # It may be that only the moment was wrong.
-                self._files.forget()
-                if str(error) != self._complaint:
-                    self._complaint = str(error)
-                    _log.error("%s; until then the certificate as it was before is served", error)
-            else:
-                _log.info("%s was read again; it is good until %s", self._certificate, written_day(self.expires))
+        if self._files.follow(self.reload, "the certificate as it was before is served"):
+            _log.info("%s was read again; it is good until %s", self._certificate, written_day(self.expires))
         left = self.expires.timestamp() - time.time()
         if left < WARN_SECONDS and time.monotonic() - self._reminded > REMIND_SECONDS:
             self._reminded = time.monotonic()
