@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -14,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 import estimator
+import replay
+import service
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -37,21 +38,19 @@ class Job(NamedTuple):
 
 
 def fingerprint(job: Job) -> str:
-    """Hexadecimal digest of everything the result of `job` depends on: payload, work and the estimators' source."""
+    """Hexadecimal digest of everything the result of `job` depends on: payload, work and source."""
     digest = hashlib.sha256()
-    _feed(digest, (job.work.__module__, job.work.__qualname__, _sources(job.work.__module__), job.payload))
+    _feed(digest, (job.work.__module__, job.work.__qualname__, _sources(), job.payload))
     return digest.hexdigest()
 
 
 @cache
-def _sources(work: str) -> str:
-    """Digest of the source of `estimator`, of the filtering loop and of the module of the work."""
+def _sources() -> str:
+    """Digest of the source of the packages that a run goes through."""
     digest = hashlib.sha256()
-    own = Path(importlib.import_module(work).__file__ or "")
-    folder = Path(estimator.__file__ or "").parent
-    for path in [*sorted(folder.rglob("*.py")), *sorted({own, Path(__file__).parent / "series" / "filtering.py"})]:
-        digest.update(path.name.encode())
-        digest.update(path.read_bytes())
+    for package in (estimator, replay, service):
+        for path in sorted(Path(package.__file__ or "").parent.rglob("*.py")):
+            digest.update(path.read_bytes())
     return digest.hexdigest()
 
 

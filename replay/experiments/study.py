@@ -79,11 +79,12 @@ class Results:
         contenders: Sequence[str] | None = None,
         quoted: Mapping[str, Sequence[Cell]] | None = None,
         note: str = "",
+        heading: str = "estimator",
     ) -> Table:
         """A row for every recording and contender that has any figure, a column for each figure of `columns`.
 
-        `columns` is by heading. `quoted` are published rows by label, below ours. Where there is one recording only,
-        its name has no column.
+        `columns` is by heading, `heading` that of the contenders. `quoted` are published rows by label, below ours.
+        Where there is one recording only, its name has no column.
         """
         named = len(self.recordings) > 1
         rows: list[tuple[Cell, ...]] = []
@@ -93,8 +94,8 @@ class Results:
                 if any(cell is not None for cell in cells):
                     rows.append((*((recording,) if named else ()), contender, *cells))
         rows += [(*(("",) if named else ()), label, *cells) for label, cells in (quoted or {}).items()]
-        heading = ("recording", "estimator") if named else ("estimator",)
-        return Table(name, title, (*heading, *columns), tuple(rows), note, len(quoted or {}))
+        head = ("recording", heading) if named else (heading,)
+        return Table(name, title, (*head, *columns), tuple(rows), note, len(quoted or {}))
 
     def across(self, name: str, title: str, figures: Mapping[str, str], heading: str, note: str = "") -> Table:
         """A row for every recording and figure, a column for each contender; `figures` is by the label of the row."""

@@ -1,20 +1,22 @@
-"""Hidden temperatures behind a recording: what a fitted network says of them when its measured nodes follow the data.
-
-Open-loop windows have to start somewhere (paper 4.3.3: "re-initialised at the first sample"). The hidden nodes of a
-simulation that has drifted off the measurement have drifted with it; those of one that is led by it have not.
-"""
+"""What a network with frozen parameters says of a recording: left alone, and led by its measurements."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from estimator.arrays import Array
+from estimator.network.assembly import assemble, topology
+from estimator.network.discretise import discretise
 from estimator.network.network import Network
+from estimator.network.starting import initial_temperatures
 from estimator.offline.open_loop import OpenLoop
 from replay.scores.windows import Window
+
+STATE_NOISE_SD, MEASUREMENT_SD = 0.03, 0.1
+"""K per step, and K, of the filter that prepares a window."""
 
 
 def simulate(
@@ -37,50 +39,25 @@ def simulate(
     return states
 
 
-def follow(
-    network: Network,
-    period: float,
-    columns: Mapping[str, Array],
-    windows: Sequence[Window],
-    theta: Array,
-    starts: Array,
-) -> Array:
-    """As `simulate`, but measured nodes take their measurement, held over each step, and lead the hidden ones.
+def follow(network: Network, theta: Array, period: float, outputs: Array, inputs: Array) -> Array:
+    """States (K, n_x) [degC] after each of K `outputs` (K, n_y) under `inputs` (K, n_u), by a steady-state Kalman
+    filter with `theta` (n_theta,).
 
-    Where a measurement is missing, the open-loop simulation stands in.
+    Windows of open-loop simulation start from them (paper 4.3.3: "re-initialised at the first sample", which leaves the
+    hidden nodes open). A missing output corrects nothing; the first one is there.
     """
-    states = simulate(network, period, columns, windows, theta, starts)
-    led = [network.nodes.index(node) for node in network.measured]
-    for place, node in zip(led, network.measured, strict=True):
-        states[:, place] = np.where(np.isnan(columns[node]), states[:, place], columns[node])
-    hidden = [place for place in range(len(network.nodes)) if place not in led]
-    if hidden:
-        rest = _without_measured(network)
-        values = dict(columns) | {node: states[:, place] for place, node in zip(led, network.measured, strict=True)}
-        kept = [[parameter.name for parameter in network.parameters].index(p.name) for p in rest.parameters]
-        states[:, hidden] = simulate(rest, period, values, windows, theta[kept], starts[:, hidden])
+    model, places = discretise(assemble(network, theta[:, None]), period), topology(network).measured
+    transition, into = model.transition[0], model.input[0]
+    observed, noise = np.eye(len(transition))[places], MEASUREMENT_SD**2 * np.eye(outputs.shape[1])
+    spread = solve_discrete_are(transition.T, observed.T, STATE_NOISE_SD**2 * np.eye(len(transition)), noise)
+    gain = np.linalg.solve(observed @ spread @ observed.T + noise, observed @ spread).T
+    state = initial_temperatures(network, outputs[0], inputs[0])[0]
+    states = np.empty((len(outputs), len(state)))
+    for k, output in enumerate(outputs):
+        state = transition @ state + into @ inputs[k - 1] if k else state
+        error = output - state[places]
+        states[k] = state = state + gain @ np.where(np.isnan(error), 0.0, error)
     return states
-
-
-def _without_measured(network: Network) -> Network:
-    """`network` with its measured nodes as boundaries: what is left are the hidden nodes."""
-    hidden = [node for node in network.nodes if node not in network.measured]
-    edges = tuple(edge for edge in network.conductances if any(node in hidden for node in edge.between))
-    heat = tuple(h for h in network.heat_inputs if h.node in hidden)
-    capacitances = {node: network.capacitances[node] for node in hidden}
-    used = {*capacitances.values(), *(edge.name for edge in edges)} | {h.gain.parameter for h in heat}
-    return replace(
-        network,
-        capacitances=capacitances,
-        boundaries=tuple(
-            b for b in (*network.boundaries, *network.measured) if any(b in edge.between for edge in edges)
-        ),
-        conductances=edges,
-        heat_inputs=heat,
-        parameters=tuple(parameter for parameter in network.parameters if parameter.name in used),
-        measured=tuple(hidden),
-        initial={},
-    ).validate()
 
 
 def frozen(network: Network, theta: Array) -> Network:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 from estimator.network import presets
-from estimator.network.network import MEASURED, Conductance, Gain, HeatInput, InitialTemperature, Network, Parameter
+from estimator.network.network import Conductance, HeatInput, Network, Parameter
 
 SOLAR = "I_sol"
 """Channel of the regional irradiance that goes with an Ecolar recording."""
@@ -41,31 +42,13 @@ _AIR, _WALL, _HEATER = _Box("J/K", 1e4, 1e8), _Box("J/K", 1e5, 1e9), _Box("J/K",
 _LINK, _SHARE, _APERTURE = _Box("W/K", 0.1, 1e4), _Box("1", 0.02, 0.98), _Box("m2", 0.01, 100.0)
 
 
-class _Family(NamedTuple):
-    """What tells the candidates apart."""
-
-    adjacent_wall: bool
-    heater: bool
-    split_heat: bool = False
-    leaky: bool = True
-    split_wall: bool = False
-
-
-_FAMILIES = {
-    "M1": _Family(False, False),
-    "M2": _Family(False, True),
-    "M3": _Family(True, False),
-    "M4": _Family(True, True),
-    "M5": _Family(True, True, split_heat=True),
-    "M6": _Family(True, True, leaky=False),
-    "M7": _Family(True, True, split_wall=True),
-    "M8": _Family(True, True, leaky=False, split_wall=True),
-}
+_ADJACENT_WALL, _HEATER_BODY = "T_wi", "T_h"
+_LABELS = ("M1", "M2", "M3", "M4", "M5", "M6", "M7", "M8")
 
 
 def ecolar_candidates(irradiance: bool) -> list[Candidate]:
     """The presets m1 to m8, each also with regional irradiance where there is any."""
-    plain = {label: presets.network(label.lower()) for label in _FAMILIES}
+    plain = {label: presets.network(label.lower()) for label in _LABELS}
     found = []
     for label, network in plain.items():
         found.append(Candidate(label, network, False))
@@ -86,8 +69,8 @@ def candidates_for(own: Network) -> list[Candidate]:
     if suns:
         found.append(Candidate(OWN, own, True))
     known: set[tuple[object, ...]] = set()
-    for label, family in _FAMILIES.items():
-        network = _member(own, label.lower(), family)
+    for label in _LABELS:
+        network = _adapted(own, presets.network(label.lower()))
         shape = (tuple(network.capacitances), tuple(network.conductances), tuple(network.heat_inputs))
         if shape not in known:
             known.add(shape)
@@ -106,60 +89,51 @@ def without_sun(network: Network) -> Network:
     return replace(network, heat_inputs=heat, parameters=kept)
 
 
-def _member(own: Network, name: str, family: _Family) -> Network:
-    """The member of `family` for the channels of `own`."""
+def _adapted(own: Network, preset: Network) -> Network:
+    """`preset`, a candidate for Ecolar, for the channels of `own`: an adjacent wall for every adjacent room, none of
+    it without one, and no heater without a heat input."""
     air = own.measured[0]
     outdoors, *rooms = sorted(own.boundaries, key=_how_far_out)
     watts = [channel for channel in own.heat_channels if own.channel_unit(channel) == "W"]
+    named = {"T_air": [air], "T_out": [outdoors], "T_adj": rooms}
     taken = [air, *own.boundaries, *own.heat_channels]
-    boxes, initial = {air: _AIR}, {air: InitialTemperature(MEASURED, 0.5)}
-
-    def node(wanted: str, box: _Box, source: str, sd: float) -> str:
-        chosen = _fresh(wanted, (*taken, *boxes))
-        boxes[chosen], initial[chosen] = box, InitialTemperature(source, sd)
-        return chosen
-
-    edges = [(air, outdoors)] if family.leaky else []
-    if family.split_wall:
-        inner, outer = node("T_woi", _WALL, MEASURED, 2.0), node("T_woo", _WALL, outdoors, 2.0)
-        edges += [(air, inner), (inner, outer), (outer, outdoors)]
-    else:
-        wall = node("T_wo", _WALL, outdoors, 2.0)
-        edges += [(air, wall), (wall, outdoors)]
-    for room in rooms:
-        if family.adjacent_wall:
-            wall = node("T_wi", _WALL, MEASURED, 2.0)
-            edges += [(air, wall), (wall, room)]
-        else:
-            # Without a wall node the adjacent room acts through a massless partition.
-            edges.append((air, room))
+    boxes, initial = {air: _AIR}, {air: preset.initial_temperature("T_air")}
+    for node in preset.nodes[1:]:
+        count = len(rooms) if node == _ADJACENT_WALL else len(watts[:1]) if node == _HEATER_BODY else 1
+        named[node] = []
+        for _ in range(count):
+            name = _fresh(node, (*taken, *boxes))
+            named[node].append(name)
+            boxes[name] = _HEATER if node == _HEATER_BODY else _WALL
+            rule = preset.initial_temperature(node)
+            initial[name] = replace(rule, source=outdoors) if rule.source == "T_out" else rule
+    conductances = []
+    for edge in preset.conductances:
+        ones, others = (named[end] for end in edge.between)
+        pairs = zip(ones, others, strict=True) if len(ones) == len(others) else product(ones, others)
+        conductances += [Conductance(f"g_{_short(a)}_{_short(b)}", (a, b)) for a, b in pairs]
     heat = _into_air(own, air, watts[:1])
     parameters = [own.parameter(h.gain.parameter) for h in heat if h.gain.parameter is not None]
-    if watts and not family.heater:
-        heat = (HeatInput(watts[0], air), *heat)
-    elif watts:
-        body = node("T_h", _HEATER, MEASURED, 5.0)
-        edges.append((air, body))
-        if family.split_heat:
-            share = _fresh("f_air", [parameter.name for parameter in parameters])
-            parameters.append(Parameter(share, *_SHARE))
-            halves = (
-                HeatInput(watts[0], air, Gain(parameter=share)),
-                HeatInput(watts[0], body, Gain(1.0, share, -1.0)),
+    shared = [h.gain.parameter for h in preset.heat_inputs if h.gain.parameter is not None]
+    share = _fresh("f_air", [parameter.name for parameter in parameters])
+    if watts:
+        parameters += [Parameter(share, *_SHARE)] if shared else []
+        panel = [
+            replace(
+                h, channel=watts[0], node=named[h.node][0], gain=replace(h.gain, parameter=h.gain.parameter and share)
             )
-            heat = (*halves, *heat)
-        else:
-            heat = (HeatInput(watts[0], body), *heat)
-    capacitances = {part: f"C_{_short(part)}" for part in boxes}
-    conductances = tuple(Conductance(f"g_{_short(a)}_{_short(b)}", (a, b)) for a, b in edges)
+            for h in preset.heat_inputs
+        ]
+        heat = (*panel, *heat)
+    capacitances = {node: f"C_{_short(node)}" for node in boxes}
     return Network(
-        name=name,
+        name=preset.name,
         capacitances=capacitances,
         boundaries=own.boundaries,
-        conductances=conductances,
+        conductances=tuple(conductances),
         heat_inputs=heat,
         parameters=(
-            *(Parameter(capacitances[part], *box) for part, box in boxes.items()),
+            *(Parameter(capacitances[node], *box) for node, box in boxes.items()),
             *(Parameter(edge.name, *_LINK) for edge in conductances),
             *dict.fromkeys(parameters),
         ),

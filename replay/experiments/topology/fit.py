@@ -151,20 +151,21 @@ def _restarted(
     time_zone: str,
     hours: tuple[float, float],
 ) -> list[float]:
-    """Mean absolute error [K] of each window of local `hours` that lies in `windows`, restarted at its first sample.
-
-    There measured nodes take their measurement, hidden ones what following the measurement has made of them: the paper
-    leaves them open.
-    """
+    """Mean absolute error [K] of each window of local `hours` in `windows`, restarted at its first sample from
+    the temperatures that follow the measurements."""
     theta = fitted["theta"]
-    states = follow(network, record.period, record.columns, windows, theta, fitted["initial_states"])
-    loop, inputs = OpenLoop(network, record.period), record.matrix(network.inputs)
-    measured = record.columns[network.measured[0]]
+    loop, inputs, outputs = (
+        OpenLoop(network, record.period),
+        record.matrix(network.inputs),
+        record.matrix(network.measured),
+    )
+    measured = outputs[:, 0]
     found = []
     for begin, end in windows:
+        states = follow(network, theta, record.period, outputs[begin:end], inputs[begin:end])
         for window in daily_windows(record.times[begin:end], record.period, time_zone, *hours):
             rows = slice(window.begin + begin, window.end + begin)
-            error = np.abs(loop.simulate(theta, states[rows.start], inputs[rows]).outputs[:, 0] - measured[rows])[1:]
+            error = np.abs(loop.simulate(theta, states[window.begin], inputs[rows]).outputs[:, 0] - measured[rows])[1:]
             if np.isfinite(measured[rows.start]) and np.isfinite(error).any():
                 found.append(float(np.nanmean(error)))
     return found

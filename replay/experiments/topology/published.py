@@ -25,9 +25,3 @@ TABLE_3 = (
     Published("M4", True, 4, 0.363, 0.277, 0.258, 0.543, 0.051),
     Published("M8", False, 5, 0.365, 0.277, 0.270, 0.533, 0.016),
 )
-SELECTED = "M4"
-
-J_XCORR = {
-    "M4, paper": {"T_out": 7.31e-4, "T_adj": 9.16e-5, "I_sol": 1.36e-4},
-    "best of three states, paper": {"T_out": 6.70e-2, "T_adj": 1.63e-2, "I_sol": 7.74e-2},
-}

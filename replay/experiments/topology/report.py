@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from replay.experiments.jobs import Arrays
-from replay.experiments.topology import plots, tables
+from replay.experiments.topology import tables
 from replay.experiments.topology.candidates import OWN
 from replay.experiments.topology.data import Recording
-from replay.experiments.topology.fit import KNOWN, SHORTEST, open_loop_residual
-from replay.experiments.topology.published import SELECTED
+from replay.experiments.topology.fit import KNOWN, SHORTEST
 from replay.experiments.topology.ranking import COMPARABLE, Fitted
 from replay.experiments.topology.toml import AROUND, network_toml, proposal
 from replay.localtime import DAY, HOUR
@@ -39,7 +38,7 @@ def report(outcomes: Sequence[Outcome]) -> Report:
     files = {f"network-{outcome.recording.name}.toml": _toml(outcome) for outcome in outcomes}
     sections = [_done(outcomes)]
     for outcome, toml in zip(outcomes, files.values(), strict=True):
-        sections += [_ranking(outcome), _residuals(outcome), _configure(outcome, toml)]
+        sections += [_ranking(outcome), _configure(outcome, toml)]
     return Report(
         "Which RC network to take",
         tuple(sentence for outcome in outcomes for sentence in _lead(outcome)),
@@ -114,7 +113,7 @@ def _ranking(outcome: Outcome) -> Section:
     return Section(
         f"{name}: the candidates",
         (_verdict(outcome),),
-        (tables.ranking(name, outcome.ranked, ours), tables.cross_correlation(name, outcome.ranked, ours)),
+        (tables.ranking(name, outcome.ranked, ours), tables.cross_correlation(name, outcome.ranked)),
     )
 
 
@@ -124,42 +123,12 @@ def _verdict(outcome: Outcome) -> str:
     text = f"The network to take is {taken.candidate.name}. {_why(outcome)}"
     for entry in own:
         text += f" Your own ({entry.candidate.name}) loses {100 * entry.loss:.0f} % on average."
-    if outcome.recording.place is None:
-        same = taken.candidate.label == SELECTED and not taken.candidate.solar
-        text += f" The paper took {SELECTED} without sun, {'as here.' if same else 'from a recording of its own.'}"
     if outcome.recording.synthetic:
         text += (
-            " This recording is simulated: the zone behind it is M4, with sun through a façade that a neighbour "
-            "shades, people and open doors that no channel brings. A larger network that fits better has learned to "
-            "pass such heat off as its own, so read the table as a trial of the method, not as a finding about Ecolar "
-            "Home."
+            " This recording is simulated, with heat that no channel brings. A larger network that fits better has "
+            "learned to pass such heat off as its own: this is a trial of the method, no finding about Ecolar Home."
         )
     return text
-
-
-def _residuals(outcome: Outcome) -> Section:
-    recording = outcome.recording
-    shown = {entry.candidate.name: entry for entry in (outcome.taken, *_simplest(outcome), *outcome.ranked[1:3])}
-    residuals = {
-        name: open_loop_residual(entry.candidate.network, recording.record, outcome.windows, outcome.fits[name])
-        for name, entry in shown.items()
-    }
-    return Section(
-        f"{recording.name}: what the models miss",
-        (),
-        (tables.parameters(recording.name, outcome.taken, outcome.fits[outcome.taken.candidate.name]),),
-        (
-            plots.over_time(recording.record, residuals),
-            plots.over_the_day(recording.record, residuals, recording.time_zone),
-            plots.by_lag(recording.record, residuals),
-        ),
-    )
-
-
-def _simplest(outcome: Outcome) -> list[Fitted]:
-    """The simplest candidate and the user's own, to see what the taken one gains."""
-    own = [entry for entry in outcome.ranked if entry.candidate.label == OWN]
-    return [*own, min(outcome.ranked, key=lambda entry: entry.complexity)]
 
 
 def _configure(outcome: Outcome, toml: str) -> Section:
@@ -172,6 +141,7 @@ def _configure(outcome: Outcome, toml: str) -> Section:
             "the data could not place keep their whole box.",
             f"```{toml}```",
         ),
+        (tables.parameters(outcome.recording.name, outcome.taken, outcome.fits[outcome.taken.candidate.name]),),
     )
 
 
@@ -187,15 +157,12 @@ def _limits(outcomes: Sequence[Outcome]) -> Section:
         "Least squares knows no disturbances: whatever heats the room unmeasured is explained by the parameters as far "
         "as they can. So the fit chooses the structure and the middle of the boxes; the parameters themselves are for "
         "the online estimator to learn.",
-        "The open-loop error has several minima. The starts agree for small networks, not always for "
-        "the large ones: a large network that fits worse than a small one that it contains is a minimum missed, not a "
-        "finding.",
+        "The open-loop error has several minima: a large network that fits worse than a small one that it contains is "
+        "a minimum missed, not a finding.",
     ]
     if any(outcome.recording.place is None for outcome in outcomes):
         paragraphs.append(
-            "Where the paper is silent: it does not say with which hidden temperatures a window restarts (here: those "
-            "that follow the measurements), nor how they are set after a gap (here: fitted), nor from which lag J_acf "
-            "and J_xcorr are summed (here: from 1 and from 0). Its candidates M1 and M2 have no adjacent-wall node; "
-            "here the adjacent room acts on them through a massless partition. The held-out column is ours."
+            "Where the paper is silent, a window restarts with the hidden temperatures that follow the measurements, "
+            "they are fitted after a gap, and J_acf and J_xcorr are summed from lags 1 and 0."
         )
     return Section("How far to trust this", tuple(paragraphs))

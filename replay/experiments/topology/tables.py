@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from replay.experiments.jobs import Arrays
-from replay.experiments.topology.published import J_XCORR, TABLE_3
+from replay.experiments.topology.published import TABLE_3
 from replay.experiments.topology.ranking import Fitted
 from replay.reports.kit.table import Cell, Table
 
@@ -49,7 +49,7 @@ def ranking(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
     )
 
 
-def cross_correlation(name: str, ranked: Sequence[Fitted], paper: bool) -> Table:
+def cross_correlation(name: str, ranked: Sequence[Fitted]) -> Table:
     """J_xcorr of every candidate and input channel."""
     # A second measured node of the user's own network is no input, though the others do not measure it.
     scored = [entry.scores.j_xcorr for entry in ranked]
@@ -57,16 +57,12 @@ def cross_correlation(name: str, ranked: Sequence[Fitted], paper: bool) -> Table
     rows: list[tuple[Cell, ...]] = [
         (entry.candidate.name, *(entry.scores.j_xcorr[channel] for channel in channels)) for entry in ranked
     ]
-    if paper:
-        rows += [(label, *(row.get(channel) for channel in channels)) for label, row in J_XCORR.items()]
     return Table(
         f"cross-correlation-{name}",
         f"J_xcorr: what of each input is left in the residual, {name}",
         ("network", *channels),
         tuple(rows),
-        "Sums of squared correlations over lags up to six hours."
-        + (" The paper does not say from which lag it sums, so compare its rows with each other." if paper else ""),
-        quoted=len(J_XCORR) if paper else 0,
+        "Sums of squared correlations over lags up to six hours.",
     )
 
 

@@ -15,18 +15,18 @@ from estimator.arrays import Array
 from replay.energyplus.buildings import building_named
 from replay.energyplus.heating import OnOff
 from replay.energyplus.library import library
-from replay.energyplus.people import Life
-from replay.energyplus.plant import STEP, Inputs, Plant
-from replay.energyplus.recording import THERMOMETER
+from replay.energyplus.plant import STEP
 from replay.errors import ReplayError
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.request import Request
 from replay.experiments.study import Figures, Results, Run, Study
+from replay.lab.experiments.control.cases import UNDISTURBED, Scene
 from replay.lab.experiments.control.experiment import USUAL, WEATHER
-from replay.lab.experiments.control.loop import BEGIN
-from replay.lab.experiments.control.site import HEATER, adjacent, networks_of
+from replay.lab.experiments.control.loop import Moment, close
+from replay.lab.experiments.control.site import inputs_of, networks_of
 from replay.localtime import DAY, HOUR
 from replay.reports.kit.report import Report, Section
+from replay.scores.intervals import Mask
 from service.forecast.heating import PreheatQuestion
 from service.records.sample import Sample
 from service.zone.foresight.outlook import NO_WEATHER
@@ -74,68 +74,80 @@ def prepare(request: Request) -> Study:
         for name in request.building or USUAL
         for seed in request.seeds_or(1)
     ]
-    jobs = [Job(f"{run.building} {run.estimator}", run.seed, mornings, run) for run in runs]
     return Study(
-        tuple(Run(run.building, run.estimator, job) for run, job in zip(runs, jobs, strict=True)),
+        tuple(
+            Run(run.building, run.estimator, Job(f"{run.building} {run.estimator}", run.seed, mornings, run))
+            for run in runs
+        ),
         lambda run, arrays: _figures(arrays),
         _report,
     )
+
+
+class Asking:
+    """Relays keep the set-points of the people, raised when Thermogate says; a worker of each room learns."""
+
+    def __init__(self, run: PreheatRun, scene: Scene) -> None:
+        self.asked: list[_Question] = []
+        self._building, self._life, self._networks = scene.of, scene.life(), list(networks_of(scene.of).values())
+        self._relay = OnOff(np.array([room.heater for room in scene.of.rooms]))
+        self._learned = min(LEARNED, run.days // 2) * DAY // STEP
+        settings = WorkerSettings(run.seed, (0.95,), 12, PERIOD)
+        self._workers = [
+            ZoneWorker(registry.build(run.estimator, network, PERIOD, {}), settings) for network in self._networks
+        ]
+        self._wanted = np.empty(0)
+        self._steps: list[tuple[Moment, Array, Array]] = []
+
+    def powers(self, moment: Moment) -> tuple[Array, Mask]:
+        """Of the relays; every room is asked at midnight."""
+        wanted = self._life.set_points(moment.local)
+        for room in range(len(wanted)) if moment.local % DAY == 0 and moment.step >= self._learned else ():
+            self._ask(room, moment)
+        for one in self.asked:
+            if one.step <= moment.step < one.by:
+                use = self._building.rooms[one.room].use
+                wanted[one.room] = use.by_day if moment.step >= one.start else use.by_night
+        self._wanted = wanted
+        return self._relay(moment.local, moment.shown, wanted), np.zeros(len(wanted), dtype=np.bool_)
+
+    def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
+        """A sample of every room at the end of each PERIOD."""
+        self._steps.append((moment, self._wanted, np.array([outdoor, irradiance, *heating])))
+        if len(self._steps) < PERIOD // STEP:
+            return
+        began, wanted, _ = self._steps[0]
+        outdoor, irradiance, *powers = np.mean([acting for *_, acting in self._steps], axis=0)
+        for index, (worker, network) in enumerate(zip(self._workers, self._networks, strict=True)):
+            inputs = inputs_of(self._building, index, network, began.shown, outdoor, irradiance, np.array(powers))
+            sample = Sample.measured(began.time, began.shown[index : index + 1], inputs)
+            worker.step(sample._replace(setpoint=float(wanted[index])))
+        self._steps = []
+
+    def _ask(self, room: int, moment: Moment) -> None:
+        """Nothing where nobody wants it warm on that day."""
+        use = self._building.rooms[room].use
+        ahead = use.warm[0] * HOUR
+        if use.set_point(moment.local + ahead) != use.by_day:
+            return
+        question = PreheatQuestion(use.by_day, moment.time + ahead, PROBABILITY, TOLERANCE)
+        found = question(self._workers[room], NO_WEATHER, lambda: False)
+        if found is not None:
+            here = moment.step
+            start = here if found.start is None else here + round((found.start - moment.time) / STEP)
+            by = here + round(ahead / STEP)
+            self.asked.append(_Question(room, here, start, by, found.start is not None, found.reached))
 
 
 def mornings(run: PreheatRun) -> Arrays:
     """By morning of each room, (M,): `told`, whether there was a start; `promised`, the probability; `warm`, whether
     the room was warm in time; `early` [min], how long before it was warm first after the start, NaN where it never was.
     """
-    building, rng = building_named(run.building), np.random.default_rng([run.seed, 0x9E4])
-    networks, rooms, learned = networks_of(building), building.rooms, min(LEARNED, run.days // 2)
-    life, relay = Life([room.use for room in rooms], STEP, run.seed), OnOff(np.array([room.heater for room in rooms]))
-    settings = WorkerSettings(run.seed, (0.95,), 12, PERIOD)
-    workers = [ZoneWorker(registry.build(run.estimator, networks[room.name], PERIOD, {}), settings) for room in rooms]
-    air: list[Array] = []
-    asked: list[_Question] = []
-    with Plant(building, WEATHER[run.building], begin=BEGIN) as plant:
-        while len(air) < run.days * DAY // STEP:
-            began, here, midnight = plant.now, len(air), plant.local_time % DAY == 0
-            if midnight and here >= learned * DAY // STEP:
-                asked += [each for room in range(len(rooms)) for each in _asked(workers, plant, life, room, here)]
-            wanted = life.set_points(plant.local_time)
-            for one in asked:
-                if one.step <= here < one.by:
-                    use = rooms[one.room].use
-                    wanted[one.room] = use.by_day if here >= one.start else use.by_night
-            steps = []
-            for _ in range(round(PERIOD / STEP)):
-                now, local = plant.now, plant.local_time
-                air.append(now.air)
-                after = plant.step(Inputs(relay(local, now.air, wanted), *life.at(local)))
-                steps.append([now.outdoor, after.facade, *after.truth.heating])
-            outdoor, sun, *heating = np.mean(steps, axis=0).tolist()
-            shown = THERMOMETER.noise_sd * rng.standard_normal(len(rooms)) + began.air
-            for index, worker in enumerate(workers):
-                beside = {adjacent(rooms[other].name): shown[other] for other in building.neighbours(index)}
-                values = {"T_out": outdoor, "I_sol": sun, HEATER: heating[index]} | beside
-                inputs = np.array([values[name] for name in worker.network.inputs])
-                sample = Sample.measured(round(began.time), shown[index : index + 1], inputs)
-                worker.step(sample._replace(setpoint=float(wanted[index])))
-    return _lived(asked, np.array(air), np.array([room.use.by_day for room in rooms]) - TOLERANCE)
-
-
-def _asked(workers: list[ZoneWorker], plant: Plant, life: Life, room: int, here: int) -> list[_Question]:
-    """The question of a room at midnight; none where nobody wants it warm on that day."""
-    use = plant.building.rooms[room].use
-    ahead = use.warm[0] * HOUR
-    if use.set_point(plant.local_time + ahead) != use.by_day:
-        return []
-    by = plant.now.time + ahead
-    found = PreheatQuestion(use.by_day, by, PROBABILITY, TOLERANCE)(workers[room], NO_WEATHER, lambda: False)
-    if found is None:
-        return []
-    start = here if found.start is None else here + round((found.start - plant.now.time) / STEP)
-    return [_Question(room, here, start, here + round(ahead / STEP), found.start is not None, found.reached)]
-
-
-def _lived(asked: list[_Question], air: Array, warm: Array) -> Arrays:
-    """The arrays of `mornings`, from the air (K, N) of the rooms, which are warm from `warm` (N,) on [degC]."""
+    scene = Scene(run.building, WEATHER[run.building], UNDISTURBED, run.seed, run.days, run.days)
+    asking = Asking(run, scene)
+    air = close(scene, asking).air
+    asked = [one for one in asking.asked if one.by < len(air)]
+    warm = np.array([room.use.by_day for room in scene.of.rooms]) - TOLERANCE
     since = [np.flatnonzero(air[one.start : one.by + 1, one.room] >= warm[one.room]) for one in asked]
     early = [
         (one.by - one.start - each[0]) * STEP / 60 if len(each) else np.nan
@@ -166,17 +178,13 @@ def _report(results: Results) -> Report:
     done = (
         "Relays keep the set-points of people who come, go and open windows. At midnight every room is asked when to "
         f"start, to be at most {TOLERANCE} K below its set-point when its day begins, and starts then, at once where "
-        f"there is no start. A sample is {PERIOD // 60} min. Too early is the time since the room was warm first.",
-    )
-    advice = (
-        "A higher `probability` starts earlier; one that the swing of the thermostat does not allow is not reached."
+        f"there is no start. A sample is {PERIOD // 60} min. Too early is the time since the room was warm first."
     )
     return Report(
         "When to start heating",
         lead,
         (
-            Section("What was done", done),
+            Section("What was done", (done,)),
             Section("What came out", (), (results.table("preheat", "Mornings", columns),)),
-            Section("What to set", (advice,)),
         ),
     )

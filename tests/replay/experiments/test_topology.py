@@ -133,7 +133,7 @@ def test_a_second_measured_node_is_no_input_of_those_that_do_not_measure_it() ->
         entry._replace(scores=entry.scores._replace(j_xcorr=values)) for entry, values in zip(found, told, strict=True)
     ]
     for order in (ranked, ranked[::-1]):
-        table = cross_correlation("site", order, paper=False)
+        table = cross_correlation("site", order)
         assert table.columns == ("network", "T_out")
         assert [row[1] for row in table.rows] == [entry.scores.j_xcorr["T_out"] for entry in order]
 

@@ -33,26 +33,14 @@ _STUCK = ((3, 3.0), (3, 12.0), (3, 20.0), (3, 8.0))
 """Day and local hour at which the thermometer sticks in each controlled week, for a day."""
 
 
-class Case(NamedTuple):
-    """A way in which the period goes; `what` is a sentence for the report."""
-
-    what: str
-    history: bool = True
-    """Whether there were weeks under a thermostat before."""
-    parties: bool = False
-    stuck: bool = False
-
-
 UNDISTURBED, PARTIES, STUCK, START = "undisturbed", "parties", "stuck sensor", "new season"
-CASES: Mapping[str, Case] = {
-    UNDISTURBED: Case("People live there by their habits: they come and go, cook, and open windows for minutes."),
-    PARTIES: Case(
-        "Once a week twelve guests come for an evening; once a week windows stay open for three hours of a morning.",
-        parties=True,
-    ),
-    STUCK: Case("Once a week the thermometer of the first room sticks at its last value for a day.", stuck=True),
-    START: Case("The heating season begins: nothing was learned before the first controlled day.", history=False),
+CASES: Mapping[str, str] = {
+    UNDISTURBED: "People live there by their habits: they come and go, cook, and open windows for minutes.",
+    PARTIES: "Once a week twelve guests come for an evening; once a week windows stay open for hours of a morning.",
+    STUCK: "Once a week the thermometer of the first room sticks at its last value for a day.",
+    START: "The heating season begins: nothing was learned before the first controlled day.",
 }
+"""A sentence on each way in which the period goes."""
 
 
 class Scene(NamedTuple):
@@ -96,7 +84,7 @@ def price(local: float) -> float:
 def lived(scene: Scene, life: Life, index: int, local: float, heating: Array) -> Inputs:
     """What acts in step `index`: the people of `life`, those of the case, and `heating` (N,) in W."""
     people, equipment, lights, opening = (np.array(field, dtype=np.float64) for field in life.at(local))
-    if CASES[scene.case].parties:
+    if scene.case == PARTIES:
         day, hour = _controlled_day(scene, index)
         if day >= 0 and _acts(_GUESTS, day, hour):
             people[0] += _GUEST_COUNT
@@ -109,7 +97,7 @@ def lived(scene: Scene, life: Life, index: int, local: float, heating: Array) ->
 def stuck_steps(scene: Scene) -> Mask:
     """(K,): the steps at which the thermometer of the first room shows what it showed before."""
     stuck = np.zeros(scene.steps, dtype=np.bool_)
-    if CASES[scene.case].stuck:
+    if scene.case == STUCK:
         for week in range(-(-scene.controlled // _WEEK)):
             day, hour = _STUCK[week % len(_STUCK)]
             begin = scene.controlled_from + round(

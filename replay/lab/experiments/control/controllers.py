@@ -14,7 +14,7 @@ from replay.energyplus.plant import STEP
 from replay.lab.experiments.control.cases import WARMEST, Scene, price, stuck_steps
 from replay.lab.experiments.control.customer import mpc
 from replay.lab.experiments.control.loop import Moment
-from replay.lab.experiments.control.site import HEATER, Site, adjacent, networks_of
+from replay.lab.experiments.control.site import HEATER, Site, inputs_of, networks_of
 from replay.localtime import HOUR
 from replay.scores.intervals import Mask
 from service.records.sample import Sample
@@ -80,6 +80,7 @@ class Planner:
         margin: float = 0.0,
     ) -> None:
         """`weather` (outdoor and irradiance of every step and a day more); `trusting` takes every forecast for good."""
+        self._building = scene.of
         self._rooms = [room.name for room in scene.of.rooms]
         self._beside = [[self._rooms[other] for other in scene.of.neighbours(i)] for i in range(len(self._rooms))]
         self._life, self._margin, self._networks = scene.life(), margin, networks_of(scene.of)
@@ -127,17 +128,13 @@ class Planner:
 
     def saw(self, moment: Moment, heating: Array, outdoor: float, irradiance: float) -> None:
         """Telemetry of the step."""
+        known = moment.shown.copy()
+        known[[self._refused(index, moment.step) for index in range(len(known))]] = np.nan
         for index, room in enumerate(self._rooms):
-            shown, refused = moment.shown[index], self._refused(index, moment.step)
             if moment.step >= self._begins:
-                self._memories[index].heated(moment.time, heating[index], not refused)
-            told = {"T_out": outdoor, HEATER: heating[index], "I_sol": irradiance}
-            told |= {adjacent(name): moment.shown[self._rooms.index(name)] for name in self._beside[index]}
-            if self._refused(0, moment.step) and self._rooms[0] in self._beside[index]:
-                told[adjacent(self._rooms[0])] = np.nan
-            inputs = np.array([told[channel] for channel in self._networks[room].inputs])
-            output = np.array([np.nan if refused else shown])
-            self._samples[room].append(Sample.measured(moment.time, output, inputs))
+                self._memories[index].heated(moment.time, heating[index], not np.isnan(known[index]))
+            inputs = inputs_of(self._building, index, self._networks[room], known, outdoor, irradiance, heating)
+            self._samples[room].append(Sample.measured(moment.time, known[index : index + 1], inputs))
         self._unchanged = self._unchanged + 1 if self._stuck[moment.step] else 0
 
     def _refused(self, room: int, step: int) -> bool:

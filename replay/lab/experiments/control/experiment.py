@@ -7,7 +7,7 @@ from replay.energyplus.library import library
 from replay.errors import ReplayError
 from replay.experiments.request import Request
 from replay.experiments.study import Run, Study
-from replay.lab.experiments.control.cases import CASES, UNDISTURBED, Scene
+from replay.lab.experiments.control.cases import CASES, START, UNDISTURBED, Scene
 from replay.lab.experiments.control.controllers import EARLY
 from replay.lab.experiments.control.report import figures, report
 from replay.lab.experiments.control.runs import CONTROLLERS, PERFECT, THERMOSTAT, ControlRun, control_job
@@ -37,7 +37,7 @@ def prepare(request: Request) -> Study:
     cases = [_case(name) for name in request.case or CASES]
     controlled = days - days // 3
     every = [
-        Scene(building, WEATHER[building], case, seed, days if CASES[case].history else controlled, controlled)
+        Scene(building, WEATHER[building], case, seed, controlled if case == START else days, controlled)
         for building in buildings
         for case in cases
         for seed in request.seeds_or(SEEDS)

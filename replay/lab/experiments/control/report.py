@@ -8,10 +8,9 @@ import numpy as np
 
 from replay.experiments.study import Figures, Results, targets
 from replay.lab.experiments.control.cases import CASES, PRICES, UNDISTURBED, WARMEST, Scene
-from replay.lab.experiments.control.front import share_of_the_way
 from replay.lab.experiments.control.perfect import PASSES
 from replay.lab.experiments.control.runs import CONTROLLERS, ESTIMATOR, PERFECT, THERMOGATE, THERMOSTAT, UNTRUSTING
-from replay.lab.experiments.control.scores import Scores
+from replay.lab.experiments.control.scores import Scores, share_of_the_way
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Cell, Table, spread
 from replay.reports.kit.verdict import Verdict, at_least, at_most
@@ -29,6 +28,7 @@ _COLUMNS = {
     "switched on, per room and day": "switches",
     "share of time under a thermostat": "fallback",
 }
+_ON_THE_WAY = [label for label in CONTROLLERS if label not in (THERMOSTAT, PERFECT)]
 
 
 def figures(scores: Scores) -> Figures:
@@ -38,16 +38,32 @@ def figures(scores: Scores) -> Figures:
 
 def report(results: Results, scenes: Mapping[str, Scene], every: Sequence[Scene]) -> Report:
     """The report; `scenes` has one scene of each recording, a building in a case, and `every` those of all seeds."""
+    compared = [name for name, scene in scenes.items() if scene.case == UNDISTURBED]
+    rows: list[tuple[Cell, ...]] = [
+        (name, *(spread(found) if (found := shares(results, name, label)) else None for label in _ON_THE_WAY))
+        for name in compared
+    ]
+    way = Table(
+        "share-of-the-way",
+        "Share of the way from the thermostat to perfect knowledge, in cost at the controller's own discomfort",
+        ("recording", *_ON_THE_WAY),
+        tuple(rows),
+    )
+    each = results.table(
+        "controllers", "Every controller at its usual setting", _COLUMNS, contenders=CONTROLLERS, heading="controller"
+    )
     return Report(
         "The loop closed",
-        tuple(_lead(results, name, scene) for name, scene in scenes.items()),
+        tuple(
+            f"{name}: Thermogate's controller pays {results.spread(name, THERMOGATE, 'cost')} at a discomfort of "
+            f"{results.spread(name, THERMOGATE, DISCOMFORT)} K h, the thermostat "
+            f"{results.spread(name, THERMOSTAT, 'cost')} at {results.spread(name, THERMOSTAT, DISCOMFORT)} K h."
+            for name in scenes
+        ),
         (
             _done(every),
             targets(verdicts(results, scenes), "They are meant for four controlled weeks."),
-            *(
-                Section(name, (CASES[scene.case].what,), (_table(results, name, scene),))
-                for name, scene in scenes.items()
-            ),
+            Section("What came out", (), (*((way,) if compared else ()), each)),
         ),
     )
 
@@ -91,23 +107,6 @@ def verdicts(results: Results, scenes: Mapping[str, Scene]) -> list[Verdict]:
     return found
 
 
-def _lead(results: Results, name: str, scene: Scene) -> str:
-    own, thermostat = (
-        tuple(results.mean(name, label, figure) for figure in ("cost", DISCOMFORT))
-        for label in (THERMOGATE, THERMOSTAT)
-    )
-    text = (
-        f"{name}: Thermogate's controller pays {own[0]:.1f} at a discomfort of {own[1]:.1f} K h, the thermostat "
-        f"{thermostat[0]:.1f} at {thermostat[1]:.1f} K h"
-    )
-    share = spread(shares(results, name, THERMOGATE)).mean if scene.case == UNDISTURBED else np.nan
-    return (
-        f"{text}; at equal discomfort that is {share:.0%} of the way to perfect knowledge."
-        if share == share
-        else (f"{text}.")
-    )
-
-
 def _done(scenes: Sequence[Scene]) -> Section:
     buildings = {scene.building: scene for scene in scenes}
     listed = "; ".join(f"{scene.building}: {scene.of.what}, weather of {scene.weather}" for scene in buildings.values())
@@ -119,34 +118,10 @@ def _done(scenes: Sequence[Scene]) -> Section:
         (
             f"Buildings: {listed}. A thermostat heats for {history} days, then each controller for "
             f"{scenes[0].controlled} days, which are scored. Seeds {', '.join(map(str, seeds))}, of people, "
-            "thermometers and estimators. EnergyPlus steps every 5 min; thermometers have a noise of 0.03 K.",
-            *(f"{name}: {CASES[name].what}" for name in CASES if name in cases),
-            f"A kWh costs by tariff: {tariff}. Comfort is from the set-point of the room, which is lowered at night, "
-            f"to {WARMEST:.0f} degC; discomfort is what the exact temperature of each room lies outside, in K h.",
-            f"Thermogate is `{ESTIMATOR}` with its defaults. Who the controllers are, what perfect knowledge is "
-            f"({PASSES} passes over the same period), and what cost at equal discomfort means: docs/experiments.md.",
-        ),
-    )
-
-
-def _table(results: Results, name: str, scene: Scene) -> Table:
-    swept = scene.case == UNDISTURBED
-    rows: list[tuple[Cell, ...]] = []
-    for label in CONTROLLERS:
-        cells: list[Cell] = [results.spread(name, label, figure) for figure in _COLUMNS.values()]
-        if any(cell is not None for cell in cells):
-            known = swept and label not in (THERMOSTAT, PERFECT)
-            cells += [spread(shares(results, name, label)) if known else None] if swept else []
-            rows.append((label, *cells))
-    return Table(
-        name.replace(",", "").replace(" ", "-"),
-        f"{name}: every controller at its usual setting",
-        ("controller", *_COLUMNS, *(("share of the way",) if swept else ())),
-        tuple(rows),
-        "Mean over seeds ± standard deviation."
-        + (
-            " Share of the way from the thermostat to perfect knowledge in cost, at the controller's own discomfort."
-            if swept
-            else ""
+            "thermometers and estimators.",
+            *(f"{name}: {CASES[name]}" for name in CASES if name in cases),
+            f"A kWh costs by tariff: {tariff}. Comfort is from the set-point of the room to {WARMEST:.0f} degC; "
+            f"Thermogate is `{ESTIMATOR}` with its defaults, and perfect knowledge {PASSES} passes over the same "
+            "period. docs/experiments.md says more.",
         ),
     )

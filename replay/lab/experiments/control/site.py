@@ -13,7 +13,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from estimator import registry
+from estimator.arrays import Array
 from estimator.network import presets
 from estimator.network.network import Network
 from replay.energyplus.buildings import Building
@@ -48,6 +51,15 @@ def networks_of(building: Building) -> dict[str, Network]:
 def adjacent(room: str) -> str:
     """The input of a zone that is the temperature of `room` beside it."""
     return f"{presets.NEIGHBOUR}_{room}"
+
+
+def inputs_of(
+    building: Building, index: int, network: Network, shown: Array, outdoor: float, sun: float, heating: Array
+) -> Array:
+    """The inputs (n_u,) of the zone of room `index`, from what the thermometers of all rooms show (N,) and the rest."""
+    told = {"T_out": outdoor, HEATER: heating[index], "I_sol": sun}
+    told |= {adjacent(building.rooms[other].name): shown[other] for other in building.neighbours(index)}
+    return np.array([told[channel] for channel in network.inputs])
 
 
 class Site:

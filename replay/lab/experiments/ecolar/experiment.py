@@ -66,10 +66,10 @@ def prepare(request: Request) -> Study:
             for contender in CONTENDERS:
                 options = contender.with_particles(request.particles).options
                 run = FilterRun(contender.estimator, options, network, PERIOD, series, seed)
-                job = night_job(f"{name} {contender.label}", NightRun(run, series, ZONE, MEASUREMENT_SD))
+                job = night_job(f"{name} {contender.label}", NightRun(run, series, ZONE))
                 runs.append(Run(name, contender.label, job))
             fit = LeastSquaresRun(network, PERIOD, segments_of(series, _SHORTEST_SEGMENT), _STARTS, seed)
-            job = night_job(f"{name} {LEAST_SQUARES}", NightRun(fit, series, ZONE, MEASUREMENT_SD))
+            job = night_job(f"{name} {LEAST_SQUARES}", NightRun(fit, series, ZONE))
             runs.append(Run(name, LEAST_SQUARES, job))
     return Study(
         tuple(runs),

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Array
-from estimator.gaussian.floor import floor
 from estimator.network.network import Network
 from estimator.offline.open_loop import simulate_open_loop
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.filtering import FilterRun, Series, run_filter
+from replay.experiments.series.following import follow
 from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.localtime import DAY
 from replay.scores import Window, daily_windows, rmse
@@ -23,8 +23,6 @@ from replay.scores import Window, daily_windows, rmse
 NIGHT = (20.0, 6.0)
 """Local hours."""
 DAYTIME = (7.0, 16.0)
-STATE_NOISE_SD = 0.03
-"""K per step, of the Kalman filter that prepares a night."""
 
 
 class NightRun(NamedTuple):
@@ -33,7 +31,6 @@ class NightRun(NamedTuple):
     run: FilterRun | LeastSquaresRun
     series: Series
     zone: str
-    measurement_sd: float
 
 
 def night_job(label: str, run: NightRun) -> Job:
@@ -59,7 +56,7 @@ def score_nights(job: NightRun) -> Arrays:
 
     def error(theta: Array, night: Window) -> float:
         rows = slice(*night)
-        state = state_at(run.network, theta, run.period, series, night.begin, job.measurement_sd)
+        state = state_at(run.network, theta, run.period, series, night.begin)
         simulated = simulate_open_loop(run.network, theta, state, series.inputs[rows], run.period)
         return rmse((simulated - series.outputs[rows])[1:, 0])
 
@@ -74,14 +71,8 @@ def nights(series: Series, period: float, zone: str) -> list[Window]:
     return daily_windows(series.times, period, zone, *NIGHT)
 
 
-def state_at(network: Network, theta: Array, period: float, series: Series, row: int, measurement_sd: float) -> Array:
-    """State (n_x,) at `row` of a Kalman filter with `theta` (n_theta,) over up to a day of the segment before it."""
+def state_at(network: Network, theta: Array, period: float, series: Series, row: int) -> Array:
+    """State (n_x,) at `row` that has followed up to a day of the segment before it with `theta` (n_theta,)."""
     begins = np.flatnonzero(series.starts[: row + 1])
-    first = max(int(begins[-1]), row - int(DAY // period))
-    known = {parameter.name: float(value) for parameter, value in zip(network.parameters, theta, strict=True)}
-    model = floor(network, period, process_sd=STATE_NOISE_SD, measurement_sd=measurement_sd, theta=known)
-    state = model.start(0, series.outputs[first], series.inputs[first])
-    for k in range(first, row + 1):
-        state = model.predict(state, series.inputs[k - 1]) if k > first else state
-        state = model.update(state, series.outputs[k]).state
-    return state.mean
+    rows = slice(max(int(begins[-1]), row - int(DAY // period)), row + 1)
+    return np.asarray(follow(network, theta, period, series.outputs[rows], series.inputs[rows])[-1])
