@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from http import HTTPStatus
+from typing import Any
 
 from fastapi import FastAPI, Response
-from fastapi.responses import PlainTextResponse, RedirectResponse
+from fastapi.responses import RedirectResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from adapters.fields.times import utc
-from replay.bms.faults import MENU, Fault, FaultError, FaultSpec
-from replay.bms.register_map import as_csv
+from replay.bms.faults import Fault, FaultError, FaultSpec
 from replay.bms.simulation import Simulation
 from service.config.http import HttpConfig
 from service.web import pages as api_pages
@@ -22,29 +21,6 @@ from service.web.problems import documented, invalid
 from service.web.server.refusal import RequestRefused
 
 
-class RoomState(BaseModel):
-    """The truth about a room: temperatures and set-point in degC, flows of heat in W, openings in W/K."""
-
-    T_air: float
-    T_env: float
-    T_heater: float
-    set_point: float
-    u_heat: float
-    unmeasured: float = Field(description="people, sun and open windows together")
-    opening: float = Field(description="windows, those left open by a fault included")
-    parameters: dict[str, float] = Field(description="true capacitances in J/K of simulated time, conductances in W/K")
-
-
-class State(BaseModel):
-    """The truth, without sensors and faults."""
-
-    simulated_time: datetime
-    pace: float
-    T_out: float
-    I_sol: float = Field(description="global irradiance, W/m2")
-    rooms: dict[str, RoomState]
-
-
 class Order(BaseModel):
     """What somebody at the plant wants of a room, until it is withdrawn; null leaves it to schedule and thermostat."""
 
@@ -52,29 +28,6 @@ class Order(BaseModel):
 
     set_point: float | None = Field(None, ge=5.0, le=35.0, description="degC")
     u_heat: float | None = Field(None, description="W; overrules the thermostat")
-
-
-class FaultState(BaseModel):
-    """A fault that acts or will; durations in real s, null for ever."""
-
-    id: int
-    kind: str
-    device: str | None
-    channel: str | None
-    value: float
-    active: bool
-    begins_in: float = Field(description="0 when it acts")
-    ends_in: float | None
-
-
-class MenuEntry(BaseModel):
-    """A kind of fault, and what its value means."""
-
-    kind: str
-    acts_on: str
-    value: str | None
-    default: float | None
-    meaning: str
 
 
 def create_control(simulation: Simulation) -> FastAPI:
@@ -90,32 +43,15 @@ def create_control(simulation: Simulation) -> FastAPI:
         return RedirectResponse("/docs")
 
     @app.get("/state", summary="The truth, without sensors and faults")
-    async def state() -> State:
+    async def state() -> dict[str, Any]:
         return _state(simulation)
 
-    @app.get("/registers", response_class=PlainTextResponse, summary="The register map as CSV")
-    async def registers() -> str:
-        return as_csv(simulation.plant)
-
-    @app.get("/menu", summary="What can go wrong")
-    async def menu() -> list[MenuEntry]:
-        return [
-            MenuEntry(
-                kind=name,
-                acts_on=kind.scope,
-                value=kind.value_unit or None,
-                default=kind.default,
-                meaning=kind.meaning,
-            )
-            for name, kind in MENU.items()
-        ]
-
     @app.get("/faults", summary="Faults that act or will")
-    async def faults() -> list[FaultState]:
+    async def faults() -> list[dict[str, Any]]:
         return [_shown(fault, begins_in) for fault, begins_in in board.listed()]
 
     @app.post("/faults", status_code=HTTPStatus.CREATED, responses=documented(422), summary="Switch a fault on")
-    async def switch_on(spec: FaultSpec) -> FaultState:
+    async def switch_on(spec: FaultSpec) -> dict[str, Any]:
         try:
             fault = board.add(spec)
         except FaultError as error:
@@ -183,38 +119,39 @@ def _known(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 
-def _shown(fault: Fault, begins_in: float) -> FaultState:
+def _shown(fault: Fault, begins_in: float) -> dict[str, Any]:
+    """A fault that acts or will; durations in real s, null for ever."""
     ends_in = None if math.isinf(fault.ends) else round(begins_in + fault.ends - fault.begins, 3)
-    return FaultState(
-        id=fault.id,
-        kind=fault.spec.kind,
-        device=fault.spec.device,
-        channel=fault.spec.channel,
-        value=fault.value,
-        active=begins_in <= 0,
-        begins_in=max(round(begins_in, 3), 0.0),
-        ends_in=ends_in,
-    )
+    return {
+        "id": fault.id,
+        **{name: getattr(fault.spec, name) for name in ("kind", "device", "channel")},
+        "value": fault.value,
+        "active": begins_in <= 0,
+        "begins_in": max(round(begins_in, 3), 0.0),
+        "ends_in": ends_in,
+    }
 
 
-def _state(simulation: Simulation) -> State:
+def _state(simulation: Simulation) -> dict[str, Any]:
+    """Temperatures and set-points in degC, flows of heat in W (`unmeasured` is people, sun and open windows together),
+    openings in W/K; parameters are capacitances in J/K of simulated time and conductances in W/K."""
     now = simulation.world.now
-    return State(
-        simulated_time=utc(now.time),
-        pace=simulation.pace,
-        T_out=now.outdoor,
-        I_sol=now.irradiance,
-        rooms={
-            room.name: RoomState(
-                T_air=now.air[k],
-                T_env=now.envelope[k],
-                T_heater=now.heater[k],
-                set_point=now.set_point[k],
-                u_heat=now.power[k],
-                unmeasured=now.gain[k],
-                opening=now.opening[k],
-                parameters=room.theta,
-            )
+    columns = {
+        "T_air": now.air,
+        "T_env": now.envelope,
+        "T_heater": now.heater,
+        "set_point": now.set_point,
+        "u_heat": now.power,
+        "unmeasured": now.gain,
+        "opening": now.opening,
+    }
+    return {
+        "simulated_time": utc(now.time),
+        "pace": simulation.pace,
+        "T_out": now.outdoor,
+        "I_sol": now.irradiance,
+        "rooms": {
+            room.name: {name: float(values[k]) for name, values in columns.items()} | {"parameters": room.theta}
             for k, room in enumerate(simulation.building.rooms)
         },
-    )
+    }

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from replay.bms import register_map
 from replay.bms.bacnet import objects as bacnet_objects
@@ -21,6 +23,7 @@ from replay.bms.zenoh_publisher import ZenohPublisher
 from replay.errors import ReplayError
 from service.config.site import HttpConfig
 from service.daemon.logs import configure_logging
+from service.daemon.tasks import end
 from service.web.server.server import HttpServer
 
 if TYPE_CHECKING:
@@ -76,42 +79,31 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
     for fault in options.faults:
         simulation.faults.add(fault)
     http = HttpServer(create_control(simulation), HttpConfig(port=options.control_port), "--control-port")
-    modbus: ModbusServer | None = None
     bacnet: BacnetServer | None = None
-    publisher: ZenohPublisher | None = None
-    tasks: list[asyncio.Task[None]] = []
-    try:
+    async with AsyncExitStack() as opened:
+        opened.callback(http.close)
         modbus = await ModbusServer.start(simulation, options.port)
+        opened.push_async_callback(modbus.stop)
+        works: list[Callable[[], Coroutine[Any, Any, None]]] = [http.run, simulation.run]
         if options.bacnet is not None:
             bacnet = await _bacnet(simulation, options.bacnet)
+            opened.push_async_callback(bacnet.stop)
+            works.append(bacnet.run)
         if options.zenoh is not None:
             publisher = await asyncio.to_thread(ZenohPublisher.open, options.zenoh, simulation)
+            opened.push_async_callback(asyncio.to_thread, publisher.close)
+            works.append(partial(publisher.run, options.publish_every))
         if options.config is not None:
             over = over_bacnet(bacnet.port) if options.over == "bacnet" and bacnet else over_modbus(modbus.port)
             write_config(options.config, simulation, over, options.overrides)
         if options.register_map is not None:
             options.register_map.write_text(register_map.as_csv(simulation.plant), encoding="utf-8")
-        serving = asyncio.create_task(http.run())
-        tasks = [serving, asyncio.create_task(simulation.run())]
-        if bacnet is not None:
-            tasks.append(asyncio.create_task(bacnet.run()))
-        if publisher is not None:
-            tasks.append(asyncio.create_task(publisher.run(options.publish_every)))
-        await http.started(serving)
+        tasks = [asyncio.create_task(work()) for work in works]
+        opened.push_async_callback(end, tasks)
+        await http.started(tasks[0])
         ready(_greeting(options, simulation, modbus.port, bacnet.port if bacnet else None, http.url))
         await _until(stop, tasks)
-        await http.stop(serving)
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        http.close()
-        if publisher is not None:
-            await asyncio.to_thread(publisher.close)
-        if bacnet is not None:
-            await bacnet.stop()
-        if modbus is not None:
-            await modbus.stop()
+        await http.stop(tasks[0])
 
 
 async def _bacnet(simulation: Simulation, port: int) -> BacnetServer:
@@ -139,7 +131,7 @@ def _greeting(options: BmsOptions, simulation: Simulation, port: int, bacnet: in
         f"Modbus TCP  127.0.0.1:{port}; registers count from 0",
         f"Zenoh       {options.zenoh or 'off'}" + ("; keys bms/{plain,json,senml}/**" if options.zenoh else ""),
         f"BACnet/IP   {bacnet_objects.served(simulation.plant, bacnet)}",
-        f"Control     {url}; GET /state, /faults, /menu, /registers; POST /faults; DELETE /faults/<id>",
+        f"Control     {url}; GET /state, /faults; POST /faults; DELETE /faults/<id>",
         f"            {url}; PUT and DELETE /rooms/<room>: set-point and heating",
     ]
     if options.config is not None:

@@ -264,14 +264,6 @@ def _turned(look: Look) -> Found:
             yield SIGN_FLIPPED, column, 24.0
 
 
-def _by_slot(days: Array) -> Array:
-    """The mean of each slot over `days` (d, k) where it was measured; NaN where it never was."""
-    known = ~np.isnan(days)
-    return np.where(
-        known.any(axis=0), np.where(known, days, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1), np.nan
-    )
-
-
 def _slope(shape: Array, values: Array) -> float:
     """How strongly `values` (k,) follow the `shape` (k,) of a day beside a straight line."""
     design = np.column_stack([np.ones(len(shape)), np.linspace(-1.0, 1.0, len(shape)), shape - np.nanmean(shape)])

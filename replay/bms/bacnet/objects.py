@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from replay.bms.plant import Channel, Device
 
@@ -25,8 +25,6 @@ UNITS = {
 }
 """BACnet's names of the plant's units."""
 
-HEADINGS = ("device", "instance", "address", "channel", "object", "unit")
-
 _HOSTS = 250
 
 
@@ -44,15 +42,6 @@ def objects(device: Device) -> list[tuple[Channel, str, int]]:
         counted[kind] += 1
         found.append((channel, kind, counted[kind]))
     return found
-
-
-def rows(plant: Iterable[Device]) -> list[tuple[str, ...]]:
-    """One row of cells under HEADINGS per channel."""
-    return [
-        (device.name, str(FIRST_INSTANCE + device.unit_id), host(index), channel.name, f"{kind},{number}", channel.unit)
-        for index, device in enumerate(plant)
-        for channel, kind, number in objects(device)
-    ]
 
 
 def served(plant: Sequence[Device], port: int | None) -> str:

@@ -14,7 +14,7 @@ from replay.experiments.hours_ahead.contenders import (
     contenders,
     jobs_of,
 )
-from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key, weight
+from replay.experiments.hours_ahead.figures import COVERAGE, CRPS, GAIN, LARGEST, LEARNED, LOSS, SCORES, key
 from replay.experiments.hours_ahead.forecasts import PERSISTENCE
 from replay.experiments.hours_ahead.horizons import EVERY, FIRST_DAYS, LATER, WINDOWS, leads_of
 from replay.experiments.hours_ahead.recordings import Recording, recordings
@@ -85,7 +85,6 @@ def _report(
         ),
         _first_days(results, known),
         *_learned(results, known),
-        *_members(results, known),
         _settings(results, known, entered, compared),
     ]
     lead = tuple(
@@ -271,30 +270,6 @@ def _learned(results: Results, known: Mapping[str, Recording]) -> tuple[Section,
             (table,),
         ),
     )
-
-
-def _members(results: Results, known: Mapping[str, Recording]) -> tuple[Section, ...]:
-    """What the members of every bank weigh."""
-    rows: list[tuple[Cell, ...]] = []
-    horizons = list(_horizons(known, CRPS, LATER))
-    for recording in known:
-        for contender in results.contenders:
-            seen = dict.fromkeys(name for run in results.runs(recording, contender) for name in run)
-            members = dict.fromkeys(
-                name.removeprefix("weight of ").rpartition(", ")[0] for name in seen if name.startswith("weight of ")
-            )
-            for member in members:
-                shares = [results.spread(recording, contender, weight(member, horizon)) for horizon in horizons]
-                rows.append((recording, contender, member, *shares))
-    if not rows:
-        return ()
-    table = Table(
-        "weights",
-        "What the members of a bank weigh, mean after three days",
-        ("recording", "bank", "member", *horizons),
-        tuple(rows),
-    )
-    return (Section("Whom the bank trusts", (), (table,)),)
 
 
 def _settings(

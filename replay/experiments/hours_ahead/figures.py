@@ -34,11 +34,6 @@ def key(score: str, horizon: str, window: str = LATER) -> str:
     return f"{score}, {horizon}, {window}"
 
 
-def weight(member: str, horizon: str) -> str:
-    """The name of what a member of a bank weighs, on average after three days."""
-    return f"weight of {member}, {horizon}"
-
-
 def figures(recording: Recording, arrays: Arrays) -> Figures:
     """Every figure of a run with `arrays` on `recording`."""
     found: dict[str, float] = {}
@@ -52,13 +47,6 @@ def figures(recording: Recording, arrays: Arrays) -> Figures:
         found["seconds"] = float(arrays["seconds"])
     if recording.known is not None and "gain" in arrays:
         found |= learned(recording.known, recording.series.times, arrays)
-    if len(arrays.get("weight_rows", ())):
-        later = arrays["weight_rows"] >= windows_of(recording.series)[LATER].begin
-        known = arrays["weight_leads"].tolist()
-        for horizon, lead in leads.items():
-            if later.any() and lead in known:
-                shares = arrays["weights"][later][:, :, known.index(lead)].mean(axis=0)
-                found |= {weight(str(m), horizon): float(s) for m, s in zip(arrays["members"], shares, strict=True)}
     return found
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from estimator import registry
 from estimator.arrays import Array
-from estimator.bank.bank import Bank
 from estimator.heat.known import KnownHeat
 from estimator.network.assembly import assemble
 from estimator.network.discretise import heat_loss
@@ -41,7 +40,7 @@ class HoursRun(NamedTuple):
 def run_hours(run: HoursRun) -> Arrays:
     """The arrays of `Forecasts` (K, H), and of what is learned the .025, .5 and .975 quantiles `gain` (K, 3) [W];
     `heat_loss` (D,) of the median parameters to the first boundary [W/K], once a day at `heat_loss_rows` (D,);
-    `seconds` (); of a bank also `members` (E,), and `weights` (n, E, L) at `weight_rows` (n,) and `weight_leads` (L,).
+    `seconds` ().
     """
     began = time.perf_counter()
     name, options, network, period, series, seed, whereabouts = run.filter
@@ -70,7 +69,6 @@ class _Keeper:
         self._drive = series.inputs if known is None else known.drive(series.times.astype(np.float64), series.inputs)
         self._kept = no_forecasts(len(series.times), len(leads))
         self._issued = {lead: set(issued(series, estimator.period, lead).tolist()) for lead in leads if lead > 1}
-        self._weights: dict[int, Array] = {}
         self._a_day = max(1, round(DAY / estimator.period))
         self._gain = np.full((len(series.times), 3), np.nan)
         self._heat_loss: dict[int, float] = {}
@@ -88,8 +86,6 @@ class _Keeper:
         for lead, mixture in enumerate(fan.each(), start=1):
             if lead in places:
                 self._keep(step.row + lead, places[lead], mixture)
-        if isinstance(self._estimator, Bank):
-            self._weights[step.row] = np.array(list(self._estimator.member_weights(step.state).values()))
 
     def learn(self, step: Step) -> None:
         """Keep what the sample of `step` has taught."""
@@ -100,16 +96,11 @@ class _Keeper:
             self._heat_loss[step.row] = _to_first_boundary(self._estimator.network, median)
 
     def arrays(self) -> Arrays:
-        """The forecasts, what was learned, and the weights of a bank."""
+        """The forecasts, and what was learned."""
         arrays: Arrays = self._kept._asdict()
         arrays["gain"] = self._gain
         arrays["heat_loss"] = np.array([*self._heat_loss.values()], dtype=np.float64)
         arrays["heat_loss_rows"] = np.array([*self._heat_loss], dtype=np.int64)
-        if isinstance(self._estimator, Bank):
-            arrays["members"] = np.array(self._estimator.names, dtype=np.str_)
-            arrays["weights"] = np.array([self._weights[row] for row in self._weights])
-            arrays["weight_rows"] = np.array(list(self._weights), dtype=np.int64)
-            arrays["weight_leads"] = np.array(self._estimator.leads, dtype=np.int64)
         return arrays
 
     def _keep(self, row: int, place: int, mixture: Mixture) -> None:

@@ -1,4 +1,4 @@
-"""Measured rooms that anybody can have, as tidy CSV files: read where they lie, for they belong to others.
+"""Measured rooms that anybody can have, as CSV files: read where they lie, for they belong to others.
 
 docs/benchmark.md says where each is had, under which licence, and what its columns are.
 """
@@ -17,6 +17,7 @@ import numpy as np
 from estimator.arrays import Array
 from estimator.heat.sun import Location
 from estimator.network import presets
+from estimator.network.network import Network
 from replay.errors import ReplayError
 from replay.experiments.hours_ahead.recordings import Recording
 from replay.experiments.series.recorded_zone import ZoneRecord, bridged
@@ -26,7 +27,7 @@ from service.config.site import Whereabouts
 
 _HELD = 2 * HOUR
 """How long a missing input keeps its last value [s]."""
-_BRIDGED = 12
+BRIDGED = 12
 """`max_gap` of a zone that does not set it."""
 
 
@@ -42,6 +43,11 @@ class Room(NamedTuple):
     whereabouts: Whereabouts = Whereabouts()
     ahead_of_utc: int = 0
     """h: of times without a zone."""
+    network: Network | None = None
+    """None: `auto` of the channels."""
+    dated: bool = True
+    """Whether rows have a `time`; if not, they follow each other without a gap."""
+    rows: slice = slice(None)
 
 
 def _twin_house(room: str) -> Room:
@@ -80,7 +86,34 @@ def _university(room: str) -> Room:
     )
 
 
+_BY_SUN = presets.titethria().with_solar("T_i", presets.SOLAR_APERTURE).validate()
 ROOMS: Mapping[str, Room] = {
+    "FlexHouse": Room(
+        "flexhouse_prbs1/inputPRBS1.csv",
+        "a light-weight office at Risø heated by a binary sequence; TiTeThRia with a free solar aperture",
+        300,
+        {"T_i": ("yTi", 1.0), "T_out": ("Ta", 1.0), "u_heat": ("Ph", 1000.0), "I_sol": ("Ps", 1000.0)},
+        network=_BY_SUN,
+        dated=False,
+    ),
+    "darkgreybox demo": Room(
+        "darkgreybox_demo/demo_data.csv",
+        "a large building without a measurement of the sun; TiTeThRia with the bounds of the preset",
+        HOUR,
+        {"T_i": ("Ti", 1.0), "T_out": ("Ta", 1.0), "u_heat": ("Ph", 1000.0)},
+        network=presets.titethria().validate(),
+        dated=False,
+    ),
+    "armadillo": Room(
+        "armadillo/armadillo_data_H2.csv",
+        "a small test house; TiTeThRia with a free solar aperture",
+        1800,
+        {"T_i": ("T_int", 1.0), "T_out": ("T_ext", 1.0), "u_heat": ("P_hea", 1.0), "I_sol": ("I_sol", 1.0)},
+        network=_BY_SUN,
+        dated=False,
+        # The last row is dropped, as in what its authors published.
+        rows=slice(-1),
+    ),
     **{
         f"twin house {room}": _twin_house(room) for room in ("living", "bath", "child", "kitchen", "doorway", "bedroom")
     },
@@ -100,22 +133,21 @@ FILES = tuple(dict.fromkeys(room.file for room in ROOMS.values()))
 
 
 def read_room(name: str, folder: Path | None) -> Recording | None:
-    """The recording of that name below `folder`, with the network `auto` of its channels; None where its file is not
+    """The recording of that name below `folder`, with its network; None where its file is not
     there, ReplayError where it is not what it should be."""
     room = ROOMS[name]
     path = folder and folder / room.file
     if path is None or not path.exists():
         return None
     times, columns = _columns(path, room)
-    network = usually_heated(presets.automatic(room.channels), room.whereabouts.location)
-    series = bridged(ZoneRecord(times, room.period, columns), network, _BRIDGED)
-    return Recording(
-        name, f"{room.what}; the network auto", True, network, room.period, series, whereabouts=room.whereabouts
-    )
+    network = room.network or usually_heated(presets.automatic(room.channels), room.whereabouts.location)
+    series = bridged(ZoneRecord(times, room.period, columns), network, BRIDGED)
+    what = room.what if room.network else f"{room.what}; the network auto"
+    return Recording(name, what, True, network, room.period, series, whereabouts=room.whereabouts)
 
 
 @contextmanager
-def explained(path: Path) -> Iterator[None]:
+def _explained(path: Path) -> Iterator[None]:
     """ReplayError in place of what reading the file at `path` raises."""
     try:
         yield
@@ -128,15 +160,19 @@ def explained(path: Path) -> Iterator[None]:
 def _columns(path: Path, room: Room) -> tuple[np.ndarray, dict[str, Array]]:
     """UTC s (K,) and channels (K,), inputs held."""
     zone = timezone(timedelta(hours=room.ahead_of_utc))
-    with explained(path), path.open(encoding="utf-8-sig", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if room.room is None or row["room"] == room.room]
-        times = np.array([round(_dated(row["time"], zone).timestamp()) for row in rows], dtype=np.int64)
+    with _explained(path), path.open(encoding="utf-8-sig", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if room.room is None or row["room"] == room.room][room.rows]
+        times = room.period * np.arange(len(rows), dtype=np.int64)
+        if room.dated:
+            times = np.array([round(_dated(row["time"], zone).timestamp()) for row in rows], dtype=np.int64)
         table = {
             channel: factor * np.array([float(row[column] or "nan") for row in rows]) if column else np.zeros(len(rows))
             for channel, (column, factor) in room.channels.items()
         }
     if not rows:
         raise ReplayError(f"{path}: it has no rows of the room; look at docs/benchmark.md")
+    if not room.dated and not all(np.isfinite(values).all() for values in table.values()):
+        raise ReplayError(f"{path}: it has gaps; this is not the published file")
     inputs = {channel: _held(times, values) for channel, values in table.items() if channel != "T_i"}
     return times, {"T_i": table["T_i"], **inputs}
 

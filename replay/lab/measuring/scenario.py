@@ -27,8 +27,7 @@ _SPARE_ROUNDS = 3
 class Scenario(NamedTuple):
     """What to write: `zones` of `preset` with `particles` each, an instant every `every` s, `rounds` of them measured.
 
-    The round before the measured ones starts the filters. `every` None: as fast as it goes. Particles are those of
-    the `estimator` "rbpf"; another one has its defaults.
+    The round before the measured ones starts the filters. `every` None: as fast as it goes.
     """
 
     zones: int
@@ -36,7 +35,6 @@ class Scenario(NamedTuple):
     preset: str
     every: float | None
     rounds: int
-    estimator: str = "rbpf"
 
     @property
     def rows(self) -> int:
@@ -80,7 +78,6 @@ def write(scenario: Scenario, folder: Path, zenoh_port: int | None = None) -> Pa
 def _configuration(scenario: Scenario, house: Network, zenoh_port: int | None) -> dict[str, object]:
     # The clock of the recording starts when the listener hears every zone.
     listener = {"listen": [], "connect": [f"tcp/127.0.0.1:{zenoh_port}"], "await_subscriber": "2min"}
-    options = {"particles": scenario.particles} if scenario.estimator == "rbpf" else {}
     return {
         "site": {"id": SITE, "state_dir": "state"},
         "http": {"port": 0},
@@ -98,8 +95,8 @@ def _configuration(scenario: Scenario, house: Network, zenoh_port: int | None) -
                 "id": zone,
                 "period": format_duration(PERIOD),
                 "network": scenario.preset,
-                "estimator": scenario.estimator,
-                "estimator_options": options,
+                "estimator": "rbpf",
+                "estimator_options": {"particles": scenario.particles},
                 "channels": {
                     channel: {
                         "source": "recording",

@@ -22,7 +22,7 @@ from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Prope
 from adapters.bacnet.values import flags, number
 from adapters.reading import Fault
 from adapters.scanning import Scan
-from replay.bms.bacnet.objects import CLIENT, rows
+from replay.bms.bacnet.objects import CLIENT, FIRST_INSTANCE, objects
 from replay.bms.bacnet.server import BacnetServer
 from replay.bms.faults import parse_spec
 from replay.bms.simulation import Simulation
@@ -61,11 +61,15 @@ def test_every_channel_is_an_object_with_the_plants_value_and_unit() -> None:
         source = network(port, timeout=1.0).build("bms", [])
         found = await source.scan(Scan(seconds=1.0))
         listed = {(row[0], row[2]): row for row in found.rows[1:]}
-        expected = {(row[1], row[4]): row for row in rows(plant.plant)}
+        expected = {
+            (str(FIRST_INSTANCE + device.unit_id), f"{kind},{number}"): channel
+            for device in plant.plant
+            for channel, kind, number in objects(device)
+        }
         assert listed.keys() == expected.keys()
         for place, row in listed.items():
-            assert row[3] == expected[place][3]
-            assert row[5] in (expected[place][5], "-")
+            assert row[3] == expected[place].name
+            assert row[5] in (expected[place].unit, "-")
         assert listed["1001", "analog-input,3"][5] == "degF"
         assert listed["1011", "accumulator,1"][4] == f"{2**32 - 500}"
         assert {row[6] for row in listed.values()} == {"ok"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from typing import Any
 
 import pytest
@@ -72,18 +71,6 @@ def test_mistakes_are_explained(body: dict[str, Any], gist: str) -> None:
     (response,) = ask(simulation(Clock()), ("POST", "/faults", body))
     assert response.status_code == 422
     assert gist in response.json()["detail"]
-
-
-def test_menu_and_registers() -> None:
-    plant = simulation(Clock())
-    menu, registers = ask(plant, ("GET", "/menu", None), ("GET", "/registers", None))
-    assert {name: menu.json()[-1][name] for name in ("kind", "value", "default")} == {
-        "kind": "window",
-        "value": "W/K",
-        "default": 80.0,
-    }
-    rows = list(csv.DictReader(registers.text.splitlines()))
-    assert [row["channel"] for row in rows if row["device"] == "room3"] == ["T_air", "heat_power", "energy", "pump"]
 
 
 def test_its_documentation_needs_nothing_from_elsewhere() -> None:

@@ -288,7 +288,7 @@ def test_the_network_that_is_found_on_live_history_is_printed(state, tmp_path, m
     assert main(["experiment", "topology", "--jobs", "1", "--out", str(tmp_path), "--state", str(folder)]) == 0
     assert f'In zone "{ZONE}" of the daemon\'s configuration: below its channels' in capsys.readouterr().out
     assert f"as the daemon on <code>{folder}</code> has accepted its samples" in (tmp_path / "report.html").read_text()
-    assert main(["experiment", "cost", "--out", str(tmp_path / "cost"), "--state", str(folder)]) == 1
+    assert main(["experiment", "lies", "--out", str(tmp_path / "lies"), "--state", str(folder)]) == 1
     assert "--state means nothing to this experiment" in capsys.readouterr().err
 
 

@@ -17,7 +17,7 @@ from service.daemon.process import prepare_process
 
 SECTIONS = {
     **dict.fromkeys(("update", "threads", "growth"), "updates"),
-    **dict.fromkeys(("months", "memory", "start", "control", "fleet"), "processes"),
+    **dict.fromkeys(("months", "memory", "start", "fleet"), "processes"),
 }
 """The module of each section, which has a function of its name."""
 _PATIENCE = 3600.0

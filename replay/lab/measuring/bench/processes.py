@@ -18,7 +18,7 @@ import numpy as np
 from replay.errors import MeasurementError
 from replay.experiments.series.recorded_zone import samples_of
 from replay.lab.measuring import fleet as load
-from replay.lab.measuring.bench.section import Details, Section, Sizes, Target, median, spread, text, timed
+from replay.lab.measuring.bench.section import Details, Section, Sizes, Target, text
 from replay.lab.measuring.daemon import COMMAND, DaemonProcess, resident_bytes
 from replay.lab.measuring.fleet import duration
 from replay.lab.measuring.scenario import Scenario, write, zone_ids
@@ -26,9 +26,6 @@ from service.config import load as configuration
 from service.config.fitting import make_alignment, make_worker
 
 _PATIENCE = 300.0
-_REPEATS = 5
-_LEARNED = 36
-"""Samples that a zone has learned from: its parameters are still wide, which makes the quantiles the most work."""
 (_ZONE,) = zone_ids(1)
 
 
@@ -135,42 +132,6 @@ def _until(daemon: DaemonProcess, condition: Callable[[], bool]) -> None:
 def _compiled(cache: Path) -> int:
     """How many compiled specialisations the cache holds."""
     return sum(1 for _ in cache.rglob("*.nbc"))
-
-
-def control(sizes: Sizes) -> Section:
-    """What a controller waits for: the fans of all zones in one request, and a model, over HTTP."""
-    plan = {"inputs": {"*": {"u_heat": {"step": "1h", "values": [1000.0, 0.0] * 24}}}}
-    request: dict[str, Any] = {"horizon": "48h", "levels": [0.95], "plans": [plan]}
-    rows, worst = [], 0.0
-    for estimator in sizes.control_estimators:
-        scenario = Scenario(sizes.control_zones, sizes.particles, "titeth", None, _LEARNED, estimator)
-        with TemporaryDirectory(prefix="thermogate-control-") as folder:
-            config = write(scenario, Path(folder))
-            with DaemonProcess(config, Path(folder) / "log") as daemon, httpx.Client(timeout=600.0) as client:
-                url = daemon.url()
-                _until(daemon, lambda: _ended(client, url))  # noqa: B023
-                fans = lambda: client.post(f"{url}/forecasts", json=request).raise_for_status()  # noqa: B023, E731
-                fans()
-                used = daemon.cpu_seconds()
-                seconds = [timed(fans)[0] for _ in range(_REPEATS)]
-                used = (daemon.cpu_seconds() - used) / _REPEATS
-                model = f"{url}/zones/{_ZONE}/model?step=20min"
-                models = [timed(lambda: client.get(model).raise_for_status())[0] for _ in range(_REPEATS)]  # noqa: B023
-                daemon.stop()
-        worst = max(worst, median(seconds))
-        rows.append((estimator, spread(seconds), text(used), spread(models)))
-    what = f"fans of {sizes.control_zones} zones over 288 steps, one request, the slowest estimator"
-    columns = ("estimator", "all fans", "processor time", "a model")
-    return Section(
-        (Target(what, "at most 2 s", text(worst), worst <= 2.0),),
-        (Details("What a controller waits for", "", columns, rows),),
-    )
-
-
-def _ended(client: httpx.Client, url: str) -> bool:
-    """Whether every zone has taken the whole recording."""
-    zones = client.get(f"{url}/zones").raise_for_status().json()["zones"]
-    return all("come to an end" in zone["reason"] for zone in zones)
 
 
 def fleet(sizes: Sizes) -> Section:

@@ -49,13 +49,11 @@ class Sizes(NamedTuple):
     growth_repeats: int = 30
     replay_samples: int = 22_172
     resident_zones: tuple[int, ...] = (1, 50, 100, 200, 400, 700, 1000)
-    control_zones: int = 50
-    control_estimators: tuple[str, ...] = ("bank", "rbpf", "mkf", "ekf")
     fleet: tuple[int, int, float, int] = (1000, 9000, 10.0, 6)
     """Zones, particles, s between two instants, and instants."""
 
 
-TINY = Sizes(200, 5, 10, (100, 200, 400), (1, 2, 4), 3, 144, (1, 2, 4), 2, ("ekf",), (3, 60, 1.0, 2))
+TINY = Sizes(200, 5, 10, (100, 200, 400), (1, 2, 4), 3, 144, (1, 2, 4), (3, 60, 1.0, 2))
 """For the test that the measurements run; their figures mean nothing."""
 
 SIZES = {"full": Sizes(), "tiny": TINY}

@@ -37,7 +37,7 @@ def test_a_room_is_read_from_the_rows_that_are_its_own(tmp_path: Path) -> None:
 def test_a_file_that_is_not_there_is_no_recording(tmp_path: Path) -> None:
     assert [read_room(name, tmp_path) for name in ROOMS] == [None] * len(ROOMS)
     assert read_room("housetemp", None) is None
-    assert len(FILES) == 4
+    assert len(FILES) == 7
 
 
 @pytest.mark.parametrize(

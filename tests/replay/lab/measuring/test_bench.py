@@ -18,7 +18,7 @@ def results(tmp_path_factory):
     page = folder / "performance.md"
     page.write_text(PAGE)
     # A cold start compiles for half a minute; the fleet has a test of its own.
-    quick = ["update", "threads", "growth", "months", "memory", "control"]
+    quick = ["update", "threads", "growth", "months", "memory"]
     options = ["--size", "tiny", "--out", str(folder / "bench.json"), "--page", str(page), "--only", *quick]
     command = [sys.executable, "-m", "replay.lab.measuring.bench", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
@@ -32,7 +32,7 @@ def test_every_section_has_figures_beside_its_targets(results):
         assert found["targets"], name
         assert all(one["what"] in page and one["measured"] in page for one in found["targets"])
     assert "same bits" in measured["sections"]["threads"]["targets"][0]["measured"]
-    assert [row[0] for row in measured["sections"]["control"]["details"][0]["rows"]] == ["ekf"]
+    assert [row[0] for row in measured["sections"]["update"]["details"][0]["rows"]] == ["rbpf", "ekf", "ukf"]
 
 
 def test_the_page_keeps_what_a_person_wrote(results):
