@@ -53,14 +53,29 @@ def textbook_kalman(net, theta, period, start, record, process_sd, noise_sd, mea
         spread = observe @ covariance @ observe.T + error
         means.append(observe @ mean)
         sds.append(np.sqrt(np.diag(spread)))
-        innovation = y - observe @ mean
+        seen = ~np.isnan(y)
+        rows, spread, innovation = observe[seen], spread[np.ix_(seen, seen)], (y - observe @ mean)[seen]
         total -= 0.5 * (innovation @ np.linalg.solve(spread, innovation) + np.log(np.linalg.det(2 * np.pi * spread)))
-        gain = covariance @ observe.T @ np.linalg.inv(spread)
+        gain = covariance @ rows.T @ np.linalg.inv(spread)
         mean = mean + gain @ innovation
-        covariance = covariance - gain @ observe @ covariance
+        covariance = covariance - gain @ rows @ covariance
     return np.array(means), np.array(sds), total
 
 
 def known(net: Network) -> Network:
     """`net` with every parameter held at its nominal value."""
     return net.with_fixed(p.name for p in net.parameters)
+
+
+DAY = 48
+"""Steps of `room`."""
+
+
+def room(count, seed=1, noise=0.02):
+    """A room of one capacity under random heating, and its inputs, every half hour."""
+    rng = np.random.default_rng(seed)
+    inputs = np.column_stack([5 + 3 * np.sin(2 * np.pi * np.arange(count) / DAY), 1000.0 * (rng.random(count) < 0.3)])
+    outputs = np.full(count, 20.0)
+    for k in range(count - 1):
+        outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + noise * rng.standard_normal()
+    return outputs, inputs

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from support.forecasts import unfolded
+from support.small_building import DAY, room
 
 from estimator.network.presets import network
 from estimator.registry import build
 from estimator.verification.scores import crps
 
 PERIOD = 1800.0
-DAY = 48
 NETWORK = network("tite")
 
 
@@ -27,16 +27,6 @@ def run(estimator, outputs, inputs, verify=()):
             state = estimator.verified(state, lead, outputs[due : due + 1] - mean)
         pending = [one for one in pending if one[0] > k + 1]
     return state
-
-
-def room(count, seed=1, noise=0.02):
-    """A room of one capacity under random heating, and its inputs."""
-    rng = np.random.default_rng(seed)
-    inputs = np.column_stack([5 + 3 * np.sin(2 * np.pi * np.arange(count) / DAY), 1000.0 * (rng.random(count) < 0.3)])
-    outputs = np.full(count, 20.0)
-    for k in range(count - 1):
-        outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + noise * rng.standard_normal()
-    return outputs, inputs
 
 
 def test_a_regression_is_found():

@@ -2,23 +2,13 @@
 
 import numpy as np
 import pytest
+from support.small_building import DAY, room
 
 from estimator.network.presets import network
 from estimator.registry import build
 
 PERIOD = 1800.0
-DAY = 48
 NETWORK = network("tite")
-
-
-def room(count, seed=1, noise=0.02):
-    """A room of one capacity under random heating, and its inputs."""
-    rng = np.random.default_rng(seed)
-    inputs = np.column_stack([5 + 3 * np.sin(2 * np.pi * np.arange(count) / DAY), 1000.0 * (rng.random(count) < 0.3)])
-    outputs = np.full(count, 20.0)
-    for k in range(count - 1):
-        outputs[k + 1] = 0.97 * outputs[k] + 0.03 * inputs[k, 0] + 0.0015 * inputs[k, 1] + noise * rng.standard_normal()
-    return outputs, inputs
 
 
 def make(**options):

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.forecasts import unfolded
+from support.small_building import Record, textbook_kalman
 
 from estimator.kernels.draws import Draws
-from estimator.network.assembly import assemble, theta_vector
-from estimator.network.discretise import discretise
 from estimator.network.network import InitialTemperature
 from estimator.network.presets import network
 from estimator.registry import build
@@ -24,30 +23,6 @@ def known_building():
     return building.with_fixed([p.name for p in building.parameters])
 
 
-def kalman_filter(net, outputs, inputs, r, q, sd0):
-    """A textbook Kalman filter, written apart from the package: predictive means, variances, log-likelihood."""
-    model = discretise(assemble(net, theta_vector(net)), PERIOD)
-    transition, response = model.transition[0], model.input[0]
-    rows = [net.nodes.index(name) for name in net.measured]
-    h = np.zeros((len(rows), len(net.nodes)))
-    h[np.arange(len(rows)), rows] = 1
-    mean, covariance = np.full(len(net.nodes), outputs[0, 0]), np.eye(len(net.nodes)) * sd0**2
-    history, total = [], 0.0
-    for y in outputs[1:]:
-        mean = transition @ mean + response @ inputs
-        covariance = transition @ covariance @ transition.T + q**2 * np.eye(len(mean))
-        seen = ~np.isnan(y)
-        s = h @ covariance @ h.T + r**2 * np.eye(len(rows))
-        history.append((h @ mean, np.sqrt(np.diag(s))))
-        if seen.any():
-            g, innovation = h[seen], (y - h @ mean)[seen]
-            s = s[np.ix_(seen, seen)]
-            gain = covariance @ g.T @ np.linalg.inv(s)
-            total += -0.5 * (np.linalg.slogdet(2 * np.pi * s)[1] + innovation @ np.linalg.solve(s, innovation))
-            mean, covariance = mean + gain @ innovation, covariance - gain @ g @ covariance
-    return history, total
-
-
 @pytest.mark.parametrize("implementation", ["compiled", "reference"])
 @pytest.mark.parametrize("measured", [("T_i",), ("T_i", "T_m", "T_h")])
 def test_with_known_parameters_and_volatility_it_is_the_kalman_filter(implementation, measured):
@@ -61,10 +36,14 @@ def test_with_known_parameters_and_volatility_it_is_the_kalman_filter(implementa
     outputs[0] = 20.0
     outputs[5] = np.nan
     outputs[9, -1] = np.nan
-    history, total = kalman_filter(net, outputs, INPUTS, 0.15, 0.03, 0.2)
+    rows = [net.nodes.index(name) for name in measured]
+    data = Record(np.tile(INPUTS, (30, 1)), outputs, outputs)
+    theta = {p.name: p.nominal for p in net.parameters}
+    start = np.full(5, 20.0), np.eye(5) * 0.2**2
+    means, sds, total = textbook_kalman(net, theta, PERIOD, start, data, 0.03, 0.15, rows)
     state = estimator.start(7, outputs[0], INPUTS)
     log_likelihood = 0.0
-    for y, (mean, sd) in zip(outputs[1:], history, strict=True):
+    for y, mean, sd in zip(outputs[1:], means, sds, strict=True):
         state = estimator.predict(state, INPUTS)
         mixture = estimator.predictive(state)
         np.testing.assert_allclose(mixture.mean(), mean, rtol=1e-9)

@@ -31,7 +31,7 @@ def test_a_fit_is_no_worse_than_what_darkgreybox_publishes() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("Time,T_ext,T_int\n0,1,2\n", "'P_hea' is not what docs/benchmark.md says"),
+        ("Time,T_ext,T_int\n0,1,2\n0,1,2\n", "'P_hea' is not what docs/benchmark.md says"),
         ("T_ext,P_hea,I_sol,T_int\n1,x,2,3\n1,1,2,3\n", "could not convert string to float: 'x' is not what"),
         ("T_ext,P_hea,I_sol,T_int\n1,1,,3\n1,1,2,3\n", "it has gaps"),
     ],
