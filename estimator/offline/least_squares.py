@@ -6,7 +6,7 @@ estimated, on their distance from the network's starting rule in its standard de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from estimator.network.space import parameter_space
 from estimator.network.starting import initial_temperatures
 from estimator.offline.open_loop import OpenLoop, simulate_open_loop
 
-__all__ = ["Fit", "Segment", "Start", "fit_open_loop", "simulate_open_loop"]
+__all__ = ["Fit", "Segment", "fit_open_loop", "simulate_open_loop"]
 
 AT_BOUND = 1e-3
 """A parameter nearer to an end of its log box than this share of its width counts as being at the bound."""
@@ -41,17 +41,6 @@ class Segment(NamedTuple):
     outputs: Array
 
 
-class Start(NamedTuple):
-    """What one start of the optimiser came to."""
-
-    theta: Array
-    """(n_theta,)."""
-    rmse: float
-    """Open-loop RMSE [K]."""
-    evaluations: int
-    converged: bool
-
-
 class Fit(NamedTuple):
     """The best of all starts."""
 
@@ -63,10 +52,8 @@ class Fit(NamedTuple):
     """(n_segments, n_x): where the simulation of each segment starts [degC]."""
     at_bound: tuple[str, ...]
     """Free parameters that ended at a bound of their box: it may be too narrow, or the data say nothing about them."""
-    evaluations: int
-    """Of the open-loop error and its gradient, over all starts."""
-    starts: tuple[Start, ...]
-    """In the order in which they were made; the first began at the middle of the box."""
+    starts: Array
+    """(n_starts,): RMSE [K] that each start came to; the first began at the middle of the box."""
 
 
 def fit_open_loop(
@@ -76,51 +63,44 @@ def fit_open_loop(
     *,
     starts: int = 8,
     seed: int = 0,
-    estimate_initial: bool = True,
-    progress: Callable[[Start], object] = lambda start: None,
 ) -> Fit:
     """Fit the free parameters of `network` to `segments` sampled every `period` s.
 
     The first of `starts` begins at the middle of the box, the others at a Latin hypercube design drawn with `seed`.
-    Initial temperatures follow the network's rule, unless they are estimated: then the unmeasured nodes' are, in the
-    neighbourhood of the rule. `progress` is called after each start. Raises EstimatorError where a segment cannot be
-    used.
+    Initial temperatures of unmeasured nodes are estimated too, in the neighbourhood of the network's rule. Raises
+    EstimatorError where a segment cannot be used.
     """
-    problem = _Problem(network, period, segments, estimate_initial)
+    problem = _Problem(network, period, segments)
     design = np.full((starts, problem.size), 0.5)
     if starts > 1 and problem.free:
         design[1:, : problem.free] = qmc.LatinHypercube(problem.free, rng=seed).random(starts - 1)
     design[:, problem.free :] = 0.0
-    made: list[Start] = []
-    best, best_error = design[0], np.inf
+    best, best_error, rmses = design[0], np.inf, []
     for first in design:
         result = _minimised(problem, first)
-        start = Start(problem.theta(result.x), float(np.sqrt(result.fun)), int(result.nfev), bool(result.success))
+        rmses.append(float(np.sqrt(result.fun)))
         if result.fun < best_error:
             best, best_error = result.x, float(result.fun)
-        made.append(start)
-        progress(start)
     return Fit(
         theta=problem.theta(best),
         rmse=float(np.sqrt(best_error)),
         initial_states=problem.initial_states(best),
         at_bound=problem.at_bound(best),
-        evaluations=sum(start.evaluations for start in made),
-        starts=tuple(made),
+        starts=np.array(rmses),
     )
 
 
 def _minimised(problem: _Problem, first: Array) -> OptimizeResult:
     """The minimum that is found from `first`; where there is nothing to fit, the error as it is."""
     if problem.size == 0:
-        return OptimizeResult(x=first, fun=problem.evaluate(first)[0], nfev=1, success=True)
+        return OptimizeResult(x=first, fun=problem.evaluate(first)[0])
     return minimize(problem.evaluate, first, jac=True, method="L-BFGS-B", bounds=problem.bounds, options=_OPTIMISER)
 
 
 class _Problem:
     """The mean squared open-loop error as a function of scaled variables: d places, then initial temperatures."""
 
-    def __init__(self, network: Network, period: float, segments: Sequence[Segment], estimate_initial: bool) -> None:
+    def __init__(self, network: Network, period: float, segments: Sequence[Segment]) -> None:
         if not segments:
             raise EstimatorError("there is no segment to fit; give at least one period without gaps")
         network = network.validate()
@@ -131,7 +111,7 @@ class _Problem:
         rules = [initial_temperatures(network, s.outputs[0], s.inputs[0]) for s in self._segments]
         self._rule, self._sd = (np.array(part) for part in zip(*rules, strict=True))
         hidden = [node not in network.measured for node in network.nodes]
-        self._estimated = np.flatnonzero(hidden) if estimate_initial else np.empty(0, dtype=np.int64)
+        self._estimated = np.flatnonzero(hidden)
         self._count = sum(int(np.isfinite(segment.outputs[1:]).sum()) for segment in self._segments)
         if self._count == 0:
             raise EstimatorError(

@@ -7,7 +7,6 @@ import signal
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +40,6 @@ class BmsOptions:
     zenoh: str | None = "tcp/127.0.0.1:7448"
     bacnet: int | None = None
     over: str = "modbus"
-    publish_every: float = 1.0
     pace: float = 60.0
     seed: int = 1
     meters: int = 0
@@ -92,7 +90,7 @@ async def serve(options: BmsOptions, stop: asyncio.Event, ready: Callable[[list[
         if options.zenoh is not None:
             publisher = await asyncio.to_thread(ZenohPublisher.open, options.zenoh, simulation)
             opened.push_async_callback(asyncio.to_thread, publisher.close)
-            works.append(partial(publisher.run, options.publish_every))
+            works.append(publisher.run)
         if options.config is not None:
             over = over_bacnet(bacnet.port) if options.over == "bacnet" and bacnet else over_modbus(modbus.port)
             write_config(options.config, simulation, over, options.overrides)

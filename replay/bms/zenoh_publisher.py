@@ -24,6 +24,7 @@ from replay.errors import ReplayError
 CACHED = 60
 """Samples that each publisher keeps for those who come back."""
 _CLOSE_SECONDS = 1.0
+_EVERY = 1.0
 
 _log = logging.getLogger(__name__)
 
@@ -70,11 +71,11 @@ class ZenohPublisher:
                 'choose another, or "off" for none'
             ) from None
 
-    async def run(self, every: float) -> None:
-        """Publish every `every` s until cancelled."""
+    async def run(self) -> None:
+        """Publish every second until cancelled."""
         while True:
             self.publish(time.time())
-            await asyncio.sleep(every)
+            await asyncio.sleep(_EVERY)
 
     def publish(self, now: float) -> None:
         """Put every channel once, stamped `now` (UTC seconds) as far as its device's clock is right."""

@@ -75,7 +75,6 @@ class Results:
         title: str,
         columns: Mapping[str, str],
         *,
-        recordings: Sequence[str] | None = None,
         contenders: Sequence[str] | None = None,
         quoted: Mapping[str, Sequence[Cell]] | None = None,
         note: str = "",
@@ -88,7 +87,7 @@ class Results:
         """
         named = len(self.recordings) > 1
         rows: list[tuple[Cell, ...]] = []
-        for recording in recordings or self.recordings:
+        for recording in self.recordings:
             for contender in contenders or self.contenders:
                 cells = [self.spread(recording, contender, figure) for figure in columns.values()]
                 if any(cell is not None for cell in cells):

@@ -57,8 +57,8 @@ class TopologyScores(NamedTuple):
 
 
 def fit_job(label: str, run: TopologyRun) -> Job:
-    """The job of `run`: arrays `theta` (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names), `converged`
-    (of the best start), `starts` (their RMSEs) and `held_out_rmse`."""
+    """The job of `run`: arrays `theta` (n_theta,), `initial_states` (n_pieces, n_x), `at_bound` (names) and
+    `held_out_rmse`."""
     return Job(label, 0, fit, run)
 
 
@@ -76,7 +76,6 @@ def fit(run: TopologyRun) -> Arrays:
         "theta": best.theta,
         "initial_states": best.initial_states,
         "at_bound": np.array(best.at_bound, dtype=np.str_),
-        "starts": np.array([start.rmse for start in best.starts]),
         "held_out_rmse": np.array(held_out),
     }
 

@@ -9,7 +9,6 @@ import pytest
 from support.small_building import PERIOD, TRUTH, building, record
 
 from estimator.errors import EstimatorError
-from estimator.network.network import InitialTemperature
 from estimator.network.presets import network
 from estimator.offline.least_squares import Segment, fit_open_loop, simulate_open_loop
 
@@ -29,8 +28,7 @@ def test_clean_data_give_the_parameters_back_from_every_start(seed):
     np.testing.assert_allclose(fit.initial_states, [[20.0, 17.0]], atol=0.1)
     assert fit.rmse < 1e-3
     assert fit.at_bound == ()
-    assert all(start.rmse < 1e-2 for start in fit.starts)
-    assert fit.evaluations == sum(start.evaluations for start in fit.starts)
+    assert (fit.starts < 1e-2).all()
 
 
 def test_noise_is_what_remains():
@@ -72,13 +70,6 @@ def test_two_measured_nodes_share_one_error():
     assert fit.rmse < 1e-3
 
 
-def test_initial_temperatures_by_rule():
-    net = replace(building(), initial={"T_e": InitialTemperature(17.0, 1.0)})
-    fit = fit_open_loop(net, PERIOD, [segment()], starts=1, estimate_initial=False)
-    np.testing.assert_array_equal(fit.initial_states, [[20.0, 17.0]])
-    np.testing.assert_allclose(fit.theta, TRUE, rtol=1e-2)
-
-
 def test_a_box_that_excludes_the_truth_is_said_and_kept():
     net = building().with_parameter("C_e", lower=5e7, upper=9e7, nominal=None)
     fit = fit_open_loop(net, PERIOD, [segment()], starts=2)
@@ -92,13 +83,10 @@ def test_fixed_parameters_stay():
     np.testing.assert_allclose(fit.theta, TRUE, rtol=1e-2)
 
 
-def test_the_same_seed_gives_the_same_bits_and_progress_is_told():
-    told = []
-    fits = [fit_open_loop(building(), PERIOD, [segment(200)], starts=3, seed=7, progress=told.append) for _ in "ab"]
+def test_the_same_seed_gives_the_same_bits():
+    fits = [fit_open_loop(building(), PERIOD, [segment(200)], starts=3, seed=seed) for seed in (7, 7, 8)]
     np.testing.assert_array_equal(fits[0].theta, fits[1].theta)
-    assert [start.rmse for start in told] == [start.rmse for fit in fits for start in fit.starts]
-    other = fit_open_loop(building(), PERIOD, [segment(200)], starts=3, seed=8)
-    assert [s.evaluations for s in other.starts[1:]] != [s.evaluations for s in fits[0].starts[1:]]
+    assert (fits[2].starts[1:] != fits[0].starts[1:]).any()
 
 
 MISTAKES = {
@@ -143,7 +131,6 @@ def test_darkgreybox_demo_is_fitted_as_well_as_by_its_authors():
     known = [Segment(inputs[:672], outputs[:672])]
     fit = fit_open_loop(net, 3600.0, known, starts=12)
     assert fit.rmse < 0.372
-    assert fit_open_loop(net, 3600.0, known, starts=3, estimate_initial=False).rmse < 0.372
     everywhere = replace(net, measured=net.nodes)
     states = simulate_open_loop(everywhere, fit.theta, fit.initial_states[0], inputs[:673], 3600.0)
     ahead = simulate_open_loop(net, fit.theta, np.array([indoor[672], *states[-1, 1:]]), inputs[672:], 3600.0)

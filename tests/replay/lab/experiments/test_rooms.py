@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from replay.errors import ReplayError
+from replay.lab.experiments.recordings import at_hand
 from replay.lab.experiments.rooms import FILES, ROOMS, read_room
 
 
@@ -51,3 +52,18 @@ def test_a_file_that_is_not_there_is_no_recording(tmp_path: Path) -> None:
 def test_a_file_of_another_layout_is_refused_in_one_sentence(text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match=said):
         read_room("OU44 22-508-1", written(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Time,T_ext,T_int\n0,1,2\n0,1,2\n", "'P_hea' is not what docs/benchmark.md says"),
+        ("T_ext,P_hea,I_sol,T_int\n1,x,2,3\n1,1,2,3\n", "could not convert string to float: 'x' is not what"),
+        ("T_ext,P_hea,I_sol,T_int\n1,1,,3\n1,1,2,3\n", "it has gaps"),
+    ],
+)
+def test_another_file_under_the_name_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "armadillo").mkdir()
+    (tmp_path / "armadillo/armadillo_data_H2.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(ReplayError, match=said):
+        at_hand(tmp_path, ["armadillo"])
