@@ -15,7 +15,7 @@ from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 
-from replay.reports.kit.report import Picture, Plot, Report, Section
+from replay.reports.kit.report import Plot, Report, Section
 from replay.reports.kit.table import Cell, Table
 
 LANGUAGES = ("en", "de")
@@ -75,7 +75,6 @@ def _section(section: Section, say: Say) -> Section:
         paragraphs=tuple(map(say, section.paragraphs)),
         tables=tuple(table_in(table, say) for table in section.tables),
         plots=tuple(_plot(plot, say) for plot in section.plots),
-        pictures=tuple(Picture(say(one.title), one.svg, say(one.reading)) for one in section.pictures),
     )
 
 

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from tqdm import tqdm
 
-from estimator.network.network import Network
 from replay.recorded.runner import SLOW
 from replay.recorded.trace import Trace
 from replay.reports import plots, tables
 from replay.reports.advice import advice
-from replay.reports.drawing import picture
-from replay.reports.kit.report import Picture, Report, Section
+from replay.reports.kit.report import Report, Section
 from replay.reports.residuals import diagnostics
 from service.forecast.answers import Room
 
@@ -77,7 +75,6 @@ def _zone(trace: Trace, named: bool) -> list[Section]:
             () if looked else ("No parameters: the estimator has no physics, or the period is shorter than 6 h.",),
             () if known is None else (known,),
             (plots.parameters(trace),) if looked else (),
-            (_picture(trace.network, trace),),
         ),
         Section(
             _title(head, "for experts: residuals"),
@@ -91,14 +88,3 @@ def _zone(trace: Trace, named: bool) -> list[Section]:
 
 def _title(head: str, words: str) -> str:
     return f"{head}{words}" if head else words.capitalize()
-
-
-def _picture(network: Network, trace: Trace) -> Picture:
-    last = trace.parameters[-1, :, 1].tolist() if len(trace.looks) else [float("nan")] * len(network.parameters)
-    values = {parameter.name: value for parameter, value in zip(network.parameters, last, strict=True)}
-    return Picture(
-        f"The network {network.name}",
-        picture(network, values),
-        "Circles store heat, lines conduct it, boxes are temperatures that come from outside, arrows are heat that "
-        "enters. The figures are the medians at the end of the period; the dark circle is measured.",
-    )

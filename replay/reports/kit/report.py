@@ -16,10 +16,10 @@ from replay.reports.kit.table import Table
 _STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --ink: #1b2430; --soft: #5b6776; --line: #d9dfe6;
   --accent: #0b5c8a; --code: #f2f5f8; --lead: #eef5f9; --quoted: #f7f9fb; --met: #14613a; --met-back: #dcf2e3;
-  --missed: #96281b; --missed-back: #fbe3df; --open-back: #eceff2; --node: #cfe5f2; }
+  --missed: #96281b; --missed-back: #fbe3df; --open-back: #eceff2; }
 @media screen and (prefers-color-scheme: dark) { :root { --paper: #14171a; --ink: #e4e7ea; --soft: #98a2ad;
   --line: #2f353b; --accent: #6fb1ea; --code: #23282d; --lead: #1c2730; --quoted: #1b1f23; --met: #7fd6a3;
-  --met-back: #173524; --missed: #f2958d; --missed-back: #40201d; --open-back: #2a2f35; --node: #24445c; } }
+  --met-back: #173524; --missed: #f2958d; --missed-back: #40201d; --open-back: #2a2f35; } }
 body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: var(--paper); margin: 0 auto;
   max-width: 76rem; padding: 2rem 1.2rem; }
 h1 { font-size: 1.7rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.6rem; }
@@ -96,14 +96,6 @@ class Plot(NamedTuple):
     """Pixels."""
 
 
-class Picture(NamedTuple):
-    """An SVG element of our own with a title and a sentence on how to read it."""
-
-    title: str
-    svg: str
-    reading: str
-
-
 class Section(NamedTuple):
     """A heading and what stands under it. In paragraphs `backticks` mark code; one begun by a fence is a block."""
 
@@ -111,7 +103,6 @@ class Section(NamedTuple):
     paragraphs: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
-    pictures: tuple[Picture, ...] = ()
 
 
 class Report(NamedTuple):
@@ -162,7 +153,6 @@ def _section(section: Section) -> str:
     parts = [f"<section><h2>{escape(section.title)}</h2>"]
     parts += [_paragraph(text) for text in section.paragraphs]
     parts += [table.html() for table in section.tables]
-    parts += [_figure(one.title, one.svg, one.reading) for one in section.pictures]
     parts += [_plot(plot) for plot in section.plots]
     return "".join([*parts, "</section>"])
 
