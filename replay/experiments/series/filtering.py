@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from estimator import registry
 from estimator.arrays import Array
@@ -21,9 +20,6 @@ from replay.localtime import Seconds
 from replay.scores.intervals import LEVEL, Mask
 from service.config.fitting import known_heat
 from service.config.site import Whereabouts
-
-REGIMES = ("low", "transitional", "high")
-"""Volatility regimes; the trace holds their places in this tuple, -1 where an estimator has none."""
 
 FLOOR = "floor"
 
@@ -77,8 +73,6 @@ class Trace(NamedTuple):
     alpha: Array
     """(K, 3): .025, .5 and .975 quantiles of alpha_k, of the block that trusts its model least."""
     gate: Array
-    regime: npt.NDArray[np.int8]
-    """Place in REGIMES after y_k."""
     theta: Array
     """(K, n_theta): point estimates after y_k."""
     seconds: Array
@@ -179,14 +173,12 @@ def _blank(samples: int, parameters: int) -> Trace:
     columns = {name: np.full(samples, np.nan) for name in Trace._fields}
     columns["alpha"] = np.full((samples, 3), np.nan)
     columns["theta"] = np.full((samples, parameters), np.nan)
-    return Trace(**columns)._replace(regime=np.full(samples, -1, dtype=np.int8))
+    return Trace(**columns)
 
 
 def _keep(kept: Trace, k: int, posterior: Posterior) -> None:
     if len(posterior.alpha_quantiles):
         kept.alpha[k] = posterior.alpha_quantiles[np.argmax(posterior.alpha_quantiles[:, 1])]
-    if posterior.regime is not None:
-        kept.regime[k] = REGIMES.index(posterior.regime)
     if posterior.gate is not None:
         kept.gate[k] = posterior.gate
     kept.theta[k] = posterior.parameters

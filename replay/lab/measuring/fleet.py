@@ -41,7 +41,6 @@ def run(scenario: Scenario, folder: Path, *, clients: int = 4, pause: float = 0.
     heard: list[tuple[float, bytes]] = []
     with closing(_subscribed(port, heard)), DaemonProcess(config, folder / "daemon.log") as daemon:
         url = daemon.url()
-        serving = time.monotonic() - daemon.began
         # The round that starts the filters; from then on every zone has a forecast to ask for.
         memory = _await(daemon, heard, scenario.zones, 3 * every)
         before, used = delay_buckets(scrape(url)), daemon.cpu_seconds()
@@ -51,19 +50,16 @@ def run(scenario: Scenario, folder: Path, *, clients: int = 4, pause: float = 0.
             answers = asking.finish()
         used = daemon.cpu_seconds() - used
         after = delay_buckets(scrape(url))
-        stopping = daemon.stop()
+        daemon.stop()
     found = rounds(arrivals(heard), scenario)
     return {
-        "scenario": scenario._asdict(),
-        "serving_after_s": serving,
         "rounds": found,
         "last_forecast_s": max((one["last_s"] for one in found if one["last_s"]), default=None),
         "missing_forecasts": sum(one["missing"] for one in found),
-        "rest": latencies(answers, found) | {"clients": clients, "pause_s": pause},
+        "rest": latencies(answers, found) | {"clients": clients},
         "event_loop": loop_delays(before, after),
         "resident_bytes": memory,
         "cpu_seconds_per_round": used / scenario.rounds,
-        "stop_s": stopping,
     }
 
 
@@ -112,7 +108,7 @@ def rounds(arrived: Mapping[float, Mapping[str, float]], scenario: Scenario) -> 
 
 
 def latencies(answers: Sequence[Answer], bursts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Latency of REST in s: of the promised endpoints while zones are being stepped and otherwise, and of each one."""
+    """Latency of REST in s: while zones are being stepped: of the promised endpoints, and of each one."""
     spans = [(burst["instant"], burst["instant"] + burst["last_s"]) for burst in bursts if burst["last_s"]]
 
     def busy(answer: Answer) -> bool:
@@ -121,7 +117,6 @@ def latencies(answers: Sequence[Answer], bursts: Sequence[Mapping[str, Any]]) ->
     promised, during = [one for one in answers if one.endpoint in ENDPOINTS], [one for one in answers if busy(one)]
     return {
         "during_bursts": summary([answer for answer in promised if busy(answer)]),
-        "between_bursts": summary([answer for answer in promised if not busy(answer)]),
         "endpoints_during_bursts": {
             name: summary([answer for answer in during if answer.endpoint == name])
             for name in sorted({answer.endpoint for answer in during})

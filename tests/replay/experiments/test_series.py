@@ -11,7 +11,7 @@ import pytest
 from estimator.network.presets import building_67
 from replay.experiments.hours_ahead.recordings import of_zone
 from replay.experiments.request import Request
-from replay.experiments.series.filtering import REGIMES, FilterRun, Trace, run_filter
+from replay.experiments.series.filtering import FilterRun, Trace, run_filter
 from replay.lab.experiments.semi_synthetic.case import simulated_case
 from replay.lab.experiments.semi_synthetic.figures import DOMINATED, figures, key, since_change
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD
@@ -37,7 +37,6 @@ def test_the_loop_says_what_the_zone_worker_publishes(tmp_path: Path) -> None:
     for name in ("mean", "lower", "upper", "gate"):
         published = np.array([float(row[name] or "nan") for row in rows])
         np.testing.assert_array_equal(getattr(trace, name), published)
-    assert {REGIMES[place] for place in trace.regime if place >= 0} <= set(REGIMES)
 
 
 def test_scores_of_the_floor_are_those_of_someone_who_knows_everything() -> None:

@@ -14,7 +14,7 @@ from estimator.network.network import Network
 from replay.experiments.jobs import Arrays, Job
 from replay.experiments.progress import steps
 from replay.experiments.request import Request
-from replay.experiments.series.filtering import FLOOR, REGIMES, FilterRun, Trace, filter_job
+from replay.experiments.series.filtering import FLOOR, FilterRun, Trace, filter_job
 from replay.experiments.series.least_squares import LeastSquaresRun, least_squares_job, segments_of
 from replay.experiments.series.networks import network_of
 from replay.experiments.study import Contender, Figures, Results, Run, Study, targets
@@ -193,19 +193,7 @@ def _report(results: Results, network: Network, request: Request, cases: Mapping
                     "every regime, and needs it narrow. Coverage says the first, width the second, the Winkler score "
                     "both.",
                 ),
-                (
-                    *(_calibration(results, convention, held_to) for convention in (ONE_STEP, FILTERED)),
-                    results.table(
-                        "calibration-by-volatility",
-                        "Calibration by the estimator's own regime, convention one_step",
-                        {
-                            f"{score}, {regime}": key(ONE_STEP, score, f"alpha {regime}")
-                            for regime in REGIMES
-                            for score in ("coverage", "width, K")
-                        },
-                        note="The regime is the one published together with the interval, before y was measured.",
-                    ),
-                ),
+                (*(_calibration(results, convention, held_to) for convention in (ONE_STEP, FILTERED)),),
             ),
             Section("Has it learned the building?", (), _learned(results, network, held_to)),
             Section(

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.arrays import Array
 from estimator.network.network import Network
-from replay.experiments.series.filtering import REGIMES, Trace
+from replay.experiments.series.filtering import Trace
 from replay.experiments.study import Figures
 from replay.lab.experiments import published
 from replay.lab.experiments.semi_synthetic.case import Case
@@ -56,10 +56,6 @@ def figures(network: Network, case: Case, trace: Trace) -> Figures:
     for regime, rows in ((OVERALL, np.ones_like(dominated)), (LOW, ~dominated), (DOMINATED, dominated)):
         found |= _intervals(ONE_STEP, regime, rows, y, trace.lower, trace.upper)
         found |= _intervals(FILTERED, regime, rows, indoor, trace.filtered_lower, trace.filtered_upper)
-    # The regime that stood beside the interval when it was published.
-    beside = np.concatenate([[-1], trace.regime[:-1]])
-    for place, regime in enumerate(REGIMES):
-        found |= _intervals(ONE_STEP, f"alpha {regime}", beside == place, y, trace.lower, trace.upper)
     magnitudes, alpha = update_magnitudes(trace.theta), trace.alpha[:, 1]
     settled = since_change(dominated) >= SETTLING
     thirds = list(zip(np.array_split(magnitudes, 3), np.array_split(dominated, 3), strict=True))
