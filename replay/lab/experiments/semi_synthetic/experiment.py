@@ -193,7 +193,7 @@ def _report(results: Results, network: Network, request: Request, cases: Mapping
                     "every regime, and needs it narrow. Coverage says the first, width the second, the Winkler score "
                     "both.",
                 ),
-                (*(_calibration(results, convention, held_to) for convention in (ONE_STEP, FILTERED)),),
+                tuple(_calibration(results, convention, held_to) for convention in (ONE_STEP, FILTERED)),
             ),
             Section("Has it learned the building?", (), _learned(results, network, held_to)),
             Section(
