@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from adapters.fields.words import listed
@@ -54,18 +54,24 @@ def compare(old: Config, new: Config) -> Changes:
     return Changes(tuple(added), tuple(changed), removed, sources, old.log != new.log, old.weather != new.weather)
 
 
+def unchangeable(old: Config, new: Config, tables: Iterable[str], but: str = "", remedy: str = "") -> list[str]:
+    """A sentence for each of `tables` in which `new` differs from `old` in more than the key `but` ("table.key");
+    `remedy` lets it take effect."""
+    found = []
+    for table in tables:
+        before, after = old.table(table), new.table(table)
+        keys = [name for name in type(after).model_fields if getattr(before, name) != getattr(after, name)]
+        if names := [f"{table}.{key}" for key in keys if f"{table}.{key}" != but]:
+            found.append(
+                f"{', '.join(names)}: this takes effect with the next start only; {remedy}, or put it back as it was"
+            )
+    return found
+
+
 def obstacles(old: Config, new: Config, fingerprints: Mapping[str, str]) -> list[str]:
     """Why a daemon on `old`, whose zones have the `fingerprints`, cannot go over to `new`: one sentence each."""
-    found = []
-    for table in TABLES:
-        before, after = old.table(table), new.table(table)
-        if table in RELOADABLE or before == after:
-            continue
-        names = [name for name in type(after).model_fields if getattr(before, name) != getattr(after, name)]
-        found.append(
-            f"{', '.join(f'{table}.{name}' for name in names)}: this takes effect with the next start only; "
-            "restart the daemon, or put it back as it was"
-        )
+    tables = [table for table in TABLES if table not in RELOADABLE]
+    found = unchangeable(old, new, tables, remedy="restart the daemon")
     for zone in new.zones:
         if zone.id in fingerprints and fingerprints[zone.id] != fingerprint(zone):
             found.append(

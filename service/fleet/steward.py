@@ -12,7 +12,7 @@ from typing import NamedTuple
 from service.config.fleet import FleetConfig
 from service.config.site import Config
 from service.daemon.logs import configure_logging
-from service.daemon.reload import compare, summary
+from service.daemon.reload import compare, summary, unchangeable
 from service.errors import ReloadRefused, ServiceError
 from service.fleet import peers
 from service.fleet.messages import Beat
@@ -32,6 +32,10 @@ STOP_SECONDS = 30.0
 """How long an orderly stop waits for each kind of member."""
 
 _GATEWAY = "gateway-"
+
+_ANEW = "stop the fleet and start it again"
+_KEPT_TABLES = ("site", "http", "zenoh", "fleet")
+"""Tables of which the members go by what they were started with."""
 
 _log = logging.getLogger(__name__)
 
@@ -91,7 +95,7 @@ class Steward:
                 configure_logging(config.log)
                 await self._go_by(Plan(1, config, shard_names(_fleet(config).shards)))
                 return f"{len(config.zones)} zones on {_fleet(config).shards} shards"
-            if problems := _obstacles(before.config, config):
+            if problems := unchangeable(before.config, config, _KEPT_TABLES, "fleet.shards", _ANEW):
                 raise ReloadRefused(problems)
             changes = compare(before.config, config)
             shards = None
@@ -325,21 +329,3 @@ class Steward:
 def _fleet(config: Config) -> FleetConfig:
     assert config.fleet is not None, "a configuration without [fleet] is refused before it comes here"
     return config.fleet
-
-
-def _obstacles(old: Config, new: Config) -> list[str]:
-    """What the running fleet cannot go over to."""
-    found = []
-    for table in ("site", "http", "zenoh", "fleet"):
-        before, after = old.table(table), new.table(table)
-        names = [
-            name
-            for name in type(after).model_fields
-            if getattr(before, name) != getattr(after, name) and (table, name) != ("fleet", "shards")
-        ]
-        if names:
-            found.append(
-                f"{', '.join(f'{table}.{name}' for name in names)}: this takes effect with the next start only; stop "
-                "the fleet and start it again, or put it back as it was"
-            )
-    return found

@@ -7,6 +7,7 @@ What happens is counted here by the one who sees it (`publish`, ...). What there
 from __future__ import annotations
 
 import platform
+import threading
 from collections.abc import Iterable, Mapping
 from math import isfinite
 
@@ -36,6 +37,8 @@ class Metrics(Sink):
 
     def __init__(self, zones: Mapping[str, ZoneView], version: str = "unknown") -> None:
         self.registry = registry = CollectorRegistry()
+        self._lock = threading.Lock()
+        self._removed: set[str] = set()
         self._of_zones: list[Counter | Gauge | Histogram] = []
 
         def gauge(name: str, text: str, *labels: str) -> Gauge:
@@ -113,6 +116,7 @@ class Metrics(Sink):
 
     def add(self, zone: str) -> None:
         """Show the counters of `zone` from now on, at 0: a scraper sees a rise only from a value that it knew."""
+        self._removed.discard(zone)
         self._samples.labels(zone)
         self._failures.labels(zone)
         for result in ("written", "failed"):
@@ -120,11 +124,18 @@ class Metrics(Sink):
 
     def remove(self, zone: str) -> None:
         """Show nothing of `zone` any more."""
-        for metric in self._of_zones:
-            metric.remove_by_labels({"zone": zone})
+        with self._lock:
+            self._removed.add(zone)
+            for metric in self._of_zones:
+                metric.remove_by_labels({"zone": zone})
 
     def publish(self, announcement: Announcement) -> None:
-        """Take in what is new about a zone."""
+        """Take in what is new about a zone; hours ahead that were being computed when it was removed come too late."""
+        with self._lock:
+            if announcement.zone not in self._removed:
+                self._take(announcement)
+
+    def _take(self, announcement: Announcement) -> None:
         if announcement.occasion is Occasion.UPDATE and announcement.update is not None:
             self._observe(announcement.zone, announcement.update)
         reports = announcement.reports
