@@ -98,7 +98,7 @@ async def polled(sources: Sequence[Any], devices: int, channels: int, seconds: f
         return sum(source.late for source in sources)
 
     tasks = [asyncio.create_task(follow(source)) for source in sources]
-    await asyncio.sleep(2 * poll + SETTLING)
+    await asyncio.sleep(2 * poll + min(SETTLING, seconds))
     for kept in (*arrivals.values(), counts):
         kept.clear()
     before, meter = late(), Meter()

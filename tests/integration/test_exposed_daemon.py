@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import ssl
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ import pytest
 import tomli_w
 from support.certificates import Pair, make_pair
 from support.harness import Daemon, free_port, overrides, thermogate
+from support.waiting import wait_until
 
 MARK = "MARKER-of-a-secret"
 ENVIRONMENT = "THERMOGATE_TEST_PASSWORD"
@@ -130,9 +130,7 @@ def test_no_secret_gets_out(site: Site) -> None:
         answers[words[0]] = done.stdout + done.stderr
     assert "living" in answers["check"]
     assert "password_file" in answers["show-config"]
-    deadline = time.monotonic() + 180
-    while "trying again" not in site.daemon.log() and time.monotonic() < deadline:
-        time.sleep(0.2)
+    wait_until(lambda: "trying again" in site.daemon.log(), site.daemon.log)
     answers["log"] = site.daemon.log()
     assert "sources.file: no Zenoh session" in answers["log"], "a source has complained"
     assert "wrong API key" in answers["log"]

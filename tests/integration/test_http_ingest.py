@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import time
-import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from support.harness import Daemon, reload
+from support.harness import Daemon, ask, reload
+from support.waiting import wait_until
 
 from service.store.journal import Journal
 from service.web.keys import create_key
@@ -45,19 +45,12 @@ class Fed:
         self.config = config
 
     def post(self, path: str, body: bytes, kind: str = "text/plain; charset=utf-8", **headers: str) -> tuple[int, dict]:
-        sent = {"Authorization": f"Bearer {self.key}", "Content-Type": kind, **headers}
-        request = urllib.request.Request(self.daemon.url() + path, body, sent)
-        try:
-            with urllib.request.urlopen(request, timeout=180) as answer:
-                return answer.status, json.load(answer)
-        except urllib.error.HTTPError as error:
-            with error:
-                return error.code, json.load(error)
+        return ask(self.daemon.url() + path, body, self.key, Content_Type=kind, **headers)
 
     def get(self, path: str) -> dict:
-        request = urllib.request.Request(self.daemon.url() + path, headers={"Authorization": f"Bearer {self.key}"})
-        with urllib.request.urlopen(request, timeout=180) as answer:
-            return json.load(answer)
+        status, answer = ask(self.daemon.url() + path, key=self.key)
+        assert status == 200, answer
+        return answer
 
 
 @contextmanager
@@ -99,10 +92,7 @@ def test_what_was_accepted_is_in_the_sample_although_the_daemon_was_killed(tmp_p
     with fed(tmp_path, "2s", key) as again:
         interval = when // 2 * 2
         seen = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(interval))
-        deadline = time.monotonic() + 180
-        while (again.get("/zones")["zones"][0]["last_sample_time"] or "") < seen:
-            assert time.monotonic() < deadline, again.daemon.log()
-            time.sleep(0.05)
+        wait_until(lambda: (again.get("/zones")["zones"][0]["last_sample_time"] or "") >= seen, again.daemon.log)
         # Its interval has closed meanwhile; it is known all the same.
         assert again.post("/readings", lines(when))[1]["repeated"] == 2
         assert again.get("/zones/office")["status"]["faults"] == {}

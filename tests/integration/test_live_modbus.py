@@ -4,28 +4,16 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
 import zenoh
 from support.harness import Daemon, free_port, thermogate
-from support.live_modbus import WORDS, configuration, running, until
+from support.live_modbus import WORDS, configuration, running
 from support.modbus_plant import plant
 from support.waiting import wait_until
-
-
-@contextmanager
-def listening(endpoint: str) -> Iterator[zenoh.Session]:
-    """A Zenoh session that listens at `endpoint` alone."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"peer"')
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
-    with zenoh.open(config) as session:
-        yield session
+from support.zenoh_plant import session
 
 
 def channel(status: dict, name: str) -> dict:
@@ -51,8 +39,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
     with running(plant(holding=WORDS)) as site:
         config = configuration(tmp_path, {"bms": site.port})
         with Daemon(config, tmp_path / "log") as daemon:
-            until(
-                daemon,
+            daemon.until(
                 "zone-bms",
                 lambda status: status["samples"] >= 3 and not any(one["stale"] for one in status["channels"]),
             )
@@ -60,8 +47,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
             wait_until(lambda: held(daemon) == ([False, False], "good"))
 
             site.refused.add((1, "holding", 1))
-            status = until(
-                daemon,
+            status = daemon.until(
                 "zone-bms",
                 lambda status: (
                     channel(status, "T_out")["stale"] and not channel(status, "T_i")["stale"] and is_running(status)
@@ -71,7 +57,7 @@ def test_a_refused_register_shows_as_stale_and_held_while_the_forecasts_go_on(tm
             # The forecast says what is held.
             wait_until(lambda: held(daemon) == ([True, False], "uncertain"))
 
-            until(daemon, "zone-bms", is_without_outdoor_temperature)
+            daemon.until("zone-bms", is_without_outdoor_temperature)
             assert daemon.terminate() == 0
         assert site.codes == {3}, "of all the frames that the daemon sent"
         assert "the device refuses zone-bms/T_out (unit 1 holding 1): exception 2" in daemon.log()
@@ -88,11 +74,11 @@ def test_staleness_reaches_zenoh_with_the_first_interval_that_lacks_the_channel(
             first.update(status)
             seen.set()
 
-    with running(plant(holding=WORDS)) as site, listening(endpoint) as session:
-        subscriber = session.declare_subscriber("thermogate/plant/zone-bms/status", note)
+    with running(plant(holding=WORDS)) as site, session(listen=endpoint) as heard:
+        subscriber = heard.declare_subscriber("thermogate/plant/zone-bms/status", note)
         settings = {"zenoh.enabled": True, "zenoh.listen": [], "zenoh.connect": [endpoint]}
         with Daemon(configuration(tmp_path, {"bms": site.port}), tmp_path / "log", settings) as daemon:
-            until(daemon, "zone-bms", lambda status: status["samples"] >= 2)
+            daemon.until("zone-bms", lambda status: status["samples"] >= 2)
             refusing.set()
             site.refused.add((1, "holding", 1))
             assert seen.wait(180), daemon.log()

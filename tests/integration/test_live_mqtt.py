@@ -62,13 +62,9 @@ def configuration(folder: Path, ports: dict[str, int]) -> Path:
     return path
 
 
-def status(daemon: Daemon, zone: str) -> dict:
-    return daemon.get(f"/zones/{zone}")[1]["status"]
-
-
 def counted_as_nonsense(daemon: Daemon, party: Party, payload: str | bytes) -> None:
     """Publish `payload` until it is counted: broker and source may each drop what comes behind a flood."""
-    before = status(daemon, "wild")["faults"].get("non_numeric", 0)
+    before = daemon.status("wild")["faults"].get("non_numeric", 0)
     published = float("-inf")
 
     def counted() -> bool:
@@ -76,7 +72,7 @@ def counted_as_nonsense(daemon: Daemon, party: Party, payload: str | bytes) -> N
         if time.monotonic() - published > 5:
             party.put("home/room", payload, qos=1)
             published = time.monotonic()
-        return status(daemon, "wild")["faults"].get("non_numeric", 0) > before
+        return daemon.status("wild")["faults"].get("non_numeric", 0) > before
 
     wait_until(counted)
 
@@ -89,20 +85,20 @@ def test_what_one_broker_does_harms_no_zone_of_another(tmp_path: Path) -> None:
         ports = {"calm": calm.port, "wild": wild.port}
         with Daemon(configuration(tmp_path, ports), tmp_path / "log") as daemon:
             daemon.wait(lambda zones: all(zone["samples"] >= 3 for zone in zones.values()))
-            before = status(daemon, "calm")["samples"]
+            before = daemon.status("calm")["samples"]
             flood(wild.port, "home/room", (str(1000 + k) for k in range(30_000)))
             for payload in (b"9" * (10 * 2**20), "warm", b"\xff"):
                 counted_as_nonsense(daemon, party, payload)
-            wait_until(lambda: status(daemon, "calm")["samples"] > before + 2)
+            wait_until(lambda: daemon.status("calm")["samples"] > before + 2)
             wild.stop()
-            wait_until(lambda: "no MQTT broker answers" in status(daemon, "wild")["reason"])
-            assert status(daemon, "calm")["state"] == "running"
-            samples = status(daemon, "wild")["samples"]
+            wait_until(lambda: "no MQTT broker answers" in daemon.status("wild")["reason"])
+            assert daemon.status("calm")["state"] == "running"
+            samples = daemon.status("wild")["samples"]
             wild.start()
-            wait_until(lambda: status(daemon, "wild")["samples"] > samples + 3)
-            wait_until(lambda: status(daemon, "wild")["reason"] == "")
+            wait_until(lambda: daemon.status("wild")["samples"] > samples + 3)
+            wait_until(lambda: daemon.status("wild")["reason"] == "")
             # A busy machine may be late, and nothing else.
-            assert status(daemon, "calm")["faults"].keys() <= {"out_of_order"}
+            assert daemon.status("calm")["faults"].keys() <= {"out_of_order"}
             forecast = daemon.get("/zones/wild/forecast")[1]
             assert 15 < forecast["mean"] < 25, "what was nonsense has taught it nothing"
             with Party(calm.port, "thermogate/home/#") as watching:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -48,22 +47,8 @@ def plant(bms: Bms, place: str, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield bms, daemon, ours
 
 
-def status(daemon: Daemon) -> dict:
-    return daemon.get("/zones/room2")[1]["status"]
-
-
 def stale(found: dict) -> set[str]:
     return {one["channel"] for one in found["channels"] if one["stale"]}
-
-
-def until(daemon: Daemon, done, timeout: float = 240) -> dict:
-    deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline:
-        found = status(daemon)
-        if done(found):
-            return found
-        time.sleep(0.1)
-    raise AssertionError(f"{status(daemon)}; {daemon.log()}")
 
 
 def truth(bms: Bms) -> dict:
@@ -78,7 +63,7 @@ def test_the_room_is_heard_and_forecast(plant: tuple[Bms, Daemon, str]) -> None:
     assert forecast["mean"] == pytest.approx(truth(bms)["rooms"]["room2"]["T_air"], abs=2.0)
     assert [used["held"] for used in forecast["inputs"]] == [False, False]
     # What the caches bring at the start may be older than the intervals that are open then.
-    assert status(daemon)["faults"].keys() <= {"out_of_order"}
+    assert daemon.status("room2")["faults"].keys() <= {"out_of_order"}
 
 
 @pytest.mark.parametrize(("leap", "fault"), [(3600, "ahead_of_time"), (-3600, "out_of_order")])
@@ -86,16 +71,16 @@ def test_a_leap_of_the_devices_clock_makes_its_channels_stale_and_passes(
     leap: float, fault: str, plant: tuple[Bms, Daemon, str]
 ) -> None:
     bms, daemon, ours = plant
-    until(daemon, lambda found: not stale(found))
+    daemon.until("room2", lambda found: not stale(found))
     made = bms.post("/faults", {"kind": "clock-jump", "device": "room2", "value": leap})
-    found = until(daemon, lambda found: stale(found) == {"T_i", "u_heat"})
+    found = daemon.until("room2", lambda found: stale(found) == {"T_i", "u_heat"})
     assert found["faults"][fault] > 0
     # REST says how old a channel is now, Zenoh how old it was when the zone last announced itself.
     wait_until(lambda: heard_on_zenoh(ours) == {"T_i", "u_heat"})
     held = {used["channel"]: used["held"] for used in daemon.get("/zones/room2/forecast")[1]["inputs"]}
     assert held == {"T_out": False, "u_heat": True}
     urllib.request.urlopen(urllib.request.Request(f"{bms.control}/faults/{made['id']}", method="DELETE")).close()
-    until(daemon, lambda found: not stale(found))
+    daemon.until("room2", lambda found: not stale(found))
 
 
 def heard_on_zenoh(ours: str) -> set[str]:
@@ -110,15 +95,15 @@ def heard_on_zenoh(ours: str) -> set[str]:
 
 def test_no_value_is_not_available_and_not_zero(plant: tuple[Bms, Daemon, str]) -> None:
     bms, daemon, _ = plant
-    until(daemon, lambda found: not stale(found))
+    daemon.until("room2", lambda found: not stale(found))
     bms.post("/faults", {"kind": "nan", "device": "room2", "channel": "heat_power", "for": 6})
-    found = until(daemon, lambda found: stale(found) == {"u_heat"})
+    found = daemon.until("room2", lambda found: stale(found) == {"u_heat"})
     assert found["faults"]["not_available"] > 0
-    until(daemon, lambda found: not stale(found))
+    daemon.until("room2", lambda found: not stale(found))
 
 
 def test_probe_shows_every_channel(bms: Bms, place: str) -> None:
-    done = thermogate("probe", EXAMPLE, "--seconds", 8, *overrides({"sources.bms.connect": [place]}), timeout=180)
+    done = thermogate("probe", EXAMPLE, "--seconds", 8, *overrides({"sources.bms.connect": [place]}))
     assert done.returncode == 0, done.stdout + done.stderr
     lines = done.stdout.splitlines()
     assert lines[0] == f"source bms: client connecting to {place}"
@@ -132,7 +117,7 @@ def test_probe_shows_every_channel(bms: Bms, place: str) -> None:
 
 def test_probe_of_a_wrong_key_fails_and_names_it(bms: Bms, place: str) -> None:
     changes = {"sources.bms.connect": [place], "zones.0.channels.T_out.key": "bms/plain/weather/Tout"}
-    done = thermogate("probe", EXAMPLE, "--seconds", 2, *overrides(changes), timeout=180)
+    done = thermogate("probe", EXAMPLE, "--seconds", 2, *overrides(changes))
     assert done.returncode == 1
     assert "nothing came within 2 s" in done.stdout
     assert "bms/plain/weather/T_out" in done.stdout, "a key that is heard is offered"

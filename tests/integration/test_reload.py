@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import time
 import tomllib
-import urllib.error
-import urllib.request
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomli_w
-from support.harness import Daemon, reload
+from support.harness import Daemon, ask, reload
+from support.waiting import wait_until
 
 from replay.lab.measuring.scenario import Scenario, write
 from service.web.keys import create_key
@@ -161,29 +158,18 @@ def test_a_reload_over_rest_takes_an_administrator(tmp_path: Path) -> None:
     admin = create_key(home.path.parent / "state" / "keys.json", "boss", "admin")
     with Daemon(home.path, home.path.with_name("log")) as daemon:
 
-        def ask(secret: str | None) -> tuple[int, dict[str, Any]]:
-            request = urllib.request.Request(daemon.url() + "/admin/reload", b"", method="POST")
-            if secret is not None:
-                request.add_header("Authorization", f"Bearer {secret}")
-            try:
-                with urllib.request.urlopen(request, timeout=180) as answer:
-                    return answer.status, json.load(answer)
-            except urllib.error.HTTPError as error:
-                with error:
-                    return error.code, json.load(error)
+        def asked(secret: str | None) -> tuple[int, dict[str, Any]]:
+            return ask(f"{daemon.url()}/admin/reload", b"", secret)
 
-        assert ask(None)[0] == 401
-        deadline = time.monotonic() + 180
-        while (answer := ask(admin))[0] == 409 and "still starting" in answer[1]["detail"]:
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
+        assert asked(None)[0] == 401
+        answer = wait_until(lambda: None if "still starting" in (got := asked(admin))[1].get("detail", "") else got)
         assert answer == (200, {"status": "reloaded", "done": "nothing has changed"})
         home.table["zones"] = [zone for zone in home.table["zones"] if zone["id"] == first]
         home.write()
-        assert ask(admin) == (200, {"status": "reloaded", "done": f"removed {second}"})
+        assert asked(admin) == (200, {"status": "reloaded", "done": f"removed {second}"})
         zone(home.table, first)["period"] = "1h"
         home.write()
-        status, document = ask(admin)
+        status, document = asked(admin)
         assert status == 409
         (problem,) = document["errors"]
         assert problem.startswith(f"zone '{first}': its network, period, estimator")

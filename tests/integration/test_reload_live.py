@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tomli_w
 from support.harness import Daemon, reload
-from support.live_modbus import WORDS, configuration, running, until
+from support.live_modbus import WORDS, configuration, running
 from support.modbus_plant import plant
 
 
@@ -20,14 +20,14 @@ def test_the_connection_is_kept_and_no_sample_is_lost(tmp_path: Path) -> None:
         added = kept | {"id": "added", "channels": {name: dict(where) for name, where in kept["channels"].items()}}
         added["channels"]["T_i"]["register"] = 4
         with Daemon(path, tmp_path / "log") as daemon:
-            until(daemon, "zone-bms", lambda status: status["samples"] >= 3)
+            daemon.until("zone-bms", lambda status: status["samples"] >= 3)
             path.write_text(tomli_w.dumps(table | {"zones": [kept, added]}))
             reload(daemon, "configuration reloaded: added added")
-            until(daemon, "added", lambda status: status["samples"] >= 3)
+            daemon.until("added", lambda status: status["samples"] >= 3)
             path.write_text(tomli_w.dumps(table))
             reload(daemon, "configuration reloaded: removed added")
-            samples = until(daemon, "zone-bms", lambda status: status["state"] == "running")["samples"]
-            until(daemon, "zone-bms", lambda status: status["samples"] >= samples + 3)
+            samples = daemon.until("zone-bms", lambda status: status["state"] == "running")["samples"]
+            daemon.until("zone-bms", lambda status: status["samples"] >= samples + 3)
             assert site.connections == 1
             rows = daemon.history("zone-bms")
             times = [datetime.fromisoformat(row["time"]).timestamp() for row in rows]
@@ -39,8 +39,8 @@ def test_the_connection_is_kept_and_no_sample_is_lost(tmp_path: Path) -> None:
             table["sources"]["bms"]["poll"] = 0.3
             path.write_text(tomli_w.dumps(table))
             reload(daemon, "configuration reloaded: sources changed: bms")
-            samples = until(daemon, "zone-bms", lambda status: status["state"] == "running")["samples"]
-            until(daemon, "zone-bms", lambda status: status["samples"] >= samples + 3)
+            samples = daemon.until("zone-bms", lambda status: status["state"] == "running")["samples"]
+            daemon.until("zone-bms", lambda status: status["samples"] >= samples + 3)
             assert site.connections == 2
             assert "goes on after" not in daemon.log()
             assert daemon.terminate() == 0

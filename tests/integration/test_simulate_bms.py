@@ -8,7 +8,6 @@ import logging
 import re
 import signal
 import socket
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import zenoh
 from pymodbus.client import ModbusTcpClient
 from support.bms_process import simulated
 from support.harness import free_port
+from support.waiting import wait_until
 
 from service.cli.main import main
 
@@ -47,10 +47,7 @@ def test_it_stops_when_told_to_with_everyone_still_connected(signum: signal.Sign
         waiting.send(bytes.fromhex("0001 0000 0006 0b 04 0000 0001"))
         with zenoh.open(config) as session:
             subscriber = session.declare_subscriber("bms/json/room1/T_air")
-            deadline = time.monotonic() + 180
-            while subscriber.try_recv() is None:
-                assert time.monotonic() < deadline
-                time.sleep(0.02)
+            wait_until(subscriber.try_recv)
             bms.process.send_signal(signum)
             assert bms.process.wait(timeout=180) == 0
             subscriber.undeclare()

@@ -9,6 +9,7 @@ import time
 
 import pytest
 from support.harness import EXAMPLES, Daemon, overrides, thermogate
+from support.waiting import wait_until
 
 CONFIG = EXAMPLES / "building-67.toml"
 ZONE = "building-67"
@@ -102,11 +103,7 @@ def test_of_two_daemons_that_start_at_once_one_is_refused(tmp_path):
     for number in range(3):
         logs = [tmp_path / f"{number}-{which}.log" for which in "ab"]
         with Daemon(CONFIG, logs[0], settings(tmp_path)) as one, Daemon(CONFIG, logs[1], settings(tmp_path)) as other:
-            deadline = time.monotonic() + 180
-            while not (ended := [daemon for daemon in (one, other) if daemon.process.poll() is not None]):
-                assert time.monotonic() < deadline
-                time.sleep(0.05)
-            (refused,) = ended
+            (refused,) = wait_until(lambda: [each for each in (one, other) if each.process.poll() is not None])
             (served,) = {one, other} - {refused}
             assert refused.process.returncode == 1
             assert "another thermogate already runs on site.state_dir" in refused.log()

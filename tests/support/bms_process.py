@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from support.harness import THERMOGATE
+from support.harness import THERMOGATE, ask
 
 
 class Bms:
@@ -21,11 +20,9 @@ class Bms:
         self.control = re.search(r"Control +(http://\S+);", greeting)[1]  # type: ignore[index]
 
     def post(self, path: str, body: dict[str, object]) -> dict[str, object]:
-        request = urllib.request.Request(
-            self.control + path, json.dumps(body).encode(), {"Content-Type": "application/json"}
-        )
-        with urllib.request.urlopen(request, timeout=180) as answer:
-            return json.load(answer)
+        status, answer = ask(self.control + path, json.dumps(body).encode(), Content_Type="application/json")
+        assert status < 300, answer
+        return answer
 
 
 @contextmanager

@@ -51,10 +51,6 @@ def log(**values: object) -> Change:
     return at("sources", "log", **values)
 
 
-def preset(**values: object) -> Change:
-    return living(network={"preset": "tite", **values})
-
-
 def inline(*keys: str | int, **values: object) -> Change:
     def change(tables: Tables) -> None:
         tables["zones"][0]["network"] = inline_network()
@@ -70,18 +66,3 @@ def inline(*keys: str | int, **values: object) -> Change:
 LIVING = "zones[0] ('living')"
 AIR = f"{LIVING}.channels.T_i"
 NETWORK = f"{LIVING}.network"
-
-
-def check_mistake(folder: Path, change: Change, place: str, gist: tuple[str, ...]) -> None:
-    """`change` is reported by one sentence at `place` that says `gist`, in nobody's jargon."""
-    found = problems_of(folder, change)
-
-    here = [problem for problem in found if problem.startswith(f"{place}: ")]
-    assert len(here) == 1, found
-    for words in gist:
-        assert words in here[0]
-    for problem in found:
-        assert "\n" not in problem
-        assert "Input should" not in problem
-        assert "[type=" not in problem
-        assert "something else" not in problem

@@ -11,23 +11,16 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from support.harness import ROOT, THERMOGATE, free_port
+from support.harness import ROOT, THERMOGATE, ask, free_port
+from support.waiting import PATIENCE, Found, wait_until
 
 RAY = Path(sys.executable).with_name("ray")
-PATIENCE = 180.0
-"""s after which something that should come about is given up."""
-
 ATTEMPTS = 5
-
-Found = TypeVar("Found")
 
 _ENVIRONMENT = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -68,11 +61,7 @@ def tree(pid: int) -> list[int]:
 
 def until(found: Callable[[], Found], what: str, patience: float = PATIENCE) -> Found:
     """What `found` returns, once that is true."""
-    deadline = time.monotonic() + patience
-    while not (result := found()):
-        assert time.monotonic() < deadline, f"waited {patience:.0f} s in vain for {what}"
-        time.sleep(0.1)
-    return result
+    return wait_until(found, lambda: f"waited {patience:.0f} s in vain for {what}", patience)
 
 
 class Machine:
@@ -243,30 +232,21 @@ class Fleet:
 
 def get(url: str, key: str = "", timeout: float = 20) -> tuple[int, Any]:
     """Status and JSON body; 0 where nobody answers."""
-    return _answer(urllib.request.Request(url, headers=_headers(key)), timeout)
+    return _asked(url, None, key, timeout)
 
 
 def post(url: str, key: str, timeout: float = 60) -> tuple[int, Any]:
     """The answer to a request without a body; 0 where nobody answers."""
-    return _answer(urllib.request.Request(url, b"", _headers(key)), timeout)
+    return _asked(url, b"", key, timeout)
 
 
 def post_lines(url: str, lines: str, key: str, timeout: float = 60) -> tuple[int, Any]:
     """The answer to readings in line protocol; 0 where nobody answers."""
-    headers = _headers(key) | {"Content-Type": "text/plain"}
-    return _answer(urllib.request.Request(url, lines.encode(), headers), timeout)
+    return _asked(url, lines.encode(), key, timeout, Content_Type="text/plain")
 
 
-def _headers(key: str) -> dict[str, str]:
-    return {"Authorization": f"Bearer {key}"} if key else {}
-
-
-def _answer(request: urllib.request.Request, timeout: float) -> tuple[int, Any]:
+def _asked(url: str, content: bytes | None, key: str, timeout: float, **headers: str) -> tuple[int, Any]:
     try:
-        with urllib.request.urlopen(request, timeout=timeout) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, json.load(error)
+        return ask(url, content, key, timeout, **headers)
     except (OSError, http.client.HTTPException):
         return 0, None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -9,10 +10,12 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import urllib.error
 import urllib.request
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+
+from support.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "deploy" / "examples"
@@ -27,15 +30,34 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-def thermogate(*arguments: object, timeout: float = 300) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end."""
-    command = [str(THERMOGATE), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+def thermogate(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end, in this process, which has imported everything already."""
+    from service.cli.main import main
+
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main([*map(str, arguments)])
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 def overrides(settings: dict[str, object]) -> list[str]:
     """`--set` options; values in TOML's notation, of which JSON's is a part for what tests use."""
     return [word for key, value in settings.items() for word in ("--set", f"{key}={json.dumps(value)}")]
+
+
+def ask(
+    url: str, content: bytes | None = None, key: str | None = None, timeout: float = 180, **headers: str
+) -> tuple[int, dict]:
+    """Status and JSON body of the answer to a GET, or to a POST of `content`; `_` in the name of a header is `-`."""
+    sent = {name.replace("_", "-"): value for name, value in headers.items()}
+    if key:
+        sent["Authorization"] = f"Bearer {key}"
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, content, sent), timeout=timeout) as answer:
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, json.load(error)
 
 
 class Daemon:
@@ -65,25 +87,18 @@ class Daemon:
 
     def url(self) -> str:
         """The address it serves on, once it does."""
-        deadline = time.monotonic() + 180
-        while time.monotonic() < deadline:
-            found = re.search(r"serving on (https?://\S+)", self.log())
-            if found:
-                return found.group(1)
-            assert self.process.poll() is None, self.log()
-            time.sleep(0.05)
-        raise AssertionError(f"not serving after 180 s: {self.log()}")
+
+        def serving() -> re.Match[str] | None:
+            said = self.log()
+            if (found := re.search(r"serving on (https?://\S+)", said)) is None:
+                assert self.process.poll() is None, said
+            return found
+
+        return wait_until(serving, self.log).group(1)
 
     def get(self, path: str) -> tuple[int, dict]:
         """Status and JSON body of a GET."""
-        headers = {} if self.key is None else {"Authorization": f"Bearer {self.key}"}
-        try:
-            request = urllib.request.Request(self.url() + path, headers=headers)
-            with urllib.request.urlopen(request, timeout=180) as answer:
-                return answer.status, json.load(answer)
-        except urllib.error.HTTPError as error:
-            with error:
-                return error.code, json.load(error)
+        return ask(self.url() + path, key=self.key)
 
     def text(self, path: str) -> str:
         """Body of a GET that is no JSON."""
@@ -92,27 +107,27 @@ class Daemon:
 
     def post(self, path: str, body: dict) -> tuple[int, dict]:
         """Status and JSON body of a POST."""
-        request = urllib.request.Request(
-            self.url() + path, json.dumps(body).encode(), {"Content-Type": "application/json"}
-        )
-        try:
-            with urllib.request.urlopen(request, timeout=180) as answer:
-                return answer.status, json.load(answer)
-        except urllib.error.HTTPError as error:
-            with error:
-                return error.code, json.load(error)
+        return ask(self.url() + path, json.dumps(body).encode(), self.key, Content_Type="application/json")
 
     def wait(self, done, timeout: float = 240) -> dict:
         """Poll /zones until `done(zones by id)`."""
-        deadline = time.monotonic() + timeout
-        zones: dict = {}
-        while time.monotonic() < deadline:
+
+        def zones() -> dict:
             assert self.process.poll() is None, self.log()
-            zones = {zone["id"]: zone for zone in self.get("/zones")[1]["zones"]}
-            if done(zones):
-                return zones
-            time.sleep(0.1)
-        raise AssertionError(f"waited {timeout} s in vain; {zones}; {self.log()}")
+            return {zone["id"]: zone for zone in self.get("/zones")[1]["zones"]}
+
+        return wait_until(
+            lambda: found if done(found := zones()) else None, lambda: f"{zones()}; {self.log()}", timeout
+        )
+
+    def status(self, zone: str) -> dict:
+        """How a zone is doing."""
+        return self.get(f"/zones/{zone}")[1]["status"]
+
+    def until(self, zone: str, done) -> dict:
+        """The status of a zone, once that is `done`."""
+        told = lambda: f"{self.status(zone)}; {self.log()}"  # noqa: E731
+        return wait_until(lambda: found if done(found := self.status(zone)) else None, told, 240)
 
     def wait_until_ended(self) -> dict:
         """Until every zone's recording has come to its end, which takes as long as it takes while zones go on."""
@@ -150,8 +165,9 @@ def reload(daemon: Daemon, expected: str, timeout: float = 240) -> None:
     """Send SIGHUP and wait until the log says `expected` once more."""
     before = daemon.log().count(expected)
     daemon.process.send_signal(signal.SIGHUP)
-    deadline = time.monotonic() + timeout
-    while daemon.log().count(expected) == before:
+
+    def again() -> bool:
         assert daemon.process.poll() is None, daemon.log()
-        assert time.monotonic() < deadline, daemon.log()
-        time.sleep(0.02)
+        return daemon.log().count(expected) > before
+
+    wait_until(again, daemon.log, timeout)

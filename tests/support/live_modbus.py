@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import tomli_w
-from support.harness import Daemon
 from support.modbus_plant import Plant, serving
 
 WORDS = [215, 53, 400, 21]
@@ -80,15 +78,3 @@ def configuration(folder: Path, ports: dict[str, int]) -> Path:
     path = folder / "plant.toml"
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
     return path
-
-
-def until(daemon: Daemon, zone: str, done, timeout: float = 240) -> dict:
-    """Poll a zone's status until it is as wanted."""
-    deadline = time.monotonic() + timeout
-    status: dict = {}
-    while time.monotonic() < deadline:
-        status = daemon.get(f"/zones/{zone}")[1]["status"]
-        if done(status):
-            return status
-        time.sleep(0.1)
-    raise AssertionError(f"{status}; {daemon.log()}")

@@ -5,6 +5,9 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from typing import TypeVar
+
+Found = TypeVar("Found")
 
 PATIENCE = 180.0
 """After so many s what is waited for does not come any more."""
@@ -22,9 +25,10 @@ def between(begin: float, moment: float | None, end: float) -> bool:
     return moment is not None and begin - 0.001 <= moment <= end + 0.001
 
 
-def wait_until(done: Callable[[], object]) -> None:
-    """Wait in this thread until `done`; fails if that does not come."""
-    deadline = time.monotonic() + PATIENCE
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+def wait_until(done: Callable[[], Found], told: Callable[[], object] = lambda: "", patience: float = PATIENCE) -> Found:
+    """What `done` returns, once that is true, waited for in this thread; fails with what is `told` if it never is."""
+    deadline = time.monotonic() + patience
+    while not (found := done()):
+        assert time.monotonic() < deadline, told()
+        time.sleep(0.05)
+    return found

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-import shutil
 import socket
-import subprocess
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import pytest
 import zenoh
 import zenoh.ext
+from support.certificates import make_pair
 from support.harness import free_port
 from support.waiting import until
 
@@ -125,22 +123,8 @@ async def listening(source: Source) -> AsyncIterator[Listener]:
 def certificates(folder: Path, names: tuple[str, ...] = ("server", "client")) -> Path:
     """`folder` with ca.pem, and for each of `names` and "stranger" NAME.pem and NAME.key; the stranger's is signed by
     another authority."""
-    if shutil.which("openssl") is None:
-        pytest.skip("there is no openssl to make certificates with")
     for authority, signed in (("ca", names), ("other", ("stranger",))):
-        _openssl(folder, f"req -x509 {_KEY} -keyout {authority}.key -out {authority}.pem -days 2 -subj /CN={authority}")
+        signer = make_pair(folder, authority)
         for name in signed:
-            _openssl(folder, f"req {_KEY} -keyout {name}.key -out {name}.csr -subj /CN={name}")
-            (folder / "extensions").write_text(
-                "subjectAltName=IP:127.0.0.1\nextendedKeyUsage=serverAuth,clientAuth\n", encoding="utf-8"
-            )
-            signing = f"-CA {authority}.pem -CAkey {authority}.key -CAcreateserial"
-            _openssl(folder, f"x509 -req -in {name}.csr {signing} -out {name}.pem -days 2 -extfile extensions")
+            make_pair(folder, name, signer=signer)
     return folder
-
-
-_KEY = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes"
-
-
-def _openssl(folder: Path, arguments: str) -> None:
-    subprocess.run(["openssl", *arguments.split()], cwd=folder, check=True, capture_output=True)

@@ -72,7 +72,7 @@ def test_a_neighbour_is_whoever_is_measured_there(tmp_path: Path) -> None:
     assert surroundings(loaded(tmp_path, sound(tmp_path)), config.zones[0]).neighbours == {"T_adj": ("bedroom", "T_i")}
 
 
-def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
+async def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
     """A daemon's zones use the forecast of the table that is in force."""
     for name, value in (("forecast", 50.0), ("other", 68.0)):
         hourly = {"time": [NOON, "2026-02-28T12:00Z"], "temperature_2m": [value, value]}
@@ -91,20 +91,17 @@ def test_a_reload_follows_the_weather(tmp_path: Path) -> None:
             while (found := book.newest("outlook")) is None or found.series["temperature_2m"].values[0] != expected:
                 await asyncio.sleep(0.01)
 
-    async def lived() -> None:
-        async with plumbing(tmp_path / "state") as shared:
-            runtime = Runtime(config, ZoneTable(), shared)
-            await runtime.restore()
-            runtime.start_zones()
-            await runtime.start_feeds()
-            await told(shared.weather, 50.0)
-            assert runtime.zones["living"].surroundings.limits["u_heat"] == (-2500.0, 2500.0)
-            await runtime.reload(new)
-            await told(shared.weather, 68.0)
-            await runtime.reload(loaded(tmp_path, sound(tmp_path)))
-            assert shared.weather.newest("outlook") is None
-            assert runtime.zones["living"].surroundings.weather == {}
-            await runtime.stop_feeds()
-            await runtime.drain()
-
-    asyncio.run(lived())
+    async with plumbing(tmp_path / "state") as shared:
+        runtime = Runtime(config, ZoneTable(), shared)
+        await runtime.restore()
+        runtime.start_zones()
+        await runtime.start_feeds()
+        await told(shared.weather, 50.0)
+        assert runtime.zones["living"].surroundings.limits["u_heat"] == (-2500.0, 2500.0)
+        await runtime.reload(new)
+        await told(shared.weather, 68.0)
+        await runtime.reload(loaded(tmp_path, sound(tmp_path)))
+        assert shared.weather.newest("outlook") is None
+        assert runtime.zones["living"].surroundings.weather == {}
+        await runtime.stop_feeds()
+        await runtime.drain()

@@ -50,17 +50,14 @@ async def test_what_a_stop_overtakes_is_ended_and_leaves_no_complaint():
     assert complaints == []
 
 
-def test_what_is_done_before_the_stop_says_how_it_went():
+async def test_what_is_done_before_the_stop_says_how_it_went():
     async def fails():
         raise ValueError("cannot")
 
-    async def scenario():
-        stop = asyncio.get_running_loop().create_future()
-        assert await done_before(stop, asyncio.ensure_future(asyncio.sleep(0)))
-        with pytest.raises(ValueError, match="cannot"):
-            await done_before(stop, asyncio.ensure_future(fails()))
-
-    asyncio.run(scenario())
+    stop = asyncio.get_running_loop().create_future()
+    assert await done_before(stop, asyncio.ensure_future(asyncio.sleep(0)))
+    with pytest.raises(ValueError, match="cannot"):
+        await done_before(stop, asyncio.ensure_future(fails()))
 
 
 async def test_what_blocks_for_ever_holds_up_no_end(tmp_path):

@@ -103,29 +103,26 @@ async def test_a_member_that_ray_does_not_start_any_more_is_created_again(tmp_pa
     assert len(cluster.created) == 2 * len(every)
 
 
-def test_a_member_that_does_not_answer_is_not_ready(tmp_path: Path, cluster: Cluster) -> None:
+async def test_a_member_that_does_not_answer_is_not_ready(tmp_path: Path, cluster: Cluster) -> None:
     path = small_site(tmp_path, shards=2)
 
     async def ready(steward: Steward) -> dict[str, bool]:
         await asyncio.gather(*(steward._hear(name) for name in ("shard-0", "shard-1")))
         return {name: beat is not None and beat.ready for name, beat, _ in (await steward.status()).members}
 
-    async def scenario() -> None:
-        steward = Steward("campus", "steward")
-        steward._plan = Plan(1, load(path), shard_names(2))
-        await steward._look()
-        await asyncio.gather(*steward._hearing.values())
-        every = {GATEWAY: True, "shard-0": True, "shard-1": True}
-        assert await ready(steward) == every
-        cluster.members.discard("shard-1")
-        assert await ready(steward) == every | {"shard-1": False}
-        cluster.members.add("shard-1")
-        assert await ready(steward) == every
-        # Its machine is lost, and nobody has asked it since.
-        steward._nodes = {}
-        assert not any((await ready(steward)).values())
-
-    asyncio.run(scenario())
+    steward = Steward("campus", "steward")
+    steward._plan = Plan(1, load(path), shard_names(2))
+    await steward._look()
+    await asyncio.gather(*steward._hearing.values())
+    every = {GATEWAY: True, "shard-0": True, "shard-1": True}
+    assert await ready(steward) == every
+    cluster.members.discard("shard-1")
+    assert await ready(steward) == every | {"shard-1": False}
+    cluster.members.add("shard-1")
+    assert await ready(steward) == every
+    # Its machine is lost, and nobody has asked it since.
+    steward._nodes = {}
+    assert not any((await ready(steward)).values())
 
 
 async def test_a_stop_leaves_no_member_that_is_being_created_meanwhile(tmp_path: Path, cluster: Cluster) -> None:
@@ -156,7 +153,7 @@ async def test_a_steward_that_is_lost_while_it_stops_leaves_the_plan_to_the_next
     assert cluster.plan is None
 
 
-def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path: Path, cluster: Cluster) -> None:
+async def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path: Path, cluster: Cluster) -> None:
     path = small_site(tmp_path, count=12, shards=2)
     cluster.processors = 2
 
@@ -165,23 +162,20 @@ def test_more_shards_than_the_machines_have_room_for_can_be_taken_back(tmp_path:
             await steward._look()
             await asyncio.gather(*steward._hearing.values())
 
-    async def scenario() -> None:
-        steward = Steward("campus", "steward")
-        await steward.run(load(path))
-        await look(steward)
-        await steward.rebalance(4)
-        await look(steward)
-        on_their_way = (await steward.status()).moving
-        assert on_their_way > 0, "two shards cannot start"
-        await steward.rebalance(2)
-        assert (await steward.status()).moving >= on_their_way
-        await look(steward)
-        status = await steward.status()
-        assert status.moving == 0
-        assert {name for name, _, _ in status.members} == {GATEWAY, "shard-0", "shard-1"}
-        assert cluster.members == {"steward", GATEWAY, "shard-0", "shard-1"}
-
-    asyncio.run(scenario())
+    steward = Steward("campus", "steward")
+    await steward.run(load(path))
+    await look(steward)
+    await steward.rebalance(4)
+    await look(steward)
+    on_their_way = (await steward.status()).moving
+    assert on_their_way > 0, "two shards cannot start"
+    await steward.rebalance(2)
+    assert (await steward.status()).moving >= on_their_way
+    await look(steward)
+    status = await steward.status()
+    assert status.moving == 0
+    assert {name for name, _, _ in status.members} == {GATEWAY, "shard-0", "shard-1"}
+    assert cluster.members == {"steward", GATEWAY, "shard-0", "shard-1"}
 
 
 def test_a_zone_on_its_way_stays_so_when_another_plan_follows(tmp_path: Path) -> None:

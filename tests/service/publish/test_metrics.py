@@ -84,3 +84,14 @@ def test_checkpoints_failures_and_the_process_are_counted() -> None:
     assert values[at("thermogate_zone_failures_total", zone="living")] == 1
     assert values[at("thermogate_build_info", version="1.2.3", python=platform.python_version())] == 1
     assert values[at("process_open_fds")] > 0
+
+
+def test_what_was_computed_of_a_zone_that_is_removed_meanwhile_shows_nothing_of_it() -> None:
+    metrics, news = Metrics({}), announced("living", make_update(0), running("living").status())
+    for _ in range(2):
+        metrics.add("living")
+        metrics.publish(news)
+        assert any(dict(labels).get("zone") == "living" for _, labels in scrape(metrics))
+        metrics.remove("living")
+        metrics.publish(news)
+        assert not any(dict(labels).get("zone") == "living" for _, labels in scrape(metrics))

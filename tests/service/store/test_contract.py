@@ -194,14 +194,13 @@ async def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> Non
         early = await store.run(store.journal.history, "z", None, START + 2 * PERIOD, 10)
         newest = await store.run(store.journal.history, "z", None, None, 3)
         middle = await store.run(store.journal.history, "z", START + 4 * PERIOD, START + 6 * PERIOD, 10)
-        early, newest, middle = early, [row.time for row in newest], [row.time for row in middle]
     assert [row.time for row in early] == [START, START + PERIOD]
     assert (early[0].log_likelihood, early[0].setpoint) == (0.0, 21.5)
     assert np.isnan(early[0].y)
     assert np.isnan(early[0].mean)
     assert repr(early[1]) == repr(type(early[1]).of(make_update(1)))
-    assert newest == [START + step * PERIOD for step in (1497, 1498, 1499)]
-    assert middle == [START + step * PERIOD for step in (4, 5)]
+    assert [row.time for row in newest] == [START + step * PERIOD for step in (1497, 1498, 1499)]
+    assert [row.time for row in middle] == [START + step * PERIOD for step in (4, 5)]
 
 
 @pytest.mark.parametrize("page", [7, 4000])
@@ -281,7 +280,7 @@ async def test_readings_are_kept_once_until_they_are_too_old_to_be_posted_again(
     async with kept.opened() as store:
         all_of_them = await store.run(store.journal.kept, "z", 0.0)
         between = await store.run(store.journal.kept, "z", START + 1.0, START + 1.5)
-        all_of_them, between, nobody = all_of_them, between, await store.run(store.journal.kept, "nobody", 0.0, inf)
+        nobody = await store.run(store.journal.kept, "nobody", 0.0, inf)
     assert all_of_them == [*READINGS, Reading("z/T_i", START + 2.0, 22.0)], "the first one stays"
     assert (between, nobody) == ([READINGS[1]], [])
     async with kept.opened() as store:
@@ -385,10 +384,8 @@ async def test_what_lies_ahead_is_set_aside(kept: Kept) -> None:
 
     async with kept.opened() as store:
         found = store.checkpoints.load("z", "f")
-        newest, readings = (
-            await store.run(store.journal.last_sample_time, "z"),
-            await store.run(store.journal.kept, "z", 0.0),
-        )
+        newest = await store.run(store.journal.last_sample_time, "z")
+        readings = await store.run(store.journal.kept, "z", 0.0)
         history = await store.run(store.journal.history, "z", None, None, 100)
         await store.append("z", make_sample(6))
         samples = await store.samples_after("z", None)
@@ -423,10 +420,8 @@ async def test_what_is_too_old_goes_and_what_a_start_needs_stays(kept: Kept, cap
     async with kept.opened("ab") as store:
         found: list[int] = []
         for zone in "ab":
-            samples, history = (
-                await store.samples_after(zone, None),
-                await store.run(store.journal.history, zone, None, None, 10_000),
-            )
+            samples = await store.samples_after(zone, None)
+            history = await store.run(store.journal.history, zone, None, None, 10_000)
             found += [samples[0].time, len(history)]
             await store.append(zone, make_sample(steps))
             assert (await store.samples_after(zone, samples[-1].time))[0].time == make_sample(steps).time

@@ -222,7 +222,6 @@ async def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) 
     before = _everything(fleet)
     with pytest.raises(Fenced, match=r"zone 'z' is not held by the lease 'shard-1' of node-1"):
         await WRITING[act](stale)
-    before = before
     assert _everything(fleet) == before
     assert stale.problems() == []
 

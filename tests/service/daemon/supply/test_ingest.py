@@ -86,7 +86,6 @@ async def test_a_large_post_leaves_the_event_loop_to_others_and_goes_in_the_orde
     beside = asyncio.create_task(other())
     taken = await Ingest(lambda: feeds, lambda: True).take(posted, None)
     beside.cancel()
-    taken = taken
     assert turns >= 10
     assert (taken.accepted, taken.unknown, len(taken.unknown_names)) == (5 * TOGETHER, 5 * TOGETHER, 5)
     times = [reading.time for _, readings in zones["living"].taken for reading in readings]
