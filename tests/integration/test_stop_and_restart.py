@@ -73,7 +73,7 @@ def test_a_stop_does_not_wait_for_a_subscriber_that_never_comes(tmp_path):
     with Daemon(CONFIG, tmp_path / "log", waiting) as daemon:
         assert daemon.get("/zones")[1]["zones"][0]["state"] == "waiting"
         code = daemon.terminate()
-    assert (code, "Traceback" in daemon.log()) == (0, False)
+    assert (code, "Traceback" in daemon.log()) == (0, False), daemon.log()
 
 
 def test_a_stop_does_not_wait_for_a_long_forecast_or_a_long_queue(tmp_path):
