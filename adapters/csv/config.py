@@ -98,8 +98,9 @@ class CsvConfig(LayoutConfig, RecordedConfig):
 
     @model_validator(mode="after")
     def _can_grow(self) -> Self:
-        if self.follow and self.files[-1].suffix.lower() == ".gz":
-            raise ValueError("follow reads a file that grows, and a .gz file cannot; name the file itself last")
+        kind = self.files[-1].suffix.lower()
+        if self.follow and kind in (".gz", ".parquet"):
+            raise ValueError(f"follow reads a file that grows, and a {kind} file cannot; name the file itself last")
         return self
 
     @property

@@ -22,7 +22,8 @@ import numpy as np
 
 from adapters.csv.cells import Array, Cells, Codes, Status, convert, parse_numbers, sum_cells
 from adapters.csv.config import LayoutConfig
-from adapters.csv.times import Moments, parse_timestamps, to_utc
+from adapters.csv.parquet import is_parquet, parquet_chunks, parquet_columns
+from adapters.csv.times import Chunk, Moments, parse_timestamps, to_utc
 from adapters.edge import PLAIN, Edge
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 
@@ -61,6 +62,8 @@ class Table(NamedTuple):
 
 def read_header(path: Path, layout: LayoutConfig) -> list[str]:
     """Column names of a file; SourceError if there are none to be had."""
+    if is_parquet(path):
+        return list(parquet_columns(path))
     with _opened(path, layout) as reader:
         return _header(path, reader)
 
@@ -104,21 +107,39 @@ def read_table(
     """
     moments: list[Moments] = []
     parts: list[list[Cells]] = [[] for _ in channels]
+    for chunk in _chunks(path, channels, layout, content):
+        if stopped():
+            break
+        moments.append(chunk.moments)
+        for channel, part in zip(channels, parts, strict=True):
+            edge, columns = channel.edge, [chunk.cells[name] for name in channel.columns]
+            steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
+            part.append(convert(sum_cells(columns), steps, (-inf, inf) if edge.counter else edge.valid))
+    return _table(moments, parts, layout.timestamp.time_zone)
+
+
+def _chunks(path: Path, channels: Sequence[CsvChannel], layout: LayoutConfig, content: bytes | None) -> Iterator[Chunk]:
+    """The rows of a file with the columns that `channels` need; SourceConfigError if one is missing."""
+    time, parser = layout.timestamp.column, layout.timestamp.parser
+    wanted = dict.fromkeys(name for channel in channels for name in channel.columns)
+    if is_parquet(path):
+        _require(path, read_header(path, layout), channels, layout)
+        yield from parquet_chunks(path, time, parser, wanted, layout.decimal, _CHUNK_ROWS)
+        return
     with _opened(path, layout, content) as reader:
         header = _header(path, reader)
-        problems = column_problems(path, header, channels, layout)
-        if problems:
-            raise SourceConfigError("; ".join(problems))
-        position, parser = {name: i for i, name in enumerate(header)}, layout.timestamp.parser
-        while not stopped() and (rows := list(islice(reader, _CHUNK_ROWS))):
+        _require(path, header, channels, layout)
+        position = {name: i for i, name in enumerate(header)}
+        while rows := list(islice(reader, _CHUNK_ROWS)):
             rows = [row for row in rows if row]
-            moments.append(parse_timestamps(_column(rows, position[layout.timestamp.column]), parser))
-            for channel, part in zip(channels, parts, strict=True):
-                columns = [parse_numbers(_column(rows, position[name]), layout.decimal) for name in channel.columns]
-                edge = channel.edge
-                steps = () if edge.counter else ((edge.scale, edge.offset), edge.conversion)
-                part.append(convert(sum_cells(columns), steps, (-inf, inf) if edge.counter else edge.valid))
-    return _table(moments, parts, layout.timestamp.time_zone)
+            cells = {name: parse_numbers(_column(rows, position[name]), layout.decimal) for name in wanted}
+            yield Chunk(parse_timestamps(_column(rows, position[time]), parser), cells)
+
+
+def _require(path: Path, header: Sequence[str], channels: Sequence[CsvChannel], layout: LayoutConfig) -> None:
+    problems = column_problems(path, header, channels, layout)
+    if problems:
+        raise SourceConfigError("; ".join(problems))
 
 
 def _table(moments: list[Moments], parts: list[list[Cells]], zone: ZoneInfo | None) -> Table:

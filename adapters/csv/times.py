@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 from zoneinfo import ZoneInfo
 
@@ -23,6 +23,13 @@ class Moments(NamedTuple):
 
     seconds: Array
     naive: npt.NDArray[np.bool_]
+
+
+class Chunk(NamedTuple):
+    """Some rows of a file, (n,): when they are, and the cells of each column by name."""
+
+    moments: Moments
+    cells: Mapping[str, Cells]
 
 
 def parse_timestamps(cells: Sequence[str], parser: Parser) -> Moments:

@@ -24,7 +24,7 @@ def add_to(add: AddCommand) -> None:
         dest="history",
         type=Path,
         metavar="FILE",
-        help="a file with [sources] that are recorded, and [[zones]] with id and channels "
+        help="a file with [sources] that are recorded, and [[zones]] with id and channels, or a Parquet file "
         "(default: the sources of CONFIG, which then must be recorded)",
     )
     parser.add_argument("--start", type=instant, metavar="T", help="first time, RFC 3339, such as 2025-05-03T00:00:00Z")

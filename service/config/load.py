@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from adapters.channel import ChannelConfig, SourceConfig, UnboundChannel
+from adapters.csv.parquet import is_parquet, parquet_columns
+from adapters.errors import SourceError
 from adapters.fields.problems import Model, Place, Problems, unknown_key
 from adapters.fields.values import identifier
 from adapters.fields.words import shown, suggestion
@@ -58,11 +60,13 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Config:
 
 def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Config:
     """The configuration at `path` with the telemetry that the file `history` names in place of its own: the [sources]
-    there, and of every zone there its channels and set-point. Zones that it does not name are left out.
+    there, and of every zone there its channels and set-point. Zones that it does not name are left out. A Parquet file
+    is history itself: its columns are called `zone/channel`, or `channel` where there is one zone only.
 
     Raises ConfigError with every mistake found; places are those in `history`.
     """
-    plant, told = apply_overrides(_parsed(path), overrides), _parsed(history)
+    plant = apply_overrides(_parsed(path), overrides)
+    told = _from_parquet(history, plant) if is_parquet(history) else _parsed(history)
     problems = Problems(told)
     for key in told:
         if key not in _OF_HISTORY:
@@ -85,6 +89,45 @@ def load_history(path: Path, history: Path, overrides: Sequence[str] = ()) -> Co
 
 _OF_HISTORY = ("sources", "zones")
 _OF_HISTORY_ZONES = ("id", "channels", SETPOINT)
+
+
+_OF_RECORDED = ("unit", "nominal", "aggregate", "valid", "max_age")
+"""Keys of a channel that its history shares: the rest says how the live value is found."""
+
+
+def _from_parquet(history: Path, plant: Mapping[str, Any]) -> dict[str, Any]:
+    """The Parquet file `history` as the tables of a history of `plant`; every value is in the unit of its channel."""
+    try:
+        columns = parquet_columns(history)
+    except SourceError as error:
+        raise ConfigError([str(error)]) from None
+    times = [name for name, is_time in columns.items() if is_time]
+    if len(times) != 1:
+        raise ConfigError([f"{history}: it has {len(times)} columns of times, and needs one; write it again"])
+    problems, zones = Problems(plant), []
+    tables = [table for table in _raw_zones(plant, problems) if isinstance(table, dict)]
+    for table in tables:
+        wanted = {**dict(table.get("channels", {})), **({SETPOINT: table[SETPOINT]} if SETPOINT in table else {})}
+        found = {}
+        for name, channel in wanted.items():
+            column = next((one for one in (f"{table.get('id')}/{name}", name) if one in columns), None)
+            if column is not None and (column != name or len(tables) == 1) and isinstance(channel, dict):
+                shared = {key: channel[key] for key in _OF_RECORDED if key in channel}
+                found[name] = {**shared, "source": _HISTORY, "column": column}
+        if found:
+            setpoint = {SETPOINT: found.pop(SETPOINT)} if SETPOINT in found else {}
+            zones.append({"id": table.get("id"), "channels": found, **setpoint})
+    if not zones:
+        raise ConfigError(
+            [f"{history}: no column is called like a channel, such as room/T_i; its columns are {', '.join(columns)}"]
+        )
+    zone = plant.get("site", {}).get("time_zone")
+    timestamp = {"column": times[0], **({"zone": zone} if zone else {})}
+    source = {"kind": "csv", "files": [str(history.resolve())], "timestamp": timestamp}
+    return {"sources": {_HISTORY: source}, "zones": zones}
+
+
+_HISTORY = "history"
 
 
 def _with_history(

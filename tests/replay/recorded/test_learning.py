@@ -175,3 +175,36 @@ def test_a_running_daemon_and_a_live_source_are_refused(tmp_path):
         learn(config, histories, jobs=1)
     with pytest.raises(ServiceError, match="is live"):
         survey(load(tmp_path / "plant.toml"), None, None)
+
+
+def test_a_parquet_file_is_history_as_it_is(tmp_path):
+    pd = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    table = pd.read_csv(RECORDING, sep=";", decimal=",", index_col="Zeit")
+    table.index = pd.to_datetime(table.index, format="%d.%m.%Y %H:%M").tz_localize("Europe/Berlin")
+    names = {"Raumtemperatur": "T_i", "Aussentemperatur": "T_out", "Heizleistung_kW": "u_heat"}
+    table = table.rename(columns=names)
+    table["u_heat"] *= 1000.0
+    plant, history = written(tmp_path)
+    expected = survey(load_history(plant, history), None, None)["room"].recorded
+    for prefix in ("", "room/"):
+        table.add_prefix(prefix).to_parquet(tmp_path / "history.parquet")
+        found = survey(load_history(plant, tmp_path / "history.parquet"), None, None)["room"].recorded
+        assert [one.time for one in found] == [one.time for one in expected]
+        np.testing.assert_allclose([one.inputs for one in found], [one.inputs for one in expected])
+        np.testing.assert_allclose([one.outputs for one in found], [one.outputs for one in expected])
+
+
+def test_a_parquet_file_without_the_channels_of_a_zone_is_refused(tmp_path):
+    pd = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    plant, _ = written(tmp_path)
+    path, times = tmp_path / "history.parquet", pd.date_range("2025-01-01", periods=3, freq="15min", tz="UTC")
+    for columns, sentence in (
+        ({"Room": 1.0}, "no column is called like a channel, such as room/T_i; its columns are when, Room"),
+        ({"T_i": 1.0, "other": times}, "it has 2 columns of times, and needs one"),
+        ({"T_i": 1.0}, "must name the same channels as zone"),
+    ):
+        pd.DataFrame({"when": times, **columns}).to_parquet(path, index=False)
+        with pytest.raises(ConfigError, match=sentence):
+            load_history(plant, path)
