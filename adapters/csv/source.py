@@ -16,7 +16,7 @@ from adapters.csv.config import CsvConfig
 from adapters.csv.growing import GrowingFile
 from adapters.csv.table import CsvChannel, Table, column_problems, read_header, read_table
 from adapters.edge import Converter
-from adapters.errors import SourceError, SourceUnavailable
+from adapters.errors import SourceError, SourceUnavailable, said_of
 from adapters.pacing import Pacer
 from adapters.reading import Batch, Probe, Reading
 
@@ -94,11 +94,10 @@ class CsvSource:
     async def _read(self, path: Path, content: bytes | None = None) -> Table:
         abandoned = False
         try:
-            return await asyncio.to_thread(
-                read_table, path, self._channels, self._table, lambda: self._closed or abandoned, content
-            )
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
+            with said_of(self.name):
+                return await asyncio.to_thread(
+                    read_table, path, self._channels, self._table, lambda: self._closed or abandoned, content
+                )
         finally:
             # A cancelled task leaves its thread behind; it must not go on reading for nobody and delay the exit.
             abandoned = True

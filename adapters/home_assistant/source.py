@@ -10,7 +10,7 @@ import numpy as np
 
 from adapters.channel import Binding
 from adapters.edge import Converter, newest
-from adapters.errors import SourceError, SourceUnavailable
+from adapters.errors import SourceError, SourceUnavailable, said_of
 from adapters.home_assistant import database
 from adapters.home_assistant.config import HomeAssistantConfig
 from adapters.home_assistant.database import Stretches
@@ -93,11 +93,8 @@ class RecorderSource:
 
     def _read(self) -> list[Stretches]:
         read = database.states if self._data == "states" else database.statistics
-        try:
-            with database.opened(self._file, self._data) as connection:
-                return [read(connection, entity) for _, entity, _, _ in self._channels]
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
+        with said_of(self.name), database.opened(self._file, self._data) as connection:
+            return [read(connection, entity) for _, entity, _, _ in self._channels]
 
 
 def _readings(history: Stretches, converter: Converter, begin: float, end: float) -> list[Reading]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from adapters.channel import Binding
 from adapters.fields.times import written_to_the_millisecond
@@ -12,7 +12,7 @@ from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
 from adapters.payload.payload import Decoded, Payload, PayloadFormat, Rejected, decode, numbers_in, shown
 from adapters.reading import Fault, Probe, Quality, Reading
-from adapters.watched import Watched, put_to_work
+from adapters.watched import Channels, Watched
 
 REPEAT = 600.0
 """What is wrong with the samples of a channel is said again after this time at the earliest, in s."""
@@ -25,7 +25,7 @@ class MessageChannel(Watched):
 
     def __init__(self, binding: Binding, longest_stretch: float) -> None:
         super().__init__(binding, longest_stretch)
-        self.key: str = binding.channel.place
+        self.point: str = binding.channel.place
         self.format: PayloadFormat = binding.channel.payload_format
         self.newest = float("-inf")
         """Time of the newest value so far, UTC s."""
@@ -51,51 +51,33 @@ class MessageChannel(Watched):
             _log.warning("%s (%s): the payload %s", self.id, place, rejected.sentence)
 
 
-class Channels:
+class MessageChannels(Channels[MessageChannel]):
     """The channels of a source by their key expressions or topics."""
 
-    def __init__(self, bindings: Sequence[Binding], dating: Dating, longest_stretch: float, noun: str = "key") -> None:
-        """`longest_stretch`: no power is made of counts that lie further apart, in s. `noun`: what `key` is called
+    def __init__(
+        self, name: str, bindings: Iterable[Binding], dating: Dating, longest_stretch: float, noun: str = "key"
+    ) -> None:
+        """`longest_stretch`: no power is made of counts that lie further apart, in s. `noun`: what a key is called
         where samples come from."""
-        self._dating, self._longest_stretch, self._noun = dating, longest_stretch, noun
-        self._at: dict[str, list[MessageChannel]] = {}
-        self.replace(bindings)
-
-    def replace(self, bindings: Sequence[Binding]) -> None:
-        """These are the channels from now on; what is remembered of those that stay is kept."""
-        at_work = put_to_work(bindings, self._all(), lambda one: MessageChannel(one, self._longest_stretch))
-        self._at = {}
-        for channel in at_work:
-            self._at.setdefault(channel.key, []).append(channel)
-
-    @property
-    def keys(self) -> list[str]:
-        """Every key expression, once."""
-        return list(self._at)
+        super().__init__(name, bindings, lambda one: MessageChannel(one, longest_stretch))
+        self._dating, self._noun = dating, noun
 
     def start_again(self) -> None:
         """The session is a new one: what it recovers may have been had already."""
-        for channel in self._all():
+        for channel in self.all():
             channel.known_until, channel.heard = channel.newest, False
 
     def unheard(self) -> list[str]:
         """The channels on whose keys nothing has come since `start_again`, each with its key."""
-        return [f"{channel.id} ({self._noun} {channel.key})" for channel in self._all() if not channel.heard]
+        return [f"{channel.id} ({self._noun} {channel.point})" for channel in self.all() if not channel.heard]
 
-    def readings(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
+    def came(self, key: str, samples: Sequence[Incoming]) -> Iterator[Reading]:
         """The readings that `samples` of the subscription to `key` bring."""
         for incoming in samples:
             payload = None if incoming.payload is None else Payload(incoming.payload)
-            for channel in self._at[key]:
+            for channel in self.at(key):
                 channel.heard = True
                 yield from self._read(channel, incoming, payload)
-
-    def overrun(self, key: str, now: float) -> Iterator[Reading]:
-        """Bad readings that say that older samples of `key` had to be dropped."""
-        return (channel.converter.bad(now, Fault.OVERRUN) for channel in self._at[key])
-
-    def _all(self) -> Iterator[MessageChannel]:
-        return (channel for listed in self._at.values() for channel in listed)
 
     def _read(self, channel: MessageChannel, incoming: Incoming, payload: Payload | None) -> Iterator[Reading]:
         channel.forget_after(incoming.arrived)
@@ -145,7 +127,7 @@ def _dated(
 
 def probed(channel: MessageChannel, dating: Dating, samples: Sequence[Incoming], nothing: str) -> Probe:
     """What a person should know about the `samples` that came for `channel`; `nothing` is the verdict without any."""
-    place = f"{channel.key} {channel.format.kind}"
+    place = f"{channel.point} {channel.format.kind}"
     if not samples:
         return Probe(channel.id, place, "-", None, None, nothing)
     incoming = max(samples, key=lambda sample: sample.stamp or sample.arrived)

@@ -6,15 +6,15 @@ import asyncio
 import difflib
 import logging
 import time
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 
 from adapters.channel import Binding
 from adapters.messages.config import MessagesConfig
 from adapters.messages.dating import Dating
-from adapters.messages.inbox import Inbox
-from adapters.messages.points import Channels, MessageChannel
+from adapters.messages.inbox import Inbox, Incoming
+from adapters.messages.points import MessageChannel, MessageChannels, probed
 from adapters.messages.takings import Takings, pieces
-from adapters.reading import Batch
+from adapters.reading import Batch, Probe
 
 TRANSIT = 1.0
 """How long a message may be on its way before the source's clock has gone past its time, in s."""
@@ -41,7 +41,7 @@ class SubscribedSource:
         self.name = name
         self._dating, self._noun = dating, noun
         self._room, self._longest_stretch = table.queue, table.longest_stretch
-        self._channels = Channels(bindings, dating, table.longest_stretch, noun)
+        self._channels = MessageChannels(name, bindings, dating, table.longest_stretch, noun)
         self._takings = Takings(name, self._channels)
         self._listed = tuple(bindings)
         self._rebound = False
@@ -61,13 +61,13 @@ class SubscribedSource:
         self._channels.replace(self._listed)
         self._rebound = False
         self._channels.start_again()
-        return Inbox(self._channels.keys, self._room)
+        return Inbox(self._channels.points, self._room)
 
     def _change(self, inbox: Inbox) -> tuple[list[str], list[str]]:
         """Take channels and inbox to what is listed now; the keys that came and those that went."""
-        self._rebound, before = False, self._channels.keys
+        self._rebound, before = False, self._channels.points
         self._channels.replace(self._listed)
-        now = self._channels.keys
+        now = self._channels.points
         inbox.listen_to(now)
         return [key for key in now if key not in before], [key for key in before if key not in now]
 
@@ -96,7 +96,13 @@ class SubscribedSource:
         """The channels that are listed, for one look at each."""
         return [MessageChannel(binding, self._longest_stretch) for binding in self._listed]
 
-
-def nearest(key: str, heard: Iterable[str]) -> list[str]:
-    """Those of `heard` that are most like `key`."""
-    return difflib.get_close_matches(key, sorted(heard), n=_SHOWN, cutoff=0.0)
+    def _probed(
+        self, channel: MessageChannel, came: Sequence[Incoming], heard: Mapping[str, str], nothing: str
+    ) -> Probe:
+        """What a person should know of what `came` for `channel`, with the verdict `nothing` if nothing did, and what
+        was `heard` on places like its own."""
+        probe = probed(channel, self._dating, came, nothing)
+        if came or not heard:
+            return probe
+        near = difflib.get_close_matches(channel.point, sorted(heard), n=_SHOWN, cutoff=0.0)
+        return probe._replace(hints=tuple(f"heard meanwhile: {heard[place]}" for place in near))

@@ -8,8 +8,8 @@ import time
 from collections.abc import Iterator, Sequence
 
 from adapters.messages.inbox import Inbox
-from adapters.messages.points import REPEAT, Channels
-from adapters.reading import Reading
+from adapters.messages.points import REPEAT, MessageChannels
+from adapters.reading import Fault, Reading
 
 SLICE_SECONDS = 0.004
 """How long the event loop is held before others have their turn; one sample at least is read in a turn."""
@@ -32,7 +32,7 @@ def pieces(readings: Sequence[Reading]) -> Iterator[list[Reading]]:
 class Takings:
     """Makes readings of what has come for the `channels` of the source `name`."""
 
-    def __init__(self, name: str, channels: Channels) -> None:
+    def __init__(self, name: str, channels: MessageChannels) -> None:
         self.dropped = 0
         """How many samples were dropped because they came faster than they could be taken."""
         self._name, self._channels = name, channels
@@ -46,8 +46,8 @@ class Takings:
         for key, incoming, dropped in inbox.waiting():
             if dropped:
                 self._note_drop(key, dropped)
-                readings += self._channels.overrun(key, time.time())
-            readings += self._channels.readings(key, [incoming])
+                readings += self._channels.bad(key, Fault.OVERRUN)
+            readings += self._channels.came(key, [incoming])
             now = time.monotonic()
             if len(readings) >= MOST_TOGETHER or now - begun >= TOGETHER_SECONDS:
                 break

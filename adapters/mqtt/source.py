@@ -7,14 +7,14 @@ import logging
 import secrets
 import time
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceUnavailable, said_of
 from adapters.messages.inbox import MOST_BYTES, Inbox, Incoming
-from adapters.messages.points import MessageChannel, probed
-from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource, nearest
+from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource
 from adapters.mqtt.background import Background
 from adapters.mqtt.broker import BrokerConfig
 from adapters.mqtt.client import Client, Will, connected
@@ -48,9 +48,7 @@ class MqttSource(SubscribedSource):
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is published, for ever. `start` is of no concern. Raises SourceUnavailable and SourceConfigError."""
         inbox = self._begin()
-        link = self._open(self._table, inbox, self._topics(), self._table.session)
-        try:
-            await link.opened()
+        async with self._open(self._table, inbox, self._topics(), self._table.session) as link:
             _log.info("sources.%s: connected (%s)", self.name, self._table.place)
             yield self._clock()
             quiet_at = time.monotonic() + QUIET
@@ -65,16 +63,15 @@ class MqttSource(SubscribedSource):
                 if time.monotonic() >= quiet_at:
                     quiet_at = float("inf")
                     self._note_quiet()
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
-        finally:
-            await link.close()
 
     async def probe(self, seconds: float) -> list[Probe]:
         """What comes for every channel within `seconds`, or was retained; less if all have come."""
         channels = self._asked_for()
-        heard = await self._listen({channel.key for channel in channels}, seconds)
-        return [self._probed(channel, heard, seconds) for channel in channels]
+        heard = await self._listen({channel.point for channel in channels}, seconds)
+        nothing = f"nothing came within {seconds:g} s, and nothing was retained; check topic, and that it is published"
+        came = {topic: [incoming] for topic, incoming in heard.items()}
+        around = {topic: _described(incoming) for topic, incoming in heard.items()}
+        return [self._probed(channel, came.get(channel.point, ()), around, nothing) for channel in channels]
 
     async def scan(self, wanted: Scan) -> Scanned:
         """Every topic of others on which something comes within the time of `wanted`, or was retained."""
@@ -86,10 +83,8 @@ class MqttSource(SubscribedSource):
         inbox = Inbox([EVERYTHING], max(self._room, MOST_TOPICS), MOST_BYTES)
         # Under its own name it would take the place of the daemon.
         broker = self._table.model_copy(update={"client_id": f"thermogate-probe-{secrets.token_hex(4)}"})
-        link = self._open(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0)
         heard: dict[str, Incoming] = {}
-        try:
-            await link.opened()
+        async with self._open(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0) as link:
             end = time.monotonic() + seconds
             while (left := end - time.monotonic()) > 0 and not (topics and topics <= heard.keys()):
                 await inbox.wait(min(left, LOOK))
@@ -98,10 +93,6 @@ class MqttSource(SubscribedSource):
                     if not unknown or (len(heard) < MOST_TOPICS and not published_here(incoming.key)):
                         heard[incoming.key] = incoming
                 link.check()
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
-        finally:
-            await link.close()
         return heard
 
     async def close(self) -> None:
@@ -109,11 +100,20 @@ class MqttSource(SubscribedSource):
         if self._link is not None:
             await self._link.close()
 
-    def _open(self, broker: BrokerConfig, inbox: Inbox, topics: Mapping[str, int], session: float) -> _Link:
+    @asynccontextmanager
+    async def _open(
+        self, broker: BrokerConfig, inbox: Inbox, topics: Mapping[str, int], session: float
+    ) -> AsyncIterator[_Link]:
         for problem in self.check():
             raise SourceConfigError(problem)
-        self._link = _Link(self.name, broker, inbox, topics, session, self._table.status_topic if session else None)
-        return self._link
+        status_topic = self._table.status_topic if session else None
+        with said_of(self.name):
+            self._link = link = _Link(self.name, broker, inbox, topics, session, status_topic)
+            try:
+                await link.opened()
+                yield link
+            finally:
+                await link.close()
 
     def _topics(self) -> dict[str, int]:
         """The topics, each with the quality of service of its subscription.
@@ -128,15 +128,6 @@ class MqttSource(SubscribedSource):
             qos = int(timed) if self._table.qos is None else self._table.qos
             wanted[channel.place] = max(qos, wanted.get(channel.place, 0))
         return wanted
-
-    def _probed(self, channel: MessageChannel, heard: Mapping[str, Incoming], seconds: float) -> Probe:
-        samples = [heard[channel.key]] if channel.key in heard else []
-        nothing = f"nothing came within {seconds:g} s, and nothing was retained; check topic, and that it is published"
-        probe = probed(channel, self._dating, samples, nothing)
-        if samples or not heard:
-            return probe
-        near = nearest(channel.key, heard)
-        return probe._replace(hints=tuple(f"heard meanwhile: {_described(heard[topic])}" for topic in near))
 
 
 class _Link:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from functools import partial
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
+from adapters.errors import SourceConfigError, SourceUnavailable, said_of
 from adapters.messages.inbox import Inbox, Incoming
-from adapters.messages.points import MessageChannel, probed
-from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource, nearest
+from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource
 from adapters.reading import Batch, Probe
 from adapters.zenoh.config import ZenohSourceConfig
 from adapters.zenoh.connection import SessionConfig
@@ -48,9 +48,8 @@ class ZenohSource(SubscribedSource):
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is published, for ever. `start` is of no concern. Raises SourceUnavailable and SourceConfigError."""
         inbox = self._begin()
-        link = await self._open()
-        try:
-            for key in self._channels.keys:
+        async with self._open() as link:
+            for key in self._channels.points:
                 link.subscribe(key, partial(inbox.put, key), self._table.recover)
             watch = _Watch(self.name, self._table)
             look_at = time.monotonic()
@@ -70,22 +69,17 @@ class ZenohSource(SubscribedSource):
                     yield self._clock()
                 if watch.quiet():
                     self._note_quiet()
-        except SourceUnavailable as error:
-            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
-        finally:
-            await link.close()
 
     async def probe(self, seconds: float) -> list[Probe]:
         """What comes for every channel within `seconds`, published or in answer to a query; less if all have come."""
         channels = self._asked_for()
-        keys = list(dict.fromkeys(channel.key for channel in channels))
+        keys = list(dict.fromkeys(channel.point for channel in channels))
         around = {f"{key.split('/', 1)[0]}/**" for key in keys}
         around = {key for key in around if not key.startswith(("*", "$"))}
         inbox = Inbox([*keys, *around], self._room)
-        link = await self._open()
         came: dict[str, list[Incoming]] = {key: [] for key in keys}
-        heard: set[str] = set()
-        try:
+        heard: dict[str, str] = {}
+        async with self._open() as link:
             for key in around:
                 link.subscribe(key, partial(inbox.put, key))
             for key in keys:
@@ -96,35 +90,27 @@ class ZenohSource(SubscribedSource):
                 await inbox.wait(left)
                 for key, incoming, _ in inbox.waiting():
                     came.get(key, []).append(incoming)
-                    heard.add(incoming.key)
+                    heard[incoming.key] = incoming.key
             if not link.connected:
                 raise SourceUnavailable(_nobody(self._table))
-        except SourceUnavailable as error:
-            raise SourceUnavailable(f"sources.{self.name}: {error}") from error
-        finally:
-            await link.close()
-        return [self._probed(channel, came[channel.key], heard, seconds) for channel in channels]
+        nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
+        return [self._probed(channel, came[channel.point], heard, nothing) for channel in channels]
 
     async def close(self) -> None:
         """Close the session; safe to call twice."""
         if self._link is not None:
             await self._link.close()
 
-    async def _open(self) -> ZenohLink:
+    @asynccontextmanager
+    async def _open(self) -> AsyncIterator[ZenohLink]:
         for problem in self.check():
             raise SourceConfigError(problem)
-        try:
-            self._link = await ZenohLink.open(self._table, self._table.access)
-        except SourceError as error:
-            raise type(error)(f"sources.{self.name}: {error}") from error
-        return self._link
-
-    def _probed(self, channel: MessageChannel, samples: list[Incoming], heard: set[str], seconds: float) -> Probe:
-        nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
-        probe = probed(channel, self._dating, samples, nothing)
-        if samples or not heard:
-            return probe
-        return probe._replace(hints=(f"heard meanwhile: {', '.join(nearest(channel.key, heard))}",))
+        with said_of(self.name):
+            self._link = link = await ZenohLink.open(self._table, self._table.access)
+            try:
+                yield link
+            finally:
+                await link.close()
 
 
 class _Watch:

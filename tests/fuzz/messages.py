@@ -10,7 +10,7 @@ from support.sources import bound, source_table
 
 from adapters.messages.dating import TIMES, Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, Incoming
-from adapters.messages.points import Channels, MessageChannel, probed
+from adapters.messages.points import MessageChannel, MessageChannels, probed
 from adapters.reading import Quality
 
 NOW = 1_772_000_000.0
@@ -30,10 +30,10 @@ def become_readings(
     incoming = Incoming("k", fits, len(payload), stamp, NOW, retained)
     pairs = [(form, edge) for form in forms for edge in EDGES]
     listed = [bound(TABLE, f"z/{k}", key="k", **form | edge) for k, (form, edge) in enumerate(pairs)]
-    channels = Channels(listed, Dating(TIMES), 900.0)
+    channels = MessageChannels("bms", listed, Dating(TIMES), 900.0)
     for _ in range(2):
         channels.start_again()
-        for reading in channels.readings("k", [incoming]):
+        for reading in channels.came("k", [incoming]):
             assert (reading.fault is None) == (reading.quality is not Quality.BAD)
             assert reading.fault is not None or (math.isfinite(reading.value) and 0 <= reading.time <= NOW + 10)
             # A retained value whose age nobody knows is never good.

@@ -16,7 +16,7 @@ from support.sources import bound, source_table
 
 from adapters.bacnet.client import BacnetLink, Device, NoAnswer, Notification, Refused
 from adapters.bacnet.objects import PRESENT_VALUE, STATUS_FLAGS, ObjectId, Property, parse_object
-from adapters.bacnet.points import BacnetChannel, Channels, Seen, probed
+from adapters.bacnet.points import BacnetChannel, Seen, judged, probed
 from adapters.bacnet.units import unit_of
 from adapters.bacnet.values import Tagged, Unreadable, bits, flags, number, object_id, text, whole
 from adapters.reading import Quality
@@ -101,11 +101,12 @@ async def exchange(datagrams: list[bytes]) -> None:
 def sound(seen: Seen) -> None:
     """Readings and probes of what was seen are sound, whatever it is."""
     binding = bound(TABLE, "z/T", unit="degC", device=1201, object=str(OBJECT), stuck_after=1.0)
-    channel, channels = BacnetChannel(binding, TABLE.poll), Channels([binding], TABLE.poll)
+    channel = BacnetChannel(binding, TABLE.poll)
     for when in (1_772_000_000.0, 1_772_000_001.5):
-        for reading in channels.readings(1201, OBJECT, seen, when):
-            assert (reading.fault is None) == (reading.quality is not Quality.BAD)
-            assert reading.fault is not None or math.isfinite(reading.value)
+        reading = channel.read(judged(channel, seen), when, seen.value)
+        assert reading is not None
+        assert (reading.fault is None) == (reading.quality is not Quality.BAD)
+        assert reading.fault is not None or math.isfinite(reading.value)
     probe = probed(channel, seen, 1_772_000_000.0)
     assert "".join((probe.raw, probe.verdict, *probe.hints)).isprintable()
 

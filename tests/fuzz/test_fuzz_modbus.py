@@ -13,9 +13,10 @@ from support.sources import bound, source_table
 from adapters.modbus.client import Answer
 from adapters.modbus.codec import ORDERS, TYPES, Format, decode, is_available, other_orders
 from adapters.modbus.plan import TABLES, Limits, Point, halves, plan
-from adapters.modbus.points import Channels, ModbusChannel
+from adapters.modbus.points import ModbusChannel, readings
 from adapters.modbus.probing import probed
 from adapters.reading import Quality
+from adapters.watched import Channels
 
 TABLE = source_table("modbus", host="127.0.0.1", first_register=0)
 EDGES = [
@@ -31,10 +32,11 @@ def read(words: list[int], form: Format, edge: dict[str, Any]) -> None:
     """One answer, and a second one a moment later, as the source takes them."""
     written = {"type": form.type, "order": form.order, "bit": form.bit, "not_available": form.not_available}
     binding = bound(TABLE, "z/T", register=0, stuck_after=1.0, **written, **edge)
-    channel, channels = ModbusChannel(binding, TABLE), Channels([binding], TABLE)
+    channel = ModbusChannel(binding, TABLE)
+    channels = Channels("bms", [binding], lambda one: ModbusChannel(one, TABLE))
     for time in (1_772_000_000.0, 1_772_000_001.5):
         for request in plan(channels.points, Limits()):
-            for reading in channels.readings(request, Answer(words, time)):
+            for reading in readings(channels, request, Answer(words, time)):
                 assert (reading.fault is None) == (reading.quality is not Quality.BAD)
                 assert reading.fault is not None or math.isfinite(reading.value)
     shown = probed(channel, Answer(words, 1_772_000_000.0), Answer(words[::-1], 1_772_000_005.0))

@@ -12,7 +12,7 @@ from adapters.messages import inbox as module
 from adapters.messages import takings
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import LONGEST_PAYLOAD, MOST_BYTES, MOST_BYTES_OF_ONE, Inbox, Incoming
-from adapters.messages.points import Channels
+from adapters.messages.points import MessageChannels
 from adapters.messages.takings import Takings
 from adapters.payload import senml
 
@@ -87,11 +87,11 @@ def test_a_message_is_parsed_once_for_all_channels_that_read_it(monkeypatch: pyt
     monkeypatch.setattr(senml, "records", lambda document: parsed.append(1) or records(document))
     names = [f"T{number}" for number in range(200)]
     listed = [bound(TABLE, f"room/{name}", key="k", format="senml", record=name) for name in names]
-    channels = Channels(listed, Dating(("arrival",)), 900.0)
+    channels = MessageChannels("bms", listed, Dating(("arrival",)), 900.0)
     sound = json.dumps([{"n": name, "v": 20} for name in names]).encode()
     for payload, count in ((sound, 200), (b'[{"n": 1}]', 200)):
         parsed.clear()
-        assert len(list(channels.readings("k", [came("k", payload)]))) == count
+        assert len(list(channels.came("k", [came("k", payload)]))) == count
         assert len(parsed) == 1
 
 
@@ -106,7 +106,7 @@ def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanw
         inbox = Inbox(["k"], 1000)
         for _ in range(250):
             inbox.put("k", came("k"))
-        taking = Takings("bms", Channels([bound(TABLE, "room/T", key="k")], Dating(("arrival",)), 900.0))
+        taking = Takings("bms", MessageChannels("bms", [bound(TABLE, "room/T", key="k")], Dating(("arrival",)), 900.0))
         turns = 0
 
         async def other() -> None:
@@ -125,8 +125,8 @@ def test_the_loop_has_its_turn_between_messages_and_readings_are_delivered_meanw
 
 def test_the_readings_of_one_message_are_delivered_in_pieces() -> None:
     payload = json.dumps([{"n": "T", "v": 20}] * 1800).encode()
-    channels = Channels([bound(TABLE, "room/T", key="k", format="senml")], Dating(("arrival",)), 900.0)
-    found = list(channels.readings("k", [came("k", payload)]))
+    channels = MessageChannels("bms", [bound(TABLE, "room/T", key="k", format="senml")], Dating(("arrival",)), 900.0)
+    found = list(channels.came("k", [came("k", payload)]))
     assert [len(piece) for piece in takings.pieces(found)] == [500, 500, 500, 300]
     assert [list(piece) for piece in takings.pieces([])] == [[]]
 

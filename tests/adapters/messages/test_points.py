@@ -8,7 +8,7 @@ from support.sources import bound, source_table
 
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import Channels, MessageChannel, probed
+from adapters.messages.points import MessageChannel, MessageChannels, probed
 from adapters.reading import Fault, Quality, Reading
 
 NOW = 1_772_000_000.0
@@ -22,8 +22,10 @@ COUNTER = {"unit": "J", "to": "W"}
 RELATIVE = '[{"n": "T", "v": 20, "t": -2}]'
 
 
-def channels(*listed: dict[str, Any]) -> Channels:
-    return Channels([bound(TABLE, **one) for one in listed], Dating(("payload", "arrival")), 900.0, "topic")
+def channels(*listed: dict[str, Any]) -> MessageChannels:
+    return MessageChannels(
+        "bms", [bound(TABLE, **one) for one in listed], Dating(("payload", "arrival")), 900.0, "topic"
+    )
 
 
 def came(arrived: float, payload: object = 20, retained: bool = False) -> Incoming:
@@ -35,11 +37,11 @@ def dated(time: float, arrived: float) -> Incoming:
     return came(arrived, f'{{"value": 20, "time": {time}}}')
 
 
-def readings(taken: Channels, *samples: Incoming) -> list[Reading]:
-    return list(taken.readings(TOPIC, samples))
+def readings(taken: MessageChannels, *samples: Incoming) -> list[Reading]:
+    return list(taken.came(TOPIC, samples))
 
 
-def times(taken: Channels, *samples: Incoming) -> list[float]:
+def times(taken: MessageChannels, *samples: Incoming) -> list[float]:
     return [reading.time for reading in readings(taken, *samples)]
 
 
@@ -48,7 +50,7 @@ def test_a_clock_that_is_a_little_ahead_dates_nothing_after_its_arrival() -> Non
     taken = channels(DATED, SENML | {"id": "room/x"})
     pack = f'[{{"bt": {NOW}, "v": 1}}, {{"t": 4, "v": 2}}]'
     assert times(channels(DATED), dated(NOW + 8, NOW)) == [NOW]
-    assert [one.time for one in taken.readings(TOPIC, [came(NOW, pack)]) if one.fault is None] == [NOW - 4, NOW]
+    assert [one.time for one in taken.came(TOPIC, [came(NOW, pack)]) if one.fault is None] == [NOW - 4, NOW]
 
 
 def test_what_was_had_is_passed_over_when_the_session_is_opened_anew() -> None:

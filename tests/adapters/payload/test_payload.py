@@ -9,7 +9,7 @@ from support.sources import bound, source_table
 
 from adapters.messages.dating import Dating
 from adapters.messages.inbox import Incoming
-from adapters.messages.points import Channels, MessageChannel, probed
+from adapters.messages.points import MessageChannel, MessageChannels, probed
 from adapters.payload.json_pointer import parse
 from adapters.payload.payload import Decoded, PayloadFormat, Rejected, decode, shown
 from adapters.payload.times import NaiveTime, parse_time
@@ -236,7 +236,7 @@ def test_a_time_before_1970_is_refused_and_can_be_probed(time):
     payload = json.dumps(document(time=time)).encode()
     incoming = Incoming("bms/T", payload, len(payload), None, NOON)
     channel = MessageChannel(binding, 900.0)
-    (reading,) = Channels([binding], Dating(), 900.0).readings("bms/T", [incoming])
+    (reading,) = MessageChannels("bms", [binding], Dating(), 900.0).came("bms/T", [incoming])
     assert (reading.fault, reading.time) == (Fault.BAD_TIMESTAMP, NOON)
     assert probed(channel, Dating(), [incoming], "").verdict.endswith("is dated before 1970; look at time_format")
 
