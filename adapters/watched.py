@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any, Generic, NamedTuple, TypeVar
+from collections.abc import AsyncIterator, Callable, Hashable, Iterable, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from adapters.channel import Binding
 from adapters.edge import LiveConverter
+from adapters.errors import SourceConfigError, said_of
 from adapters.reading import Fault, Probe, Quality, Reading
 
 _log = logging.getLogger(__name__)
@@ -128,3 +130,55 @@ class Channels(Generic[AtWork]):
         """Log that a point that was refused has a value again."""
         if self._refused.pop(point, None) is not None:
             _log.info("sources.%s: the device gives %s again", self._name, self.names(point))
+
+
+class Link(Protocol):
+    """The connection of a live source."""
+
+    async def open(self) -> None:
+        """Connect. Raises SourceError."""
+        ...
+
+    async def close(self) -> None:
+        """Disconnect; safe to call twice, and when it was never open."""
+        ...
+
+
+AnyLink = TypeVar("AnyLink", bound=Link)
+
+
+class LiveSource:
+    """What every live source does with its connection, and with channels that change while it is at work."""
+
+    def __init__(self, name: str, bindings: Sequence[Binding]) -> None:
+        self.name = name
+        self._listed, self._rebound = tuple(bindings), False
+        """The channels that are wanted, and whether they have changed since they were taken up."""
+        self._link: Any = None
+
+    def check(self) -> list[str]:
+        """What is wrong with it, one sentence each, as far as that can be told without connecting to anything."""
+        return []
+
+    def rebind(self, bindings: Sequence[Binding]) -> None:
+        """Deliver `bindings` from the next look on, over the same connection."""
+        self._listed, self._rebound = tuple(bindings), True
+
+    async def close(self) -> None:
+        """Disconnect; safe to call twice."""
+        if self._link is not None:
+            await self._link.close()
+
+    @asynccontextmanager
+    async def _opened(self, make: Callable[[], AnyLink]) -> AsyncIterator[AnyLink]:
+        """The link that `make` makes, open; its errors begin with the name of the source. Raises SourceConfigError for
+        what `check` finds."""
+        for problem in self.check():
+            raise SourceConfigError(problem)
+        with said_of(self.name):
+            self._link = link = make()
+            try:
+                await link.open()
+                yield link
+            finally:
+                await link.close()

@@ -8,7 +8,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,9 +17,9 @@ from adapters.bacnet.objects import COV_INCREMENT, OBJECT_NAME, PRESENT_VALUE, S
 from adapters.bacnet.points import BacnetChannel, Seen, addresses, probed
 from adapters.bacnet.values import Tagged, Unreadable, number, text, whole
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceUnavailable, said_of
+from adapters.errors import SourceUnavailable
 from adapters.reading import Batch, Probe
-from adapters.watched import Channels
+from adapters.watched import Channels, LiveSource
 
 if TYPE_CHECKING:
     from adapters.bacnet.client import BacnetLink, Device, Notification
@@ -40,7 +40,7 @@ _COARSE = 0.2
 _log = logging.getLogger(__name__)
 
 
-class BacnetSource:
+class BacnetSource(LiveSource):
     """Devices of a BACnet/IP network, each followed by itself; readings are dated when their answer arrives.
 
     A batch is what one device brings in one poll. An object that its device refuses costs its channels alone. A device
@@ -49,14 +49,12 @@ class BacnetSource:
     """
 
     def __init__(self, name: str, table: BacnetConfig, bindings: Sequence[Binding]) -> None:
-        self.name = name
+        super().__init__(name, bindings)
         self.malformed: Counter[str] = Counter()
         """What came and could not be used, by kind: no BACnet/IP at all, a frame or an APDU that cannot be decoded, a
         notification without values, and what found no room (overrun)."""
-        self._table, self._listed = table, tuple(bindings)
+        self._table = table
         self._channels = Channels(name, bindings, lambda one: BacnetChannel(one, table.poll))
-        self._rebound = False
-        self._link: BacnetLink | None = None
         self._late = 0
         self._sessions: dict[int, Session] = {}
         self._said: dict[str, float] = {}
@@ -82,15 +80,11 @@ class BacnetSource:
             )
         return problems
 
-    def rebind(self, bindings: Sequence[Binding]) -> None:
-        """Read `bindings` from the next poll on, over the same port."""
-        self._listed, self._rebound = tuple(bindings), True
-
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
         arrived: asyncio.Queue[Batch] = asyncio.Queue(_ROOM)
         tasks: dict[int, asyncio.Task[None]] = {}
-        async with self._open() as link:
+        async with self._opened(self._made) as link:
             try:
                 link.listen(self._heard)
                 self._follow(link, arrived, tasks)
@@ -118,7 +112,7 @@ class BacnetSource:
         """Every channel, by a request of its own; who else is there, if a device does not answer."""
         from adapters.bacnet.client import NoAnswer, Refused
 
-        async with self._open(beside=True) as link:
+        async with self._opened(partial(self._made, beside=True)) as link:
             devices: dict[int, Device | str] = {}
             others: tuple[str, ...] = ()
             for instance, address in addresses(self._channels.all()).items():
@@ -150,27 +144,13 @@ class BacnetSource:
         """The devices that answer within the time of `wanted`, and their objects whose values are numbers."""
         from adapters.bacnet.scan import scan
 
-        async with self._open(beside=True) as link:
+        async with self._opened(partial(self._made, beside=True)) as link:
             return await scan(link, wanted, broadcasts=self._table.broadcasts)
 
-    async def close(self) -> None:
-        """Close the port; safe to call twice."""
-        if self._link is not None:
-            await self._link.close()
-
-    @asynccontextmanager
-    async def _open(self, *, beside: bool = False) -> AsyncIterator[BacnetLink]:
-        for problem in self.check():
-            raise SourceConfigError(problem)
+    def _made(self, *, beside: bool = False) -> BacnetLink:
         from adapters.bacnet.client import BacnetLink
 
-        with said_of(self.name):
-            self._link = link = BacnetLink(self._table, self._note, beside=beside)
-            try:
-                await link.open()
-                yield link
-            finally:
-                await link.close()
+        return BacnetLink(self._table, self._note, beside=beside)
 
     def _follow(self, link: BacnetLink, arrived: asyncio.Queue[Batch], tasks: dict[int, asyncio.Task[None]]) -> None:
         """Follow every device that has channels, and no other."""

@@ -15,6 +15,7 @@ from adapters.messages.inbox import Inbox, Incoming
 from adapters.messages.points import MessageChannel, MessageChannels, probed
 from adapters.messages.takings import Takings, pieces
 from adapters.reading import Batch, Probe
+from adapters.watched import LiveSource
 
 TRANSIT = 1.0
 """How long a message may be on its way before the source's clock has gone past its time, in s."""
@@ -30,7 +31,7 @@ _SHOWN = 5
 _log = logging.getLogger(__name__)
 
 
-class SubscribedSource:
+class SubscribedSource(LiveSource):
     """The channels of a source, and what comes for them. Messages go from the threads of a client library into an
     `Inbox`, so that neither side ever waits for the other."""
 
@@ -38,23 +39,16 @@ class SubscribedSource:
         self, name: str, table: MessagesConfig, bindings: Sequence[Binding], dating: Dating, noun: str
     ) -> None:
         """`noun`: what the place is called that messages come on."""
-        self.name = name
+        super().__init__(name, bindings)
         self._dating, self._noun = dating, noun
         self._room, self._longest_stretch = table.queue, table.longest_stretch
         self._channels = MessageChannels(name, bindings, dating, table.longest_stretch, noun)
         self._takings = Takings(name, self._channels)
-        self._listed = tuple(bindings)
-        self._rebound = False
-        """Whether `_listed` has changed since the last look."""
 
     @property
     def dropped(self) -> int:
         """How many messages were dropped because they came faster than they could be taken."""
         return self._takings.dropped
-
-    def rebind(self, bindings: Sequence[Binding]) -> None:
-        """Deliver `bindings` from the next look on, over the same connection."""
-        self._listed, self._rebound = tuple(bindings), True
 
     def _begin(self) -> Inbox:
         """The channels as they are listed now, with nothing heard yet, and an empty inbox for them."""

@@ -143,7 +143,7 @@ class ModbusLink:
             return Answer(_words(response, table, count), arrived)
         raise AssertionError("the last attempt returns or raises")
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the connection; safe to call twice."""
         self._client.close()
 

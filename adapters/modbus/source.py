@@ -6,12 +6,12 @@ import logging
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from functools import partial
 from importlib.util import find_spec
 from typing import NamedTuple
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceUnavailable, said_of
+from adapters.errors import SourceUnavailable
 from adapters.modbus.client import ModbusLink, NoAnswer, Refused
 from adapters.modbus.config import ModbusConfig
 from adapters.modbus.plan import Point, Request, halves, plan
@@ -21,7 +21,7 @@ from adapters.modbus.scan import scan
 from adapters.reading import Batch, Fault, Probe
 from adapters.rhythm import Rhythm
 from adapters.scanning import Scan, Scanned
-from adapters.watched import Channels
+from adapters.watched import Channels, LiveSource
 
 LONGEST_SILENCE = 30.0
 """After this time at the latest a silent unit is asked again, in s."""
@@ -53,7 +53,7 @@ class _Refusal(NamedTuple):
     lasting: bool
 
 
-class ModbusSource:
+class ModbusSource(LiveSource):
     """Modbus units behind one connection, polled at one pace; readings are dated when their answer arrives.
 
     A batch is what one answer brings. A request that a device answers with an exception is split until the registers
@@ -63,18 +63,15 @@ class ModbusSource:
     """
 
     def __init__(self, name: str, table: ModbusConfig, bindings: Sequence[Binding]) -> None:
-        self.name = name
-        self._table, self._listed = table, tuple(bindings)
+        super().__init__(name, bindings)
+        self._table = table
         self._channels = Channels(name, bindings, lambda one: ModbusChannel(one, table))
         self._rhythm = Rhythm(f"sources.{name}", table.poll)
-        self._rebound = False
-        """Whether `_listed` has changed since the last round."""
         self._requests: list[Request] = []
         self._whole_until = -1.0
         """Monotonic s until which the requests stay as they are; then those that were split are tried whole again."""
         self._refusals: dict[Point, _Refusal] = {}
         self._silent: dict[int, _Silence] = {}
-        self._link: ModbusLink | None = None
 
     @property
     def late(self) -> int:
@@ -89,13 +86,9 @@ class ModbusSource:
             ]
         return []
 
-    def rebind(self, bindings: Sequence[Binding]) -> None:
-        """Read `bindings` from the next round on, over the same connection."""
-        self._listed, self._rebound = tuple(bindings), True
-
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
-        async with self._open() as link:
+        async with self._opened(partial(ModbusLink, self._table)) as link:
             self._rhythm.begin()
             while True:
                 async for batch in self._round(link):
@@ -104,31 +97,14 @@ class ModbusSource:
 
     async def probe(self, seconds: float) -> list[Probe]:
         """Every channel, each by a request of its own; counters twice, `seconds` apart at most."""
-        async with self._open() as link:
+        async with self._opened(partial(ModbusLink, self._table)) as link:
             channels = [ModbusChannel(binding, self._table) for binding in self._listed]
             return await probe_all(link, channels, min(seconds, _BETWEEN_COUNTS))
 
     async def scan(self, wanted: Scan) -> Scanned:
         """The registers that units have, and what might be in them."""
-        async with self._open() as link:
+        async with self._opened(partial(ModbusLink, self._table)) as link:
             return await scan(link, wanted, self._table)
-
-    async def close(self) -> None:
-        """Close the connection; safe to call twice."""
-        if self._link is not None:
-            self._link.close()
-
-    @asynccontextmanager
-    async def _open(self) -> AsyncIterator[ModbusLink]:
-        for problem in self.check():
-            raise SourceConfigError(problem)
-        with said_of(self.name):
-            self._link = link = ModbusLink(self._table)
-            try:
-                await link.open()
-                yield link
-            finally:
-                link.close()
 
     async def _round(self, link: ModbusLink) -> AsyncIterator[Batch]:
         """Everything once, but for units that are left alone."""

@@ -7,12 +7,12 @@ import logging
 import secrets
 import time
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from functools import partial
 from typing import Any
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, SourceUnavailable, said_of
+from adapters.errors import SourceUnavailable
 from adapters.messages.inbox import MOST_BYTES, Inbox, Incoming
 from adapters.messages.subscribed import LOOK, QUIET, SubscribedSource
 from adapters.mqtt.background import Background
@@ -39,7 +39,6 @@ class MqttSource(SubscribedSource):
     def __init__(self, name: str, table: MqttSourceConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, table, bindings, table.dating, "topic")
         self._table: MqttSourceConfig = table.called(f"thermogate-{name}")
-        self._link: _Link | None = None
 
     def check(self) -> list[str]:
         """Files that cannot be read, and a missing client library."""
@@ -48,7 +47,7 @@ class MqttSource(SubscribedSource):
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """What is published, for ever. `start` is of no concern. Raises SourceUnavailable and SourceConfigError."""
         inbox = self._begin()
-        async with self._open(self._table, inbox, self._topics(), self._table.session) as link:
+        async with self._reached(self._table, inbox, self._topics(), self._table.session) as link:
             _log.info("sources.%s: connected (%s)", self.name, self._table.place)
             yield self._clock()
             quiet_at = time.monotonic() + QUIET
@@ -84,7 +83,7 @@ class MqttSource(SubscribedSource):
         # Under its own name it would take the place of the daemon.
         broker = self._table.model_copy(update={"client_id": f"thermogate-probe-{secrets.token_hex(4)}"})
         heard: dict[str, Incoming] = {}
-        async with self._open(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0) as link:
+        async with self._reached(broker, inbox, {EVERYTHING: 0, **dict.fromkeys(topics, 0)}, 0.0) as link:
             end = time.monotonic() + seconds
             while (left := end - time.monotonic()) > 0 and not (topics and topics <= heard.keys()):
                 await inbox.wait(min(left, LOOK))
@@ -95,25 +94,11 @@ class MqttSource(SubscribedSource):
                 link.check()
         return heard
 
-    async def close(self) -> None:
-        """Disconnect; safe to call twice."""
-        if self._link is not None:
-            await self._link.close()
-
-    @asynccontextmanager
-    async def _open(
+    def _reached(
         self, broker: BrokerConfig, inbox: Inbox, topics: Mapping[str, int], session: float
-    ) -> AsyncIterator[_Link]:
-        for problem in self.check():
-            raise SourceConfigError(problem)
+    ) -> AbstractAsyncContextManager[_Link]:
         status_topic = self._table.status_topic if session else None
-        with said_of(self.name):
-            self._link = link = _Link(self.name, broker, inbox, topics, session, status_topic)
-            try:
-                await link.opened()
-                yield link
-            finally:
-                await link.close()
+        return self._opened(lambda: _Link(self.name, broker, inbox, topics, session, status_topic))
 
     def _topics(self) -> dict[str, int]:
         """The topics, each with the quality of service of its subscription.
@@ -146,18 +131,18 @@ class _Link:
         self._topics = dict(topics)
         self._client: Client | None = None
         self._loop = asyncio.get_running_loop()
-        self._open = asyncio.Event()
+        self._is_open = asyncio.Event()
         self._changes: asyncio.Queue[tuple[Mapping[str, int], set[str]]] = asyncio.Queue()
         self._everything = EVERYTHING in topics
         self._background = Background(f"mqtt-{name}")
 
-    async def opened(self) -> None:
+    async def open(self) -> None:
         """Connect and subscribe. Raises SourceUnavailable and SourceConfigError."""
         self._background.start(self._attend)
-        while not self._open.is_set():
+        while not self._is_open.is_set():
             try:
                 async with asyncio.timeout(LOOK / 10):
-                    await self._open.wait()
+                    await self._is_open.wait()
             except TimeoutError:
                 self.check()
 
@@ -183,7 +168,7 @@ class _Link:
             if topic is not None:
                 await client.publish(topic, ONLINE)
             await client.subscribe(self._topics)
-            self._loop.call_soon_threadsafe(self._open.set)
+            self._loop.call_soon_threadsafe(self._is_open.set)
             try:
                 await _first_failure(client.lost(), self._follow(client))
             finally:

@@ -5,17 +5,15 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from adapters.channel import Binding
-from adapters.errors import SourceConfigError, said_of
 from adapters.opcua.config import OpcuaConfig
 from adapters.opcua.values import Seen
 from adapters.reading import Batch, Probe, Reading
 from adapters.rhythm import Rhythm
 from adapters.scanning import Scan, Scanned
-from adapters.watched import Channels, Watched
+from adapters.watched import Channels, LiveSource, Watched
 
 if TYPE_CHECKING:
     from adapters.opcua.client import OpcuaLink
@@ -38,7 +36,7 @@ class OpcuaChannel(Watched):
         self.subscribe = bool(binding.channel.subscribe)
 
 
-class OpcuaSource:
+class OpcuaSource(LiveSource):
     """The nodes of one server: a subscription to those that it offers, and one request for the others, at every poll.
 
     A batch is what one poll brings. A value is dated by its source if that time stamp is from after the last poll, and
@@ -47,12 +45,9 @@ class OpcuaSource:
     """
 
     def __init__(self, name: str, table: OpcuaConfig, bindings: Sequence[Binding]) -> None:
-        self.name = name
-        self._table, self._listed = table, tuple(bindings)
+        super().__init__(name, bindings)
+        self._table = table
         self._channels = Channels(name, bindings, lambda one: OpcuaChannel(one, table.poll))
-        self._rebound = False
-        """Whether `_listed` has changed since the last poll."""
-        self._link: OpcuaLink | None = None
         self._rhythm = Rhythm(f"sources.{name}", table.poll)
         self._subscribed: dict[str, Seen] = {}
         """What was last seen of the nodes with a subscription."""
@@ -66,13 +61,9 @@ class OpcuaSource:
         """Files that cannot be used, and a missing library."""
         return [f"sources.{self.name}: {problem}" for problem in self._table.problems()]
 
-    def rebind(self, bindings: Sequence[Binding]) -> None:
-        """Read `bindings` from the next poll on, over the same connection."""
-        self._listed, self._rebound = tuple(bindings), True
-
     async def batches(self, start: float | None) -> AsyncIterator[Batch]:
         """Poll for ever. `start` is of no concern: what was is gone. Raises SourceUnavailable."""
-        async with self._open() as link:
+        async with self._opened(self._made) as link:
             self._rhythm.begin()
             polled, confirm = time.time() - self._table.poll, 0.0
             self._rebound = True
@@ -92,7 +83,7 @@ class OpcuaSource:
         """Every channel, and the unit that the server states of it."""
         channels = [OpcuaChannel(binding, self._table.poll) for binding in self._listed]
         nodes = list(dict.fromkeys(channel.point for channel in channels))
-        async with self._open() as link:
+        async with self._opened(self._made) as link:
             seen, units = await link.read(nodes), await link.units(nodes)
         return [_probed(channel, seen[channel.point], units.get(channel.point)) for channel in channels]
 
@@ -100,27 +91,13 @@ class OpcuaSource:
         """The variables of the server whose values are numbers."""
         from adapters.opcua.scan import scan
 
-        async with self._open() as link:
+        async with self._opened(self._made) as link:
             return await scan(link)
 
-    async def close(self) -> None:
-        """End the session; safe to call twice."""
-        if self._link is not None:
-            await self._link.close()
+    def _made(self) -> OpcuaLink:
+        from adapters.opcua.client import OpcuaLink
 
-    @asynccontextmanager
-    async def _open(self) -> AsyncIterator[OpcuaLink]:
-        with said_of(self.name):
-            for problem in self._table.problems():
-                raise SourceConfigError(problem)
-            from adapters.opcua.client import OpcuaLink
-
-            self._link = link = OpcuaLink(self._table)
-            try:
-                await link.open()
-                yield link
-            finally:
-                await link.close()
+        return OpcuaLink(self._table)
 
     async def _follow(self, link: OpcuaLink) -> None:
         """Take up the channels that are listed now, and subscribe to those that allow it."""

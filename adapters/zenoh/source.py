@@ -33,7 +33,6 @@ class ZenohSource(SubscribedSource):
     def __init__(self, name: str, table: ZenohSourceConfig, bindings: Sequence[Binding]) -> None:
         super().__init__(name, table, bindings, table.dating, "key")
         self._table = table
-        self._link: ZenohLink | None = None
 
     def check(self) -> list[str]:
         """Wrong key expressions, and files that cannot be read."""
@@ -95,11 +94,6 @@ class ZenohSource(SubscribedSource):
                 raise SourceUnavailable(_nobody(self._table))
         nothing = f"nothing came within {seconds:g} s, and nobody answers a query; check key, and that it is published"
         return [self._probed(channel, came[channel.point], heard, nothing) for channel in channels]
-
-    async def close(self) -> None:
-        """Close the session; safe to call twice."""
-        if self._link is not None:
-            await self._link.close()
 
     @asynccontextmanager
     async def _open(self) -> AsyncIterator[ZenohLink]:

@@ -79,7 +79,7 @@ async def reads_cancelled_at_every_moment() -> list[bool]:
                 await asyncio.wait([reading])
                 ended.append(reading.cancelled())
     finally:
-        link.close()
+        await link.close()
         await server.shutdown()
     return ended
 

@@ -41,7 +41,7 @@ async def test_a_verb_dug_out_of_the_library_does_not_reach_the_wire(verb, argum
         with pytest.raises(ModbusException, match="is not one that reads"):
             await getattr(library, verb)(**arguments)
         assert (await link.read(1, "holding", 0, 1)).words == [7], "the connection goes on"
-        link.close()
+        await link.close()
         assert site.codes == {3}
 
 
