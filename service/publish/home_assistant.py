@@ -91,41 +91,17 @@ _Entity = tuple[str, str, str, dict[str, Any]]
 
 def _of_status() -> Iterator[_Entity]:
     diagnostic = {"entity_category": "diagnostic"}
-    yield (
-        "sensor",
-        "state",
-        "status",
-        {
-            "name": "State",
-            "device_class": "enum",
-            "options": list(STATES),
-            "value_template": "{{ value_json.state }}",
-            "json_attributes_template": _REASON,
-            **diagnostic,
-        },
-    )
-    yield (
-        "sensor",
-        "last_sample",
-        "status",
-        {
-            "name": "Last sample",
-            "device_class": "timestamp",
-            "value_template": "{{ value_json.last_sample_time }}",
-            **diagnostic,
-        },
-    )
-    yield (
-        "binary_sensor",
-        "problem",
-        "status",
-        {
-            "name": "Problem",
-            "device_class": "problem",
-            "value_template": _PROBLEM,
-            "json_attributes_template": _SENTENCE,
-        },
-    )
+    state = {
+        "name": "State",
+        "device_class": "enum",
+        "options": list(STATES),
+        "value_template": "{{ value_json.state }}",
+    }
+    yield "sensor", "state", "status", state | {"json_attributes_template": _REASON} | diagnostic
+    last = {"device_class": "timestamp", "value_template": "{{ value_json.last_sample_time }}"}
+    yield "sensor", "last_sample", "status", {"name": "Last sample"} | last | diagnostic
+    problem = {"name": "Problem", "device_class": "problem", "value_template": _PROBLEM}
+    yield "binary_sensor", "problem", "status", problem | {"json_attributes_template": _SENTENCE}
 
 
 def _of_update(update: Update) -> Iterator[_Entity]:

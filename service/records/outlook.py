@@ -15,11 +15,6 @@ from service.records.record import Number, record, shown
 
 Array = npt.NDArray[np.float64]
 
-ORIGINS = ("plan", "thermostat", "neighbour", "weather", "yesterday", "held")
-"""Where the values of an input in a forecast come from, from the first choice to the last: the request; the law of the
-thermostat; the forecast of the zone next door; a forecast of the weather; the values of the day before; the last
-measured value."""
-
 SET_POINTS = "T_set"
 """What a plan of set-points [degC] is called, of a zone with a set-point whose network has no input of that name."""
 
@@ -32,6 +27,8 @@ class InputOrigin:
     """Where the values of an input in the steps after the first come from."""
 
     channel: str
+    # The request; the law of the thermostat; the forecast of the zone next door; a forecast of the weather; the values
+    # of the day before; the last measured value: from the first choice to the last.
     origin: str = shown("plan, thermostat, neighbour, weather, yesterday or held")
     source: str = shown("the zone or the forecast of the weather that they are from; empty otherwise")
     age: Number = shown("age at issue time of that forecast or of the held value, s; null for a plan", key="age_s")

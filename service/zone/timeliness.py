@@ -6,8 +6,7 @@ import logging
 import time
 from math import inf
 
-REPEAT = 600.0
-"""That a zone is too slow is said again after this time at the earliest, in s."""
+from service.pauses import Seldom
 
 _log = logging.getLogger(__name__)
 
@@ -27,7 +26,7 @@ class Timeliness:
         """Real time from one sample to the next, in s; infinite for a recording that is played as fast as possible."""
         self._zone = zone
         self._since: float | None = None
-        self._said = -inf
+        self._seldom = Seldom()
         self._unsaid = 0
 
     def begin(self, accepted: float) -> None:
@@ -60,8 +59,7 @@ class Timeliness:
         )
 
     def _say(self, delay: float) -> None:
-        now = time.monotonic()
-        if now < self._said + REPEAT:
+        if not self._seldom.due():
             return
         _log.warning(
             "zone '%s': a forecast came %.1f s after its sample, and samples come every %g s; %d late since this was "
@@ -72,4 +70,4 @@ class Timeliness:
             self._unsaid,
             self.overruns,
         )
-        self._said, self._unsaid = now, 0
+        self._unsaid = 0
