@@ -69,15 +69,13 @@ class Truth(NamedTuple):
 class Readings(NamedTuple):
     """The plant at the time `time` (UTC seconds since 1970), the boundary between two steps.
 
-    `air` (N,) and `radiant` (N,), the mean over the surfaces of a room, are in degC at that time. `outdoor` [degC],
-    `irradiance` (global, on the horizontal) [W/m2], `wind` [m/s] and `air_density` [kg/m3] hold over the step to come.
-    `facade`, the irradiance on the southern wall [W/m2], and `truth` are of the step that has just ended; of no use
-    before the first.
+    `air` (N,) is in degC at that time. `outdoor` [degC], `irradiance` (global, on the horizontal) [W/m2], `wind` [m/s]
+    and `air_density` [kg/m3] hold over the step to come. `facade`, the irradiance on the southern wall [W/m2], and
+    `truth` are of the step that has just ended; of no use before the first.
     """
 
     time: float
     air: Array
-    radiant: Array
     outdoor: float
     irradiance: float
     facade: float
@@ -169,7 +167,6 @@ class Plant:
         return Readings(
             time=self.begin + self._steps * STEP,
             air=of["Zone Mean Air Temperature"],
-            radiant=of["Zone Mean Radiant Temperature"],
             outdoor=outdoor,
             irradiance=diffuse + beam * max(math.sin(math.radians(altitude)), 0.0),
             facade=facade,
@@ -216,7 +213,6 @@ _SITE = (
 )
 _ROOM = (
     "Zone Mean Air Temperature",
-    "Zone Mean Radiant Temperature",
     "Zone People Sensible Heating Rate",
     "Zone Electric Equipment Total Heating Rate",
     "Zone Lights Total Heating Rate",

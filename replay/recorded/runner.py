@@ -26,7 +26,7 @@ from adapters.fields.durations import format_duration
 from adapters.fields.times import written_time
 from estimator import registry
 from replay.recorded.trace import Trace, Tracer
-from replay.scores import coverage, mean_width, rmse, winkler
+from replay.scores.intervals import coverage, mean_width, rmse, winkler
 from service.config.fitting import make_alignment, make_worker
 from service.config.recording import Part, recorded
 from service.config.site import Config, ZoneConfig

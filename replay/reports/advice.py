@@ -10,7 +10,7 @@ from replay.localtime import HOUR
 from replay.recorded.trace import Trace
 from replay.reports.residuals import Diagnostics
 from replay.reports.tables import ahead, horizons
-from replay.scores import coverage, rmse
+from replay.scores.intervals import coverage, rmse
 
 ENOUGH = 48
 """Verified forecasts before their skill says anything: two days of one an hour."""

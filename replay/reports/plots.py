@@ -13,7 +13,7 @@ from replay.localtime import HOUR, Seconds
 from replay.recorded.trace import Trace
 from replay.reports.kit.report import Plot
 from replay.reports.residuals import Diagnostics
-from replay.scores import pit_histogram
+from replay.scores.intervals import pit_histogram
 from service.forecast.answers import Room
 
 _INK, _BLUE, _BAND, _WARM, _LINE = "#1b2430", "#0b5c8a", "rgba(11,92,138,.22)", "#c2571a", "#5b6776"

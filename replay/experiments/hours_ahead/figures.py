@@ -13,7 +13,7 @@ from replay.experiments.hours_ahead.recordings import Known, Recording
 from replay.experiments.jobs import Arrays
 from replay.experiments.study import Figures
 from replay.localtime import DAY, Seconds
-from replay.scores import interval_scores, rmse
+from replay.scores.intervals import interval_scores, rmse
 from replay.scores.windows import Window
 
 CRPS, COVERAGE, RMSE, WIDTH, WINKLER, LARGEST, COUNT = (

@@ -21,7 +21,7 @@ from replay.experiments.hours_ahead.horizons import issued
 from replay.experiments.jobs import Arrays
 from replay.experiments.series.filtering import FilterRun, Series, Step, steps
 from replay.localtime import DAY
-from replay.scores import LEVEL
+from replay.scores.intervals import LEVEL
 from service.config.fitting import known_heat
 
 SAMPLES = 200

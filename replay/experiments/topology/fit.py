@@ -15,8 +15,9 @@ from replay.experiments.jobs import Arrays, Job
 from replay.experiments.series.following import follow, frozen, simulate
 from replay.experiments.series.recorded_zone import ZoneRecord
 from replay.localtime import HOUR
-from replay.scores import daily_windows, residual_autocorrelation, residual_cross_correlation, rmse
-from replay.scores.windows import Window
+from replay.scores.intervals import rmse
+from replay.scores.residuals import residual_autocorrelation, residual_cross_correlation
+from replay.scores.windows import Window, daily_windows
 
 SHORTEST = 12 * HOUR
 """A stretch shorter than this [s] says more of where its hidden nodes start than of the building."""

@@ -6,7 +6,7 @@ import pytest
 from estimator.errors import NetworkError
 from estimator.gaussian.floor import GAIN_CHANNEL, floor, with_known_gain
 from estimator.network.presets import building_67
-from replay.scores import coverage, rmse, winkler
+from replay.scores.intervals import coverage, rmse, winkler
 from replay.simulated.semi_synthetic import MEASUREMENT_NOISE_SD, PERIOD, PROCESS_NOISE_SD, generate
 
 NOISE = {"process_sd": PROCESS_NOISE_SD, "measurement_sd": MEASUREMENT_NOISE_SD}

@@ -10,7 +10,7 @@ import pytest
 
 from replay.recorded import runner
 from replay.recorded.runner import replay_recording
-from replay.scores import coverage, winkler
+from replay.scores.intervals import coverage, winkler
 from service.config.load import load
 from service.errors import ServiceError
 

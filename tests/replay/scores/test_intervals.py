@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from replay.scores import coverage, interval_scores, mean_width, pit_histogram, rmse, winkler
+from replay.scores.intervals import coverage, interval_scores, mean_width, pit_histogram, rmse, winkler
 
 NAN = np.nan
 # inside, on the bound, below by .5, above by .25, three incomplete rows

@@ -3,13 +3,8 @@ from itertools import product
 import numpy as np
 import pytest
 
-from replay.scores import (
-    area_under_roc,
-    parasitic_learning_index,
-    residual_autocorrelation,
-    residual_cross_correlation,
-    update_magnitudes,
-)
+from replay.scores.learning import area_under_roc, parasitic_learning_index, update_magnitudes
+from replay.scores.residuals import residual_autocorrelation, residual_cross_correlation
 
 NAN = np.nan
 

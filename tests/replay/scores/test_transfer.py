@@ -5,7 +5,7 @@ from estimator.network.assembly import assemble
 from estimator.network.discretise import discretise
 from estimator.network.network import Conductance, Gain, HeatInput, Network, Parameter
 from estimator.network.presets import building_67
-from replay.scores import frequency_response, transfer_errors
+from replay.scores.transfer import frequency_response, transfer_errors
 
 PERIOD = 600.0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.network.presets import building_67
-from replay.scores import Window, daily_windows, open_loop_errors, quiet_segments
+from replay.scores.windows import Window, daily_windows, open_loop_errors, quiet_segments
 from replay.simulated.simulate import simulate
 
 PERIOD = 600

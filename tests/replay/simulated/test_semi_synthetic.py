@@ -5,7 +5,7 @@ import pytest
 
 from estimator.network.presets import building_67
 from replay.errors import WeatherFileError
-from replay.scores import coverage, mean_width, rmse, winkler
+from replay.scores.intervals import coverage, mean_width, rmse, winkler
 from replay.simulated.semi_synthetic import (
     MEASUREMENT_NOISE_SD,
     PERIOD,

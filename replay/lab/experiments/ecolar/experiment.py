@@ -25,7 +25,7 @@ from replay.lab.experiments.ecolar.nights import DAYTIME, NightRun, night_job
 from replay.localtime import DAY, HOUR, wall_clock
 from replay.reports.kit.report import Report, Section
 from replay.reports.kit.table import Table
-from replay.scores import interval_scores, rmse
+from replay.scores.intervals import interval_scores, rmse
 from replay.simulated.ecolar import PERIODS, ZONE, write_standin
 from service.config.load import Config, load
 

@@ -18,7 +18,8 @@ from replay.experiments.series.filtering import FilterRun, Series, run_filter
 from replay.experiments.series.following import follow
 from replay.experiments.series.least_squares import LeastSquaresRun, fit
 from replay.localtime import DAY
-from replay.scores import Window, daily_windows, rmse
+from replay.scores.intervals import rmse
+from replay.scores.windows import Window, daily_windows
 
 NIGHT = (20.0, 6.0)
 """Local hours."""

@@ -10,17 +10,10 @@ from replay.experiments.series.filtering import Trace
 from replay.experiments.study import Figures
 from replay.lab.experiments import published
 from replay.lab.experiments.semi_synthetic.case import Case
-from replay.scores import (
-    area_under_roc,
-    interval_scores,
-    open_loop_errors,
-    parasitic_learning_index,
-    quiet_segments,
-    rmse,
-    transfer_errors,
-    update_magnitudes,
-)
-from replay.scores.intervals import Mask
+from replay.scores.intervals import Mask, interval_scores, rmse
+from replay.scores.learning import area_under_roc, parasitic_learning_index, update_magnitudes
+from replay.scores.transfer import transfer_errors
+from replay.scores.windows import open_loop_errors, quiet_segments
 from replay.simulated.semi_synthetic import PERIOD
 
 OVERALL, LOW, DOMINATED = "overall", "low-disturbance", "disturbance-dominated"
