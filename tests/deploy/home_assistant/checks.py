@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from custom_components.thermogate import async_remove_config_entry_device
-from custom_components.thermogate.coordinator import Coordinator
+from custom_components.thermogate.coordinator import Coordinator, client_of
 from custom_components.thermogate.diagnostics import async_get_config_entry_diagnostics
 from custom_components.thermogate.room import Room
 from homeassistant.config_entries import SOURCE_USER, ConfigEntryState
@@ -298,9 +298,12 @@ async def test_findings_and_what_is_gone_are_issues(hass: HomeAssistant) -> None
     hass.states.async_set("sensor.outdoor", "4.0", {"unit_of_measurement": "°C"})
     here.report()
     assert "entity_missing" not in issues(hass).values()
+    here.taken = {"unknown": 1, "unknown_names": ["living/setpoint"]}
+    here.report()
+    assert issues(hass) == {}, "a zone need not have a set-point"
     here.taken = {"unknown": 1, "unknown_names": ["living/T_i"]}
     here.report()
-    assert issues(hass)["unknown"] == "not_taken"
+    assert issues(hass) == {"home unknown": "not_taken"}
     await hass.config_entries.async_unload(entry.entry_id)
     assert issues(hass) == {}
 
@@ -344,6 +347,51 @@ async def test_a_revoked_key_is_asked_for_again(hass: HomeAssistant) -> None:
     assert done["reason"] == "reauth_successful"
     await until(hass, lambda: state(hass, "state") == "running")
     assert entry.options["rooms"].keys() == {"living"}
+    await hass.config_entries.async_unload(entry.entry_id)
+
+
+async def test_the_daemon_has_moved(hass: HomeAssistant) -> None:
+    """Another address for the same site; another site, and what refuses, are no such address."""
+    entry = await connected(hass, DAEMON | {"url": GONE})
+    asked = {"source": "reconfigure", "entry_id": entry.entry_id}
+    shown = await hass.config_entries.flow.async_init(DOMAIN, context=asked)
+    assert shown["step_id"] == "reconnect"
+    for url, error in ((GONE, "cannot_connect"), (SITE["url"] + "/page", "refused")):
+        shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON | {"url": url})
+        assert shown["errors"] == {"base": error}
+    hass.config_entries.async_update_entry(entry, unique_id="elsewhere")
+    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    assert shown["errors"] == {"base": "another_site"}
+    hass.config_entries.async_update_entry(entry, unique_id="home")
+    done = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    assert done["reason"] == "reauth_successful"
+    await until(hass, lambda: rooms(hass, entry) and known(hass, "state"))
+    await hass.config_entries.async_unload(entry.entry_id)
+
+
+async def test_what_the_daemon_cannot_use_is_refused(hass: HomeAssistant) -> None:
+    """A zone that knows another unit is found before anything is set up; so is an address that is no daemon's."""
+    file = Path(SITE["file"])
+    shed = file.read_text()[file.read_text().index("[[zones]]") :].partition("[[zones]]\n")[2].partition("[[zones]]")[0]
+    shed = "\n[[zones]]\n" + shed.replace('"living"', '"shed"').replace('unit = "W"', 'unit = "kW"')
+    file.write_text(file.read_text() + shed)
+    shown = await begin(hass, ROOM | {"zone": "shed"})
+    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON)
+    assert shown["errors"] == {"base": "refused"}
+    assert shown["description_placeholders"]["problem"] == "wrong_unit"
+    shown = await hass.config_entries.flow.async_configure(shown["flow_id"], DAEMON | {"url": SITE["url"] + "/page"})
+    assert shown["errors"] == {"base": "refused"}
+
+
+async def test_a_stream_whose_key_is_refused_ends(hass: HomeAssistant) -> None:
+    """Trying again and again would make the daemon hold up the posts."""
+    entry = await connected(hass)
+    here = coordinator(hass, entry)
+    here.client = client_of(hass, DAEMON | {"api_key": "tg_wrong"})
+    await asyncio.wait_for(here.follow("living"), 30)
+    (flow,) = hass.config_entries.flow.async_progress()
+    assert flow["context"]["source"] == "reauth"
+    assert state(hass, "state") == "unavailable"
     await hass.config_entries.async_unload(entry.entry_id)
 
 

@@ -15,7 +15,7 @@ from homeassistant.helpers import selector
 from homeassistant.util import dt, slugify
 
 from .client import Client, DaemonError, KeyRefused, Refused, Unreachable
-from .coordinator import DOMAIN, ROOMS, client_of
+from .coordinator import DOMAIN, ROOMS, client_of, not_taken
 from .room import SWITCHES, Room, site_tables
 
 _ZONE = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
@@ -75,7 +75,7 @@ async def introduce(hass: HomeAssistant, client: Client, room: Room) -> tuple[st
     body = {"readings": room.readings(hass, dt.utcnow())}
     try:
         taken = await _posted(client, body)
-        if taken["unknown"]:
+        if not_taken(taken):
             try:
                 await client.ask("POST", "/admin/reload")
             except Refused as error:
@@ -87,9 +87,8 @@ async def introduce(hass: HomeAssistant, client: Client, room: Room) -> tuple[st
         return "cannot_connect", str(error)
     except DaemonError as error:
         return "refused", str(error)
-    # A zone need not have a set-point.
-    if unknown := set(taken["unknown_names"]) - {f"{room.zone}/setpoint"}:
-        return "zone_unknown", ", ".join(sorted(unknown))
+    if unknown := not_taken(taken):
+        return "zone_unknown", ", ".join(unknown)
     if refused := taken["refused"].keys() & {"wrong_unit", "out_of_range"}:
         return "refused", ", ".join(sorted(refused))
     return None, ""
@@ -103,7 +102,7 @@ async def _posted(client: Client, body: dict[str, Any]) -> dict[str, Any]:
         if error.status != HTTPStatus.CONFLICT:
             raise
     names = [reading["channel"] for reading in body["readings"]]
-    return {"unknown": len(names), "unknown_names": names, "refused": {}}
+    return {"unknown_names": names, "refused": {}}
 
 
 class ThermogateFlow(ConfigFlow, domain=DOMAIN):

@@ -43,8 +43,13 @@ def client_of(hass: HomeAssistant, data: dict[str, Any]) -> Client:
     return Client(session, data[CONF_URL], data[CONF_API_KEY])
 
 
+def not_taken(taken: dict[str, Any]) -> list[str]:
+    """The channels that the daemon does not know, by its answer to a post; a zone need not have a set-point."""
+    return sorted(name for name in taken.get("unknown_names", ()) if not name.endswith("/setpoint"))
+
+
 class Coordinator(DataUpdateCoordinator[dict[str, Topics]]):
-    """The rooms of a daemon. Its data are what the zones announced, empty for a zone whose stream is lost."""
+    """The rooms of a daemon. Its data are what the zones announced last."""
 
     def __init__(self, hass: HomeAssistant, entry: ConfigEntry) -> None:
         super().__init__(hass, _log, name=f"Thermogate {entry.title}", update_interval=INTERVAL)
@@ -52,6 +57,8 @@ class Coordinator(DataUpdateCoordinator[dict[str, Topics]]):
         self.rooms = {zone: Room(**stored) for zone, stored in entry.options[ROOMS].items()}
         self.site = entry.unique_id
         self.data = {zone: {} for zone in self.rooms}
+        self.heard: set[str] = set()
+        """The zones whose streams are open and have begun."""
         self.taken: dict[str, Any] = {}
         """The daemon's answer to the last post."""
         self._waiting: deque[list[dict[str, Any]]] = deque(maxlen=KEPT)
@@ -86,19 +93,26 @@ class Coordinator(DataUpdateCoordinator[dict[str, Topics]]):
                 _log.debug("zone '%s' gives no advice: %s", zone, error)
 
     async def follow(self, zone: str) -> None:
-        """Take what `zone` announces, for ever."""
-        while True:
+        """Take what `zone` announces, for as long as the key is accepted."""
+        refused = False
+        while not refused:
             try:
                 async for topic, document in self.client.events(zone):
                     self.data[zone][topic] = document
+                    if topic == "status":
+                        self.heard.add(zone)
                     self.report()
                     self.async_update_listeners()
+            except KeyRefused:
+                # A daemon soon holds up whoever goes on with a wrong key; the posts would wait too.
+                refused = True
+                self.config_entry.async_start_reauth(self.hass)
             except DaemonError as error:
                 # The posts notice an outage, and log it once.
                 _log.debug("the stream of zone '%s' is lost: %s", zone, error)
-            self.data[zone].pop("status", None)
+            self.heard.discard(zone)
             self.async_update_listeners()
-            await asyncio.sleep(RECONNECT)
+            await asyncio.sleep(0 if refused else RECONNECT)
 
     @callback
     def report(self) -> None:
@@ -106,13 +120,13 @@ class Coordinator(DataUpdateCoordinator[dict[str, Topics]]):
         found: dict[str, tuple[str, dict[str, str]]] = {}
         for zone, topics in self.data.items():
             for finding in topics.get("status", {}).get("findings", ()):
-                name = f"{zone} {finding['finding']} {finding['subject']}"
+                name = f"{self.site}/{zone} {finding['finding']} {finding['subject']}"
                 found[name] = ("finding", {"room": zone, "sentence": finding["sentence"]})
             if self.hass.is_running:
                 for entity in self.rooms[zone].missing(self.hass):
-                    found[f"{zone} {entity}"] = ("entity_missing", {"room": zone, "entity": entity})
-        if self.taken.get("unknown"):
-            found["unknown"] = ("not_taken", {"channels": ", ".join(self.taken["unknown_names"])})
+                    found[f"{self.site}/{zone} {entity}"] = ("entity_missing", {"room": zone, "entity": entity})
+        if unknown := not_taken(self.taken):
+            found[f"{self.site} unknown"] = ("not_taken", {"channels": ", ".join(unknown)})
         for name in self._issues - found.keys():
             issue_registry.async_delete_issue(self.hass, DOMAIN, name)
         for name, (key, placeholders) in found.items():

@@ -181,9 +181,9 @@ class ZoneSensor(CoordinatorEntity[Coordinator], SensorEntity):
 
     @property
     def available(self) -> bool:
-        status = self._topics.get("status")
-        running = status is not None and (status["state"] == "running" or not self.entity_description.vouched)
-        return super().available and running
+        if not super().available or self._zone not in self.coordinator.heard:
+            return False
+        return self._topics["status"]["state"] == "running" or not self.entity_description.vouched
 
     @property
     def native_value(self) -> Any:
