@@ -151,9 +151,11 @@ def statistics(connection: sqlite3.Connection, entity: Entity) -> Stretches:
 
 
 def _number(entity: Entity, state: str | None, attributes: str | None) -> float:
-    told: object = state
-    if entity.attribute is not None:
-        told = json.loads(attributes or "{}").get(entity.attribute)
+    return as_number(state if entity.attribute is None else json.loads(attributes or "{}").get(entity.attribute))
+
+
+def as_number(told: object) -> float:
+    """The number that a state or an attribute is; of a word that says whether something is at work 1 or 0, else NaN."""
     if isinstance(told, str) and told in _WORDS:
         return _WORDS[told]
     try:

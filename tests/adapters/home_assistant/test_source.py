@@ -5,54 +5,13 @@ import sqlite3
 from contextlib import closing
 
 import pytest
+from support.recorder import BEGIN, database
 from support.sources import bound, source_table
 
 from adapters.errors import SourceConfigError, SourceUnavailable
 from adapters.home_assistant.database import Entity
 
-BEGIN = 1_760_000_000 // 3600 * 3600
-"""UTC s of a whole hour."""
-
-SCHEMA = """
-CREATE TABLE states_meta (metadata_id INTEGER PRIMARY KEY, entity_id TEXT);
-CREATE TABLE state_attributes (attributes_id INTEGER PRIMARY KEY, shared_attrs TEXT);
-CREATE TABLE states (state_id INTEGER PRIMARY KEY, entity_id TEXT, metadata_id INTEGER, attributes_id INTEGER,
-                     state TEXT, last_updated_ts FLOAT);
-CREATE TABLE recorder_runs (run_id INTEGER PRIMARY KEY, start TEXT, "end" TEXT);
-CREATE TABLE statistics_meta (id INTEGER PRIMARY KEY, statistic_id TEXT, source TEXT, unit_of_measurement TEXT);
-CREATE TABLE statistics (id INTEGER PRIMARY KEY, metadata_id INTEGER, start_ts FLOAT, mean FLOAT, state FLOAT);
-"""
-
 ROOM = Entity("sensor.room")
-
-
-def database(path, rows, runs=((0, None),), attributes='{"unit_of_measurement": "°C"}', statistics=()):
-    """`rows`: seconds since BEGIN, entity, state or (state, attributes); `statistics`: hours, entity, mean, state."""
-    with closing(sqlite3.connect(path)) as connection:
-        connection.executescript(SCHEMA)
-        entities = list(dict.fromkeys([row[1] for row in rows] + [row[1] for row in statistics]))
-        connection.executemany("INSERT INTO states_meta VALUES (?, ?)", enumerate(entities))
-        connection.executemany("INSERT INTO statistics_meta VALUES (?, ?, 'recorder', '°C')", list(enumerate(entities)))
-        for number, (seconds, entity, told) in enumerate(rows):
-            state, own = told if isinstance(told, tuple) else (told, attributes)
-            connection.execute("INSERT INTO state_attributes VALUES (?, ?)", (number, own))
-            values = (number, entities.index(entity), number, state, BEGIN + seconds)
-            connection.execute("INSERT INTO states VALUES (?, NULL, ?, ?, ?, ?)", values)
-        for begin, end in runs:
-            stamps = [
-                None
-                if moment is None
-                else connection.execute("SELECT datetime(?, 'unixepoch')", (BEGIN + moment,)).fetchone()[0]
-                for moment in (begin, end)
-            ]
-            connection.execute('INSERT INTO recorder_runs (start, "end") VALUES (?, ?)', stamps)
-        for hours, entity, mean, state in statistics:
-            values = (entities.index(entity), BEGIN + 3600 * hours, mean, state)
-            connection.execute(
-                "INSERT INTO statistics (metadata_id, start_ts, mean, state) VALUES (?, ?, ?, ?)", values
-            )
-        connection.commit()
-    return path
 
 
 def source(path, *entities, data="states", **keys):

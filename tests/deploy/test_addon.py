@@ -1,0 +1,329 @@
+"""The add-on for Home Assistant: its folder by the Supervisor's rules, and its start beside real peers."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import struct
+import subprocess
+import sys
+import time
+import tomllib
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from support.broker import Mosquitto, Party, broker, program
+from support.harness import ROOT
+from support.recorder import database
+from support.waiting import PATIENCE, wait_until
+
+REPOSITORY = ROOT / "deploy" / "home-assistant" / "addon"
+FOLDER = REPOSITORY / "thermogate"
+CONFIG = yaml.safe_load((FOLDER / "config.yaml").read_text(encoding="utf-8"))
+TOKEN = "of-the-supervisor"
+ATTIC = {"name": "attic", "thermostat": "climate.attic"}
+
+ELEMENT = r"^(bool|email|url|port|((str|password|int|float)(\([\d.]*,[\d.]*\))?)|match\(.*\)|list\(.+\))\??$"
+RULES: dict[str, Any] = {
+    "type": "object",
+    "required": ["name", "version", "slug", "description", "arch"],
+    "additionalProperties": False,
+    "properties": {
+        "name": {"type": "string"},
+        "version": {"pattern": r"^\d+\.\d+\.\d+$"},
+        "slug": {"pattern": "^[-_.A-Za-z0-9]+$"},
+        "description": {"type": "string"},
+        "arch": {"items": {"enum": ["aarch64", "amd64"]}},
+        "init": {"const": False},
+        "services": {"items": {"pattern": "^(mqtt|mysql):(provide|want|need)$"}},
+        "homeassistant_api": {"const": True},
+        "homeassistant": {"pattern": r"^\d{4}\.\d+\.\d+$"},
+        "map": {
+            "items": {
+                "required": ["type"],
+                "additionalProperties": False,
+                "properties": {
+                    "type": {"enum": ["homeassistant_config", "addon_config", "share", "ssl", "media", "backup"]},
+                    "read_only": {"const": True},
+                    "path": {"pattern": "^/"},
+                },
+            }
+        },
+        "ingress": {"const": True},
+        "ingress_stream": {"const": True},
+        "panel_icon": {"pattern": "^mdi:"},
+        "panel_title": {"type": "string"},
+        "backup": {"const": "cold"},
+        "timeout": {"type": "integer", "minimum": 11, "maximum": 300},
+        "options": {"type": "object"},
+        "schema": {
+            "additionalProperties": {
+                "anyOf": [
+                    {"type": "string", "pattern": ELEMENT},
+                    {
+                        "type": "array",
+                        "items": {
+                            "type": ["string", "object"],
+                            "pattern": ELEMENT,
+                            "additionalProperties": {"pattern": ELEMENT},
+                        },
+                    },
+                ]
+            }
+        },
+    },
+}
+"""What the Supervisor takes of the keys that are used here, without those that only say their default."""
+
+
+def test_it_follows_the_rules_of_the_supervisor() -> None:
+    jsonschema.validate(CONFIG, RULES)
+    assert set(CONFIG["options"]) == set(CONFIG["schema"])
+    image = r"^([a-zA-Z\-.:\d{}]+/)*?([-\w{}]+)/([-\w{}]+)(:[.\-\w{}]+)?$"
+    built = yaml.safe_load((FOLDER / "build.yaml").read_text(encoding="utf-8"))["build_from"]
+    assert set(built) == set(CONFIG["arch"])
+    assert all(re.match(image, base) for base in built.values())
+    repository = yaml.safe_load((REPOSITORY / "repository.yaml").read_text(encoding="utf-8"))
+    assert set(repository) == {"name", "maintainer"}
+    for name in ("DOCS.md", "README.md", "CHANGELOG.md", "Dockerfile"):
+        assert (FOLDER / name).read_text(encoding="utf-8").strip(), name
+
+
+def test_it_has_the_version_of_the_project() -> None:
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert CONFIG["version"] == version
+    assert f"## {version}\n" in (FOLDER / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_every_option_is_explained(language: str) -> None:
+    texts = yaml.safe_load((FOLDER / "translations" / f"{language}.yaml").read_text(encoding="utf-8"))["configuration"]
+    assert set(texts) == set(CONFIG["schema"])
+    assert all(set(text) == {"name", "description"} for text in texts.values())
+    for field in CONFIG["schema"]["rooms"][0]:
+        assert f"{field}:" in texts["rooms"]["description"]
+
+
+@pytest.mark.parametrize(("name", "size"), [("icon.png", (128, 128)), ("logo.png", (250, 100))])
+def test_its_pictures_have_the_sizes_that_are_shown(name: str, size: tuple[int, int]) -> None:
+    head = (FOLDER / name).read_bytes()[:24]
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    assert struct.unpack(">II", head[16:24]) == size
+
+
+class Supervisor(BaseHTTPRequestHandler):
+    """Its interface as far as the add-on asks it: the broker, and Home Assistant's configuration and states."""
+
+    server: House
+
+    def do_GET(self) -> None:
+        status, answer = self.server.answer(self.path, self.headers.get("Authorization"))
+        body = json.dumps(answer).encode()
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+class House(ThreadingHTTPServer):
+    """A house whose states a test can change while it is asked."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Supervisor)
+        self.states: dict[str, tuple[str, dict[str, Any]]] = {
+            "weather.home": ("sunny", {"temperature": 41.0, "temperature_unit": "°F"}),
+            "climate.living": ("heat", {"current_temperature": 68.0, "temperature": 70.0, "hvac_action": "heating"}),
+            "climate.attic": ("heat", {"temperature": 70.0}),
+            "climate.bath": ("heat", {"current_temperature": 68.0}),
+        }
+        self.mqtt: dict[str, Any] | None = None
+
+    def answer(self, path: str, authorization: str | None) -> tuple[int, Any]:
+        if authorization != f"Bearer {TOKEN}":
+            return 401, {"result": "error"}
+        if path == "/services/mqtt":
+            return (200, {"result": "ok", "data": self.mqtt}) if self.mqtt else (400, {"result": "error"})
+        if path == "/core/api/config":
+            place = {"latitude": 47.7, "longitude": 9.2, "time_zone": "Europe/Berlin", "country": "DE"}
+            return 200, {"state": "RUNNING", "unit_system": {"temperature": "°F"}, **place}
+        entity = path.removeprefix("/core/api/states/")
+        if entity not in self.states:
+            return 404, {"message": "Entity not found."}
+        state, attributes = self.states[entity]
+        return 200, {"entity_id": entity, "state": state, "attributes": attributes}
+
+
+@pytest.fixture
+def house() -> Iterator[House]:
+    with House() as running:
+        Thread(target=running.serve_forever, daemon=True).start()
+        yield running
+        running.shutdown()
+
+
+@pytest.fixture
+def site(tmp_path: Path, house: House) -> Iterator[Mosquitto]:
+    """A broker that takes one user, which the Supervisor knows."""
+    passwords = tmp_path / "passwords"
+    subprocess.run(
+        [program("mosquitto_passwd"), "-b", "-c", passwords, "addons", "secret"], check=True, timeout=PATIENCE
+    )
+    with broker(tmp_path, "allow_anonymous false", f"password_file {passwords}") as running:
+        house.mqtt = {"host": "127.0.0.1", "port": running.port, "ssl": False, "protocol": "3.1.1"}
+        house.mqtt |= {"username": "addons", "password": "secret"}
+        yield running
+
+
+class Addon:
+    """The start script in an environment such as the Supervisor's."""
+
+    def __init__(self, folder: Path, house: House, rooms: list[dict[str, Any]], *options: str) -> None:
+        self.data = folder / "data"
+        self.data.mkdir(exist_ok=True)
+        self._log = folder / "addon.log"
+        (self.data / "options.json").write_text(json.dumps({"outdoor": "weather.home", "rooms": rooms}))
+        environment = os.environ | {
+            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+            "SUPERVISOR_TOKEN": TOKEN,
+            "SUPERVISOR_URL": f"http://127.0.0.1:{house.server_port}",
+            "ADDON_DATA": str(self.data),
+            "HOMEASSISTANT_CONFIG": str(folder),
+            "TELEMETRY_SECONDS": "0.2",
+        }
+        with self._log.open("w") as log:
+            command = [sys.executable, FOLDER / "start.py", "--set", "http.port=0", *options]
+            self.process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+
+    def log(self) -> str:
+        return self._log.read_text(encoding="utf-8")
+
+    def until(self, pattern: str) -> re.Match[str]:
+        deadline = time.monotonic() + PATIENCE
+        while not (found := re.search(pattern, self.log())):
+            assert self.process.poll() is None, self.log()
+            assert time.monotonic() < deadline, self.log()
+            time.sleep(0.05)
+        return found
+
+    def ended(self) -> tuple[int, str]:
+        return self.process.wait(PATIENCE), self.log()
+
+
+@contextmanager
+def addon(*arguments: Any) -> Iterator[Addon]:
+    running = Addon(*arguments)
+    try:
+        yield running
+    finally:
+        running.process.terminate()
+        running.process.wait(PATIENCE)
+
+
+def kept(folder: Path, days: float) -> None:
+    """The recorder's database of a thermostat in °F over the last `days`."""
+    began, rows = time.time() - timedelta(days=days).total_seconds(), []
+    for step in range(int(days * 288)):
+        heats = step % 12 < 4
+        warmth = 68 + 2 * math.sin(step / 12 * math.tau)
+        living = {
+            "current_temperature": round(warmth, 1),
+            "temperature": 70.0,
+            "hvac_action": "heating" if heats else "idle",
+        }
+        outdoor = {"temperature": round(41 + 9 * math.sin(step / 288 * math.tau), 1), "temperature_unit": "°F"}
+        rows.append((300 * step, "climate.living", ("heat", json.dumps(living))))
+        rows.append((300 * step, "weather.home", ("sunny", json.dumps(outdoor))))
+    database(folder / "home-assistant_v2.db", rows, began=began)
+
+
+def party(site: Mosquitto, *topics: str) -> Party:
+    return Party(site.port, *topics, connect=lambda client: client.username_pw_set("addons", "secret"))
+
+
+def test_from_the_options_to_a_forecast_of_a_room_with_history(tmp_path: Path, house: House, site: Mosquitto) -> None:
+    kept(tmp_path, 0.5)
+    rooms = [
+        {"name": "living", "thermostat": "climate.living", "power": 1200.0},
+        ATTIC,
+        {"name": "bath", "thermostat": "climate.bath"},
+        {"name": "cellar", "thermostat": "climate.cellar"},
+    ]
+    quick = ("--set", 'zones.living.estimator="ekf"')
+    ahead, telemetry = "thermogate/home/living/ahead", "thermogate-telemetry/living"
+    with (
+        party(site, ahead, telemetry, "homeassistant/#") as listening,
+        addon(tmp_path, house, rooms, *quick) as running,
+    ):
+        running.until("serving on")
+        said = running.log()
+        assert "room attic: 'climate.attic' has no current_temperature; give a sensor of the temperature" in said
+        assert "room bath: 'climate.bath' does not tell whether it heats; enter for `heating` a power sensor" in said
+        assert "room cellar: Home Assistant has no entity 'climate.cellar'; choose one of" in said
+        assert "history could not be learned" not in said
+        wait_until(lambda: {ahead, telemetry} < listening.newest().keys())
+        # Twelve hours in degF have been learned, so that the first live interval need not be waited for.
+        forecast = json.loads(listening.newest()[ahead])
+        assert 12.0 < forecast["outputs"][0]["horizons"][0]["mean"] < 28.0
+        told = json.loads(listening.newest()[telemetry])
+        assert datetime.fromisoformat(told.pop("time")) - datetime.now(UTC) < timedelta(minutes=5)
+        assert told == {"T_i": 68.0, "T_out": 41.0, "u_heat": 1.0, "setpoint": 70.0}
+        url = running.until(r"serving on (\S+)")[1]
+        wait_until(lambda: all(one["last_good"] for one in zone(url)["status"]["channels"]))
+        assert zone(url)["status"]["faults"] == {}
+        house.states["climate.living"] = ("unavailable", {})
+        running.until("entity 'climate.living' has no value; look at it in Home Assistant")
+        house.states["climate.living"] = ("heat", {"current_temperature": 69.0, "hvac_action": "idle"})
+        running.until("no longer: entity 'climate.living' has no value")
+        wait_until(lambda: json.loads(listening.newest()[telemetry]).get("T_i") == 69.0)
+    assert running.process.returncode == 0
+    assert list((tmp_path / "data" / "state").rglob("*.npz"))
+    # An entity or a database that is not there at the next start takes nothing away.
+    del house.states["climate.living"]
+    (tmp_path / "home-assistant_v2.db").unlink()
+    with addon(tmp_path, house, rooms[:1], *quick) as running:
+        running.until("room living: Home Assistant has no entity 'climate.living'.*; it stays as it was")
+        running.until("the recorder has no database home-assistant_v2.db")
+        running.until("serving on")
+        running.until("entity 'climate.living' has no value")
+
+
+def zone(url: str) -> dict[str, Any]:
+    with urllib.request.urlopen(f"{url}/zones/living", timeout=PATIENCE) as answer:
+        found: dict[str, Any] = json.load(answer)
+        return found
+
+
+def test_what_is_missing_is_said_before_anything_is_changed(tmp_path: Path, house: House) -> None:
+    with addon(tmp_path, house, []) as running:
+        assert running.ended() == (1, running.log())
+        assert "the Supervisor knows no MQTT broker" in running.log()
+    house.mqtt = {"host": "127.0.0.1", "port": 1, "ssl": False}
+    for rooms, sentence in (([], "enter outdoor temperature and rooms"), ([ATTIC], "no room can be run")):
+        with addon(tmp_path, house, rooms) as running:
+            assert running.ended()[0] == 1
+            assert sentence in running.log()
+            assert "Traceback" not in running.log()
+    assert not (tmp_path / "data" / "thermogate.toml").exists()
+
+
+def test_a_wrong_password_is_said_and_ends_nothing(tmp_path: Path, house: House, site: Mosquitto) -> None:
+    assert house.mqtt is not None
+    house.mqtt["password"] = "wrong"
+    with addon(tmp_path, house, [{"name": "living", "thermostat": "climate.living"}]) as running:
+        running.until(r"sources\.home: .* refuses this client \(Not authorized\); check user and password")
+        running.until("serving on")
+    assert running.process.returncode == 0
