@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 2)
 FUZZ_INPUTS ?= 1000000
 
-.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant overload soak audit fuzz attack screenshots page page-stream golden lock release clean help
+.PHONY: run test lint kernels unit coverage faults replay-ecolar bench experiments kill-loop fleet-kill-loop load-fleet load-modbus load-mqtt load-bacnet home-assistant addon image image-test arm64 overload soak audit fuzz attack screenshots page page-stream golden lock release clean help
 
 help:  ## what there is to make
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed -E 's/:.*## /\t/' | expand -t 20
@@ -64,6 +64,23 @@ golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as 
 	THERMOGATE_GOLDEN=write $(BIN)/python -m pytest --quiet tests/test_golden.py tests/test_reference.py tests/adapters/test_kinds.py tests/service/config/test_mistakes.py
 
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the tests against it
+
+addon: $(VENV)/.ready  ## the repository of the add-on for Home Assistant with its wheel, complete, into var/addon
+	rm -rf var/addon && mkdir -p var && cp -r deploy/home-assistant/addon var/addon
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir var/addon/thermogate/wheel .
+	cp requirements.lock var/addon/thermogate/wheel
+
+image:  ## the container image without an engine or a registry, by buildah on packages of Debian, as root; IMAGE holds its options
+	deploy/container/build $(IMAGE)
+
+image-test: $(VENV)/.ready image  ## the image started as its definition asks, and its size; needs bubblewrap as well
+	IMAGE_TEST=1 $(BIN)/python -m pytest -s tests/deploy/test_image.py
+
+arm64: $(VENV)/.ready  ## every dependency of the image as a pinned wheel for 64-bit ARM, resolved but not installed; needs network access
+	$(BIN)/python -m pip install --quiet --dry-run --ignore-installed --target var/arm64 --only-binary :all: --python-version 3.12 \
+	  --platform manylinux_2_28_aarch64 --platform manylinux_2_27_aarch64 --platform manylinux_2_17_aarch64 \
+	  --require-hashes --requirement requirements.lock --report var/arm64.json
+	@$(BIN)/python -c 'import json; print(len(json.load(open("var/arm64.json"))["install"]), "packages have a wheel for aarch64")'
 
 bench: $(VENV)/.ready  ## every target of speed and memory measured, into var/bench/bench.json and docs/performance.md; a quarter of an hour, on an idle machine
 	$(BIN)/python -m replay.lab.measuring.bench --out var/bench/bench.json --page docs/performance.md $(BENCH)
