@@ -41,19 +41,23 @@ class SeriesSource:
         begin = (first if start is None else max(first, start)) // self._step * self._step
         last = time.time() if self._table.end is None else self._table.end
         window = (_PAGE if self._table.multiple is None else 1) * self._step
-        while begin < last and not self._closed:
-            end = min(begin + window, last)
-            found = [await self._asked(query, begin, end) for _, query, _ in self._channels]
-            await pacer.wait(end, lambda: self._closed)
-            readings = [
-                reading
-                for converter, points in zip(converters, found, strict=True)
-                for reading in _readings(converter, points)
-            ]
-            if self._closed:
-                return
-            yield Batch(sorted(readings, key=lambda reading: reading.time), end)
-            begin = end
+        try:
+            while begin < last and not self._closed:
+                end = min(begin + window, last)
+                found = [await self._asked(query, begin, end) for _, query, _ in self._channels]
+                await pacer.wait(end, lambda: self._closed)
+                readings = [
+                    reading
+                    for converter, points in zip(converters, found, strict=True)
+                    for reading in _readings(converter, points)
+                ]
+                if self._closed:
+                    return
+                yield Batch(sorted(readings, key=lambda reading: reading.time), end)
+                begin = end
+        finally:
+            # The next look may be in another event loop.
+            await self._database.close()
 
     async def probe(self, seconds: float) -> list[Probe]:
         """The newest value of every channel."""
