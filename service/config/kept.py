@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from service.config.site import Config
 from service.config.written import effective_toml
 from service.errors import ServiceError
-from service.store.durable_files import sync_folder
+from service.store.durable_files import sync_folder, write_file
 from service.store.store import CONFIGURATION
 
 FILE = CONFIGURATION
@@ -19,11 +18,8 @@ def keep_configuration(config: Config) -> None:
     folder = config.site.state_dir
     temporary = folder / f"{FILE}.tmp"
     temporary.unlink(missing_ok=True)
-    with open(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
-        file.write("# Written by the daemon at every start and reload; changes here have no effect.\n")
-        file.write(effective_toml(config))
-        file.flush()
-        os.fsync(file.fileno())
+    head = "# Written by the daemon at every start and reload; changes here have no effect.\n"
+    write_file(temporary, f"{head}{effective_toml(config)}".encode())
     temporary.replace(folder / FILE)
     sync_folder(folder)
 

@@ -53,25 +53,21 @@ Page = Callable[[SampleJournal, Stretch, int], tuple[Buckets, int | None]]
 def reduced(times: npt.NDArray[np.int64], values: Array, low: Array, high: Array, bucket: int) -> Buckets:
     """Samples at ascending `times` (n,) in buckets: sums and counts of `values` (n, m), extremes of `low` and `high`
     (n, k)."""
-    begins = times - times % bucket
-    first = np.flatnonzero(np.diff(begins, prepend=begins[:1] - 1))
-    if not first.size:
-        return Buckets(begins, values, values, low, high)
-    return Buckets(
-        begins[first],
-        np.add.reduceat(np.nan_to_num(values), first, axis=0),
-        np.add.reduceat(np.isfinite(values).astype(np.float64), first, axis=0),
-        np.fmin.reduceat(low, first, axis=0),
-        np.fmax.reduceat(high, first, axis=0),
-    )
+    known = np.isfinite(values).astype(np.float64)
+    return _together(Buckets(times - times % bucket, np.nan_to_num(values), known, low, high))
 
 
 def joined(parts: list[Buckets]) -> Buckets:
     """Pages that follow each other, as one; a bucket that two of them share is put together."""
-    times, sums, counts, low, high = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return _together(Buckets(*(np.concatenate(column) for column in zip(*parts, strict=True))))
+
+
+def _together(rows: Buckets) -> Buckets:
+    """Rows of ascending times, those of one time put together."""
+    times, sums, counts, low, high = rows
     first = np.flatnonzero(np.diff(times, prepend=times[:1] - 1))
     if not first.size:
-        return Buckets(times, sums, counts, low, high)
+        return rows
     return Buckets(
         times[first],
         np.add.reduceat(sums, first, axis=0),
