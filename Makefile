@@ -66,7 +66,7 @@ golden: $(VENV)/.ready  ## tests/golden written anew: every payload and file as 
 home-assistant: $(VENV)/home-assistant/installed  ## Home Assistant in an environment of its own, for the tests against it
 
 addon: $(VENV)/.ready  ## the repository of the add-on for Home Assistant with its wheel, complete, into var/addon
-	rm -rf var/addon && mkdir -p var && cp -r deploy/home-assistant/addon var/addon
+	rm -rf build var/addon && mkdir -p var && cp -r deploy/home-assistant/addon var/addon
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir var/addon/thermogate/wheel .
 	cp requirements.lock var/addon/thermogate/wheel
 
