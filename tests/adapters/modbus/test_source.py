@@ -314,20 +314,6 @@ async def test_a_stuck_value_becomes_uncertain_and_then_bad():
     assert found == [[Quality.GOOD, Quality.UNCERTAIN, Quality.BAD], [Quality.GOOD]]
 
 
-async def test_a_counter_becomes_power():
-    site = plant(holding=[65530])
-    async with serving(site):
-        meter = channel("meter", 0, "uint16", unit="Wh", to="W", valid=(-1e12, 1e12))
-        bms = source(site.port, [meter], poll=0.2)
-        async with aclosing(bms.batches(None)) as stream:
-            first = await anext(stream)
-            site.registers[1, "holding"][0] = 4
-            second = await anext(stream)
-    assert first.readings == []
-    (reading,) = second.readings
-    assert reading.value == pytest.approx(10 * 3600 / (second.now - first.now))
-
-
 async def test_requests_keep_their_pause():
     async with serving(plant(holding=list(range(10)))) as site:
         channels = [channel(f"c{k}", k) for k in range(4)]

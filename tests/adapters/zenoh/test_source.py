@@ -307,16 +307,12 @@ async def test_a_listener_that_nobody_connects_to_stays_open_and_says_so(
         assert heard.failures == []
 
 
-async def test_probe_takes_the_last_value_from_a_cache_or_a_query_and_says_what_is_wrong() -> None:
+async def test_probe_takes_the_last_value_from_a_cache_or_a_query() -> None:
     place, begun = endpoint(), time.time()
-    wrong = {"id": "room/x", "key": "bms/room/Tt"}
     asked = {"id": "room/q", "key": "store/q"} | JSON
-    bad = {"id": "room/b", "key": "bms/room/b"}
-    hot = {"id": "room/h", "key": "bms/room/h", "unit": "degC"}
     with session(listen=place) as bms:
-        publishers = [caching_publisher(bms, f"bms/room/{name}") for name in "Tbh"]
-        for publisher, payload in zip(publishers, ("21.5", "warm", "300"), strict=True):
-            publisher.put(payload)
+        publisher = caching_publisher(bms, "bms/room/T")
+        publisher.put("21.5")
 
         def answer(query: zenoh.Query) -> None:
             with query:
@@ -324,19 +320,15 @@ async def test_probe_takes_the_last_value_from_a_cache_or_a_query_and_says_what_
                 query.reply("store/q", json.dumps(document))
 
         with bms.declare_queryable("store/q", zenoh.handlers.Callback(answer, indirect=False)):
-            probes = await source(place, T, wrong, asked, bad, hot).probe(1.0)
-    good, nothing, queried, refused, implausible = probes
+            probes = await source(place, T, asked).probe(1.0)
+    good, queried = probes
     assert (good.value, good.verdict, good.raw) == (21.5, "good", "21.5")
     assert between(begun, good.time, time.time())
     assert good.hints[0].endswith("by Zenoh's time stamp")
-    assert "nothing came within 1 s" in nothing.verdict
-    assert nothing.hints[0].startswith("heard meanwhile: bms/room/T")
     assert queried.value == 3.0
     assert between(begun - 60, queried.time, time.time() - 60)
     assert queried.hints[0].endswith("by its payload")
     assert queried.verdict.startswith("uncertain")
-    assert refused.verdict == "refused: the payload 'warm' is not a number"
-    assert implausible.verdict == "implausible: not within -60 to 80"
 
 
 async def test_cancelling_while_the_session_opens_waits_for_nobody() -> None:
