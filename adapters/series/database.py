@@ -10,6 +10,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Mapping
 from dataclasses import dataclass
+from http import HTTPStatus
 from http.client import HTTPException
 from math import isfinite
 from typing import Any, NamedTuple, Protocol
@@ -53,7 +54,18 @@ class Server:
         return await asyncio.to_thread(self._answer, path, parameters)
 
     def _answer(self, path: str, parameters: Mapping[str, str]) -> Any:
-        request = urllib.request.Request(f"{self.url.rstrip('/')}{path}?{urlencode(parameters)}")
+        try:
+            return json.loads(self._answered(path, parameters))
+        except ValueError as error:
+            raise SourceUnavailable(f"{self.url} does not answer in JSON; is another server there?") from error
+
+    def post(self, path: str, parameters: Mapping[str, str], body: bytes) -> None:
+        """Post the text `body` to `path`. Raises as `ask` does."""
+        self._answered(path, parameters, body)
+
+    def _answered(self, path: str, parameters: Mapping[str, str], posted: bytes | None = None) -> bytes:
+        headers = {} if posted is None else {"Content-Type": "text/plain; charset=utf-8"}
+        request = urllib.request.Request(f"{self.url.rstrip('/')}{path}?{urlencode(parameters)}", posted, headers)
         user, secret = self.login.credentials()
         if user is not None:
             login = f"{user}:{secret}".encode()
@@ -68,7 +80,7 @@ class Server:
                 raise SourceConfigError(
                     f"{self.url} refuses the login ({error.code}); check user and password"
                 ) from error
-            if error.code < 500:
+            if error.code < 500 and error.code != HTTPStatus.TOO_MANY_REQUESTS:
                 raise SourceConfigError(f"{self.url} refuses the question ({error.code}: {said})") from error
             raise SourceUnavailable(f"{self.url} answers {error.code} {said}") from error
         except (OSError, ValueError, HTTPException) as error:
@@ -76,10 +88,7 @@ class Server:
             raise SourceUnavailable(f"{self.url} cannot be reached ({reason}); check url and network") from error
         if len(body) > _LARGEST:
             raise SourceUnavailable(f"{self.url} answers more than {_LARGEST} bytes; give a longer step")
-        try:
-            return json.loads(body)
-        except ValueError as error:
-            raise SourceUnavailable(f"{self.url} does not answer in JSON; is another server there?") from error
+        return body
 
 
 class Database(Protocol):

@@ -9,7 +9,7 @@ from typing import Any
 
 from service.config.http import HttpConfig
 from service.daemon.instruments import instrument
-from service.publish import mqtt
+from service.publish import influxdb, mqtt
 from service.publish.events import Streams
 from service.publish.metrics import Metrics
 from service.publish.zenoh import Publisher
@@ -26,9 +26,8 @@ def exposed() -> dict[str, str]:
     with TemporaryDirectory() as folder:
         store = Store(Path(folder))
         session: Any = SimpleNamespace(info=SimpleNamespace(transports=list))
-        instrument(
-            metrics, parts, store, [Publisher(session, "site"), mqtt.Publisher(mqtt.MqttConfig(), "site"), Streams()]
-        )
+        sinks = [Publisher(session, "site"), mqtt.Publisher(mqtt.MqttConfig(), "site"), Streams()]
+        instrument(metrics, parts, store, [*sinks, influxdb.Writer(influxdb.Lines(Path(folder) / "lines"))])
         store.close()
     app = create_app("site", {}, metrics.registry)
     server = HttpServer(app, HttpConfig(port=0))

@@ -6,16 +6,12 @@ import shutil
 import subprocess
 import threading
 import time
-import urllib.error
-import urllib.parse
-import urllib.request
-from contextlib import contextmanager
 from datetime import UTC, datetime
 
 import pytest
+from support import influx
 from support.harness import free_port
 from support.sources import bound, source_table
-from support.waiting import PATIENCE
 
 from adapters.errors import SourceConfigError, SourceError, SourceUnavailable
 from adapters.series.database import parts
@@ -46,32 +42,6 @@ def readings(*asked, start=None, **keys):
     return asyncio.run(run())
 
 
-def answered(process, url):
-    """Wait until there is an answer at `url`."""
-    deadline = time.monotonic() + PATIENCE
-    while True:
-        try:
-            with urllib.request.urlopen(url, timeout=PATIENCE):
-                return
-        except OSError as error:
-            if isinstance(error, urllib.error.HTTPError):
-                error.close()
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.1)
-
-
-@contextmanager
-def serving(command, url):
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        answered(process, url)
-        yield
-    finally:
-        process.terminate()
-        process.wait(timeout=PATIENCE)
-
-
 @pytest.fixture(scope="module")
 def prometheus(tmp_path_factory):
     if shutil.which("promtool") is None or shutil.which("prometheus") is None:
@@ -91,69 +61,22 @@ def prometheus(tmp_path_factory):
     made = ["promtool", "tsdb", "create-blocks-from", "openmetrics", folder / "past.txt", folder / "data"]
     subprocess.run(made, check=True, stdout=subprocess.DEVNULL)
     command = ["prometheus", f"--config.file={folder / 'prometheus.yml'}", f"--storage.tsdb.path={folder / 'data'}"]
-    with serving([*command, f"--web.listen-address=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/-/ready"):
+    with influx.serving([*command, f"--web.listen-address=127.0.0.1:{port}"], f"http://127.0.0.1:{port}/-/ready"):
         yield {"kind": "prometheus", "url": f"http://127.0.0.1:{port}"}
 
 
 @pytest.fixture(scope="module")
 def influxdb(tmp_path_factory):
-    if shutil.which("influxd") is None:
-        pytest.skip("InfluxDB is not installed here (Debian: influxdb)")
-    folder, port, other = tmp_path_factory.mktemp("influxdb"), free_port(), free_port()
-    (folder / "influxdb.conf").write_text(
-        f"""
-        reporting-disabled = true
-        bind-address = "127.0.0.1:{other}"
-        [meta]
-        dir = "{folder}/meta"
-        [data]
-        dir = "{folder}/data"
-        wal-dir = "{folder}/wal"
-        [monitor]
-        store-enabled = false
-        [http]
-        bind-address = "127.0.0.1:{port}"
-        auth-enabled = true
-        """
-    )
-    url = f"http://127.0.0.1:{port}"
-    with serving(["influxd", "-config", str(folder / "influxdb.conf")], f"{url}/ping"):
-        post(f"{url}/query", {"q": "CREATE USER reader WITH PASSWORD 'test-only' WITH ALL PRIVILEGES"})
-        login = {"u": "reader", "p": "test-only"}
-        post(f"{url}/query", {"q": "CREATE DATABASE house", **login})
+    folder = tmp_path_factory.mktemp("influxdb")
+    with influx.server(folder, free_port()) as table:
         lines = [
             f"degC,room={room} value={level + 0.01 * minute:.2f} {BEGIN + 60 * minute}"
             for room, level in (("101", 20.0), ("102", 22.0))
             for minute in range(MINUTES)
             if not 60 <= minute < 90
         ]
-        post(f"{url}/write", {"db": "house", "precision": "s", **login}, "\n".join(lines).encode(), within=PATIENCE)
-        (folder / "password").write_text("test-only\n")
-        yield {
-            "kind": "influxdb",
-            "url": url,
-            "database": "house",
-            "user": "reader",
-            "password_file": folder / "password",
-        }
-
-
-def post(url, parameters, body=b"", *, within=0.0):
-    """Post, again for `within` seconds while refused: a busy InfluxDB may not know at once a database it has made."""
-    request = urllib.request.Request(f"{url}?{urllib.parse.urlencode(parameters)}", body, method="POST")
-    deadline = time.monotonic() + within
-    while True:
-        try:
-            with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
-                said = answer.read().decode()
-                assert "error" not in said, said
-                return
-        except urllib.error.HTTPError as refused:
-            with refused:
-                said = refused.read().decode()
-            if time.monotonic() > deadline:
-                raise AssertionError(f"{refused.code}: {said}") from None
-            time.sleep(0.1)
+        influx.post(table, "/write", {"db": "house", "precision": "s"}, "\n".join(lines).encode())
+        yield {"kind": "influxdb", "database": "house", **table}
 
 
 def expected(first=0):

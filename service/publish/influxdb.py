@@ -1,0 +1,286 @@
+"""What zones announce as InfluxDB line protocol, posted to a database or added to a file.
+
+A topic is the measurement `thermogate_<topic>`, and its fields are those of its JSON; what is a list there, such as the
+outputs, is a measurement of its own, `thermogate_forecast_outputs`. Nothing here waits for the database: documents wait
+for it in a thread of their own, MOST_WAITING bytes of them, and beyond that the oldest are dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Self
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from adapters.errors import SourceError, SourceUnavailable
+from adapters.fields.addresses import web_address
+from adapters.fields.logins import LoginConfig
+from adapters.fields.values import FilePath, Text
+from adapters.series.database import Server
+from service.pauses import GrowingPause
+from service.publish.sinks import Announcement, Occasion, Sink, SinkKind
+from service.records.measures import Measure, single
+
+MOST_WAITING = 16 * 2**20
+"""Bytes of documents that wait for the database at most."""
+
+_AT_ONCE = 2**20
+"""Bytes of documents in one request, and one document more."""
+
+_FIRST_PAUSE, _LONGEST_PAUSE = 1.0, 60.0
+_CLOSE_SECONDS = 2.0
+
+_TAGS = ("zone", "site", "output", "channel", "block", "level", "lead_s", "days", "member", "finding", "subject")
+_LEFT_OUT = ("schema", "unit", "sample_time", "issue_time", "valid_time", "last_sample_time")
+_SPECIAL = re.compile(r"([,= \\])")
+_SPECIAL_IN_STRING = re.compile(r'(["\\])')
+
+_log = logging.getLogger(__name__)
+
+
+class LinesConfig(LoginConfig):
+    """[influxdb]: where forecasts go as line protocol."""
+
+    url: Annotated[str, BeforeValidator(web_address("http://127.0.0.1:8086"))] | None = Field(
+        default=None, description='the address of the database, such as `"http://127.0.0.1:8086"`'
+    )
+    database: Text = Field(default="thermogate", description="the name of the database; of the bucket in version 2")
+    file: FilePath | None = Field(default=None, description="a file to add the lines to, in place of a database")
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if self.url is not None and self.file is not None:
+            raise ValueError("give url or file, not both; lines go to one place")
+        if self.url is None and (self.user is not None or "database" in self.model_fields_set):
+            raise ValueError('user and database need url, such as url = "http://127.0.0.1:8086"')
+        return self
+
+
+class Database:
+    """Where lines go over HTTP, by the interface of version 1, which the later versions have as well."""
+
+    def __init__(self, table: LinesConfig, url: str) -> None:
+        self._server, self._database = Server(url, table), table.database
+
+    def write(self, lines: str) -> None:
+        """Raises SourceUnavailable where it may take them later, and SourceConfigError where it never will."""
+        self._server.post("/write", {"db": self._database}, lines.encode())
+
+
+class Lines:
+    """Where lines go into a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def write(self, lines: str) -> None:
+        """Add `lines`, all or none. Raises SourceUnavailable."""
+        try:
+            # Opened every time: what rotates logs may have moved it.
+            with self._path.open("ab", buffering=0) as file:
+                size, content = file.tell(), lines.encode()
+                if file.write(content) != len(content):
+                    file.truncate(size)
+                    raise OSError("the disk is full")
+        except OSError as error:
+            raise SourceUnavailable(f"{self._path} cannot be written ({error.strerror or error})") from error
+
+
+class _Waiting(NamedTuple):
+    """A document of `topic`, and when it was announced, UTC s."""
+
+    topic: str
+    document: bytes
+    announced: float
+
+    def lines(self) -> Iterator[str]:
+        return lines_of(self.topic, json.loads(self.document), self.announced)
+
+
+class Writer(Sink):
+    """Writes what zones announce, in a thread of its own. Methods may be called from any thread."""
+
+    def __init__(self, place: Database | Lines) -> None:
+        self._place = place
+        self._waiting: deque[_Waiting] = deque()
+        self._held = self._dropped = 0
+        self._reached: bool | None = None
+        self._news = threading.Condition()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._attend, name="influxdb-writer", daemon=True)
+
+    def open(self) -> Self:
+        """Begin to write; a database that is away is waited for."""
+        self._thread.start()
+        return self
+
+    def add(self, zone: str) -> None:
+        """Zones need no room of their own."""
+
+    def remove(self, zone: str) -> None:
+        """What was announced of a zone stays true."""
+
+    def publish(self, announcement: Announcement) -> None:
+        """Leave what is announced for the thread."""
+        topics = list(announcement.topics)
+        if announcement.occasion is Occasion.STATUS and announcement.disowned:
+            # The same point as before, now marked bad.
+            topics.append("forecast")
+        with self._news:
+            for topic in topics:
+                document = announcement.payload(topic)
+                self._waiting.append(_Waiting(topic, document, time.time()))
+                self._held += len(document)
+            while self._held > MOST_WAITING:
+                self._held -= len(self._waiting.popleft().document)
+                self._dropped += 1
+            self._news.notify()
+
+    def settle(self) -> None:
+        """Nobody is waited for."""
+
+    def measures(self) -> list[Measure]:
+        """Whether the lines arrive, and what did not."""
+        return [
+            Measure(
+                "thermogate_influxdb_connected",
+                "gauge",
+                "Whether the last lines for the database or file of [influxdb] arrived",
+                (),
+                lambda: single(float(bool(self._reached))),
+            ),
+            Measure(
+                "thermogate_influxdb_documents_dropped",
+                "counter",
+                "Documents that were dropped because the database was away for too long or refused them",
+                (),
+                lambda: single(float(self._dropped)),
+            ),
+        ]
+
+    def close(self) -> None:
+        """Try once more to write what waits, within seconds; safe to call twice."""
+        self._closing.set()
+        with self._news:
+            self._news.notify()
+        if self._thread.is_alive():
+            self._thread.join(_CLOSE_SECONDS)
+
+    def _attend(self) -> None:
+        """Write what is announced, until there is nothing more after `close`."""
+        pause = GrowingPause(_FIRST_PAUSE, _LONGEST_PAUSE)
+        while batch := self._next():
+            try:
+                self._place.write("".join(chain.from_iterable(one.lines() for one in batch)))
+            except SourceUnavailable as error:
+                self._report(False, f"{error}; what is announced waits for it, {MOST_WAITING / 2**20:.0f} MiB at most")
+                self._back(batch)
+                if self._closing.wait(pause.seconds):
+                    return
+                pause.grow()
+            except SourceError as error:
+                # It would be refused again, and what comes after it has to wait no longer.
+                self._report(False, f"{error}; what is refused is dropped")
+                self._dropped += len(batch)
+            else:
+                self._report(True, "lines arrive")
+                pause.reset()
+
+    def _next(self) -> list[_Waiting]:
+        """What is to be written next, once there is something; empty at the end."""
+        batch: list[_Waiting] = []
+        size = 0
+        with self._news:
+            self._news.wait_for(lambda: self._waiting or self._closing.is_set())
+            while self._waiting and size < _AT_ONCE:
+                batch.append(self._waiting.popleft())
+                size += len(batch[-1].document)
+            self._held -= size
+        return batch
+
+    def _back(self, batch: Sequence[_Waiting]) -> None:
+        with self._news:
+            self._waiting.extendleft(reversed(batch))
+            self._held += sum(len(one.document) for one in batch)
+
+    def _report(self, reached: bool, sentence: str) -> None:
+        """Log `sentence` where it is not as it was."""
+        if reached is not self._reached:
+            _log.log(logging.INFO if reached else logging.ERROR, "[influxdb]: %s", sentence)
+        self._reached = reached
+
+
+def lines_of(topic: str, document: Mapping[str, Any], announced: float) -> Iterator[str]:
+    """The lines of the JSON `document` of `topic`, each with its line feed. A point has the time that it is about:
+    `valid_time`, or else `sample_time`; the status has the time of the zone's clock, or else `announced`, UTC s."""
+    last = document.get("last_sample_time")
+    now = announced if last is None else _seconds(last) + document["age_s"]
+    yield from _points(f"thermogate_{topic}", document, {}, now)
+
+
+def _points(measurement: str, node: Mapping[str, Any], tags: Mapping[str, str], moment: float) -> Iterator[str]:
+    told = node.get("valid_time") or node.get("sample_time")
+    moment = moment if told is None else _seconds(told)
+    tags = {**tags, **{name: str(node[name]) for name in _TAGS if name in node}}
+    below: list[tuple[str, Mapping[str, Any]]] = []
+    fields = dict(_fields(node, "", below))
+    if fields:
+        head = ",".join([measurement, *(f"{name}={_plain(value)}" for name, value in tags.items() if value)])
+        values = ",".join(f"{name}={value}" for name, value in fields.items())
+        yield f"{head} {values} {round(moment)}000000000\n"
+    for name, one in below:
+        yield from _points(f"{measurement}_{name}", one, tags, moment)
+
+
+def _fields(
+    node: Mapping[str, Any], prefix: str, below: list[tuple[str, Mapping[str, Any]]]
+) -> Iterator[tuple[str, str]]:
+    """The fields of `node`, written; what is in its lists goes to `below`."""
+    for name, value in node.items():
+        if isinstance(value, dict):
+            yield from _fields(value, f"{prefix}{name}_", below)
+        elif isinstance(value, list):
+            below += [(prefix + name, one) for one in value if isinstance(one, dict)]
+        elif value is not None and name not in _LEFT_OUT and (prefix or name not in _TAGS):
+            yield f"{prefix}{_plain(name)}", _written(value)
+
+
+def _written(value: bool | float | str) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + _SPECIAL_IN_STRING.sub(r"\\\1", value) + '"'
+    # Without an `i` after it, a number is a float: a field must not change its type.
+    return repr(value)
+
+
+def _plain(name: str) -> str:
+    return _SPECIAL.sub(r"\\\1", name)
+
+
+def _seconds(written: str) -> float:
+    return datetime.fromisoformat(written).timestamp()
+
+
+def _problems(table: LinesConfig) -> Iterator[str]:
+    yield from table.problems()
+    if table.file is not None and not table.file.parent.is_dir():
+        yield f"file: {table.file.parent} is no folder; make it, or give another file"
+
+
+def _open(table: LinesConfig, site: str) -> Writer | None:
+    if table.url is not None:
+        return Writer(Database(table, table.url)).open()
+    return None if table.file is None else Writer(Lines(table.file)).open()
+
+
+KIND = SinkKind("influxdb", LinesConfig, lambda table: list(_problems(table)), _open)
