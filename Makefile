@@ -151,10 +151,12 @@ $(VENV)/home-assistant/installed: .ci/home-assistant | $(VENV)/.ready
 	@$(PYTHON) .ci/home-assistant $(VENV)/home-assistant && touch $@ || \
 	  echo "Home Assistant cannot be installed; the test against it is skipped"
 
-# For CI and for whoever wants it: the foreign server of the test of OPC UA, which is skipped without it.
-$(VENV)/node-opcua: | $(VENV)/.ready
-	@npm install --silent --no-audit --no-fund --prefix $@ node-opcua-server@2.186.4 || \
-	  { rm -rf $@; echo "node-opcua cannot be installed; the test against it is skipped"; }
+# For CI and for whoever wants them: peers of tests, which are skipped without them.
+$(VENV)/node-opcua: PACKAGE = node-opcua-server@2.186.4
+$(VENV)/node-red: PACKAGE = node-red@4.1.15
+$(VENV)/node-opcua $(VENV)/node-red: | $(VENV)/.ready
+	@npm install --silent --no-audit --no-fund --prefix $@ $(PACKAGE) || \
+	  { rm -rf $@; echo "$(PACKAGE) cannot be installed; the test against it is skipped"; }
 
 # For CI and for whoever wants them: without it, the tests of buildings of EnergyPlus are skipped.
 $(VENV)/.energyplus: $(VENV)/.ready

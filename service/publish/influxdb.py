@@ -60,7 +60,7 @@ class LinesConfig(LoginConfig):
     def _one_place(self) -> Self:
         if self.url is not None and self.file is not None:
             raise ValueError("give url or file, not both; lines go to one place")
-        if self.url is None and (self.user is not None or "database" in self.model_fields_set):
+        if self.url is None and (self.user is not None or self.database != type(self).model_fields["database"].default):
             raise ValueError('user and database need url, such as url = "http://127.0.0.1:8086"')
         return self
 
