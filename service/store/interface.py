@@ -45,6 +45,9 @@ _COLUMNS = ", ".join(HISTORY_COLUMNS)
 _ROWS = "WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 ORDER BY time LIMIT ?"
 """Of a chart: those at multiples of so many s."""
 
+_FIRST = {table: f"SELECT min(time) FROM {table} WHERE zone = ?" for table in ("samples", "history", "readings")}
+"""Asks for the time of the oldest row of a zone."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -199,7 +202,7 @@ class SampleJournal(ABC):
 
     def first_time(self, table: str, zone: str) -> int | None:
         """Time of the oldest row of `zone` in a table."""
-        first: int | None = self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+        first: int | None = self.read(_FIRST[table], zone)[0][0]
         return first
 
     def samples_ahead(self, zone: str, after: int) -> int:

@@ -32,6 +32,13 @@ _SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, s
 _READING_COLUMNS = "zone, time, channel, value, quality, checksum"
 _DELETED_AT_ONCE = 500
 
+_OLDEST = {
+    "samples": "SELECT time, link FROM samples WHERE zone = ? AND time < ? ORDER BY time LIMIT ?",
+    "history": "SELECT time, zone FROM history WHERE zone = ? AND time < ? ORDER BY time LIMIT ?",
+    "readings": "SELECT time, channel FROM readings WHERE zone = ? AND time < ? ORDER BY time LIMIT ?",
+}
+"""Asks for the oldest rows of a zone, by the name of their table."""
+
 
 class Journal(SampleJournal):
     """An open journal."""
@@ -142,20 +149,20 @@ class Journal(SampleJournal):
 
     def delete(self, zone: str, samples_before: int, history_before: int) -> bool:
         """As every journal; of what was set aside the readings as well, as far as the samples."""
-        old = "SELECT time, {} FROM {} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
-        bounds = {"samples": ("link", samples_before), "history": ("zone", history_before)}
+        bounds = {"samples": samples_before, "history": history_before}
         if is_aside(zone):
-            bounds["readings"] = ("channel", samples_before)
+            bounds["readings"] = samples_before
         last = {
-            table: rows[-1]
-            for table, (column, before) in bounds.items()
-            if (rows := self.read(old.format(column, table), zone, before, _DELETED_AT_ONCE))
+            name: rows[-1]
+            for name, before in bounds.items()
+            if (rows := self.read(_OLDEST[name], zone, before, _DELETED_AT_ONCE))
         }
         if not last:
             return False
         with self.transaction() as cursor:
-            for table, (time, _) in last.items():
-                cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, time))
+            for table in ("samples", "history", "readings"):
+                if table in last:
+                    cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, last[table][0]))
             if "samples" in last:
                 # The next sample is checked against the link of the one before it.
                 cursor.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?, ?)", (zone, *last["samples"]))

@@ -19,8 +19,11 @@ from service.store.retention import Limits, Oldest, prune_old
 
 _log = logging.getLogger(__name__)
 
+_EARLIEST = -(2**62)
+"""UTC s, before every sample."""
+
 _NEEDED = f"""
-SELECT number, newest, least(coalesce(oldest + 1, {-(2**62)}), newest) AS needed FROM zones
+SELECT number, newest, least(coalesce(oldest + 1, {_EARLIEST}), newest) AS needed FROM zones
 CROSS JOIN LATERAL (SELECT time AS newest FROM samples WHERE zone = number ORDER BY time DESC LIMIT 1) AS last
 CROSS JOIN LATERAL (SELECT min(step) AS oldest FROM checkpoints WHERE zone = number AND NOT damaged) AS first
 WHERE position('@' in zones.zone) = 0
@@ -46,8 +49,12 @@ def prune(journal: PostgresJournal, oldest_checkpoint: Oldest, limits: Limits) -
         if journal.size() <= limits.max_journal:
             break
         until = "needed" if month.table == "samples" else "newest"
-        old = f"SELECT FROM {month.name} AS old WHERE old.zone = number AND old.time >= {until}"
-        _drop(journal, month, f"SELECT EXISTS (SELECT FROM ({_NEEDED}) AS bounds WHERE EXISTS ({old}))")
+        _drop(
+            journal,
+            month,
+            f"SELECT EXISTS (SELECT FROM ({_NEEDED}) AS bounds WHERE EXISTS "
+            f"(SELECT FROM {month.name} AS old WHERE old.zone = number AND old.time >= {until}))",
+        )
         yield
 
 
