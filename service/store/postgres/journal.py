@@ -321,11 +321,14 @@ def _ends(cursor: Cursor, zones: Collection[str]) -> dict[str, tuple[int, int]]:
 def _delete_of(cursor: Cursor, table: str, number: int, before: int) -> int:
     """Delete the oldest rows of a zone before that time, a slice, once there is a day of them; how many went."""
     values = {"zone": number, "before": before}
-    old = f"FROM {table} WHERE zone = %(zone)s AND time < %(before)s ORDER BY time"
-    first = cursor.execute(f"SELECT time {old} LIMIT 1", values).fetchone()
-    if first is None or first[0] > before - DAY:
+    oldest = f"SELECT min(time) FROM {table} WHERE zone = %(zone)s AND time < %(before)s"
+    first = cursor.execute(oldest, values).fetchone()[0]
+    if first is None or first > before - DAY:
         return 0
-    slice_ = f"SELECT max(time) FROM (SELECT time {old} LIMIT {_DELETED_AT_ONCE}) AS slice"
+    slice_ = (
+        f"SELECT max(time) FROM (SELECT time FROM {table} WHERE zone = %(zone)s AND time < %(before)s "
+        f"ORDER BY time LIMIT {_DELETED_AT_ONCE}) AS slice"
+    )
     values["last"] = cursor.execute(slice_, values).fetchone()[0]
     if table == "samples":
         # The next sample is checked against the link of the one before it.
