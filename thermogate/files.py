@@ -1,4 +1,4 @@
-"""A model as one file: NumPy's npz with a digest, never pickle."""
+"""A model as one file, NumPy's npz with a digest and never pickle, or out of the state folder of a daemon."""
 
 from __future__ import annotations
 
@@ -10,17 +10,25 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import TypeAdapter
 
+from adapters.channel import ChannelConfig
+from adapters.fields.words import shown
 from adapters.reading import Fault
 from estimator.network.network import Network
-from service.config.site import FORMER_ESTIMATOR
+from service.config.fitting import fingerprint
+from service.config.kept import kept_configuration
+from service.config.load import load
+from service.config.site import FORMER_ESTIMATOR, SiteConfig, ZoneConfig
 from service.errors import CheckpointError, DataError
+from service.records.outlook import SET_POINTS
 from service.store.checkpoint import DAMAGE, Checkpoint, decode, encode
 from service.store.durable_files import write_file
+from service.store.reading import read_state
 from service.zone import snapshot
 from thermogate.session import Session
-from thermogate.settings import Settings, settings_of
+from thermogate.settings import PLACE, Settings, settings_of
 
 _KIND = "thermogate model"
 _NETWORK = TypeAdapter(Network)
@@ -81,6 +89,56 @@ def read_model(path: Path) -> tuple[Session, Counter[Fault]]:
     if trace := {name.removeprefix(_TRACE): rows for name, rows in found.arrays.items() if name.startswith(_TRACE)}:
         session.tracer.unpack(trace)
     return session, Counter({Fault(name): count for name, count in meta["faults"].items()})
+
+
+def read_zone(folder: Path, name: str | None) -> tuple[Session, Counter[Fault]]:
+    """The session of the zone `name` of the daemon whose state is in `folder`, which is left as it is; by default the
+    only one. It goes on from the newest checkpoint, with the samples after it; ServiceError where that cannot be read.
+    """
+    config = load(kept_configuration(folder))
+    zones = {zone.id: zone for zone in config.zones}
+    zone = next(iter(zones.values())) if name is None and len(zones) == 1 else zones.get(str(name))
+    if zone is None:
+        wrong = "it has several zones" if name is None else f"it has no zone {shown(name)}"
+        raise DataError(f'{folder}: {wrong}; choose one of {", ".join(zones)}, such as zone="{next(iter(zones))}"')
+    session = Session(_as_in_a_notebook(zone, config.site))
+    mark = fingerprint(zone)
+    with read_state(folder) as state:
+        checkpoint = state.checkpoint(zone.id, mark)
+        if checkpoint is None or session.mark != mark:
+            raise DataError(
+                f"{folder} has no checkpoint of zone {shown(zone.id)} as it is configured; let the daemon run for a "
+                "while, or thermogate learn"
+            )
+        snapshot.restore(session.worker, checkpoint)
+        samples = list(state.journal.samples_after(zone.id, None))
+        rows = {row.time: row for row in state.journal.history(zone.id, None, None, _MOST_ROWS)}
+    held = np.full(len(zone.network.inputs), np.nan)
+    for sample in samples:
+        held = np.where(np.isnan(sample.inputs), held, sample.inputs)
+        if sample.time > checkpoint.step:
+            session.take(sample)
+        elif sample.time in rows:
+            session.tracer.remember(rows[sample.time], held)
+    return session, Counter()
+
+
+def _as_in_a_notebook(zone: ZoneConfig, site: SiteConfig) -> Settings:
+    """The settings of a zone of a daemon, whose tables have columns called as its channels, in the network's units."""
+    columns = {name: {"column": name, **_ages(channel)} for name, channel in zone.channels.items()}
+    if zone.setpoint is not None:
+        columns[SET_POINTS] = {"column": SET_POINTS, **_ages(zone.setpoint)}
+    given = {name: getattr(zone, name) for name in _OF_ZONE if getattr(zone, name) is not None}
+    given |= {name: getattr(site, name) for name in PLACE if getattr(site, name) is not None}
+    return settings_of(zone.network, columns, site.time_zone or "UTC", given)
+
+
+def _ages(channel: ChannelConfig) -> dict[str, float]:
+    return {} if channel.max_age is None else {"max_age": channel.max_age}
+
+
+_OF_ZONE = ("period", "estimator", "estimator_options", "seed", "levels", "max_gap", "hold_inputs", "habits", "sun")
+_MOST_ROWS = 2**31
 
 
 def _settings(meta: Mapping[str, Any]) -> Settings:

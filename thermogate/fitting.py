@@ -11,7 +11,7 @@ from typing import Any
 
 from estimator.network.network import Network
 from estimator.network.presets import AUTO
-from thermogate.files import read_model
+from thermogate.files import read_model, read_zone
 from thermogate.frames import Frame
 from thermogate.learning import learn
 from thermogate.model import Model
@@ -92,6 +92,11 @@ def fit(
     return Model(session, learned.faults)
 
 
-def load(path: str | PathLike[str]) -> Model:
-    """The model that `Model.save` wrote to `path`; it goes on with the same bits. DataError for any other file."""
-    return Model(*read_model(Path(path)))
+def load(path: str | PathLike[str], zone: str | None = None) -> Model:
+    """The model that `Model.save` wrote to `path`; it goes on with the same bits. DataError for any other file.
+
+    A folder is the state of a daemon, of which `zone` is wanted: what it has learned, with its history, as a copy. Its
+    tables have columns called as the channels; `predictions` and the like begin with the newest checkpoint.
+    """
+    place = Path(path)
+    return Model(*(read_zone(place, zone) if place.is_dir() else read_model(place)))

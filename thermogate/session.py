@@ -44,7 +44,7 @@ class Session:
 
     def __len__(self) -> int:
         """How many samples could be used."""
-        return len(self._rows)
+        return self.worker.progress.samples
 
     @property
     def updates(self) -> Array:
@@ -56,8 +56,11 @@ class Session:
         self._rows = rows.tolist()
 
     def span(self) -> tuple[float, float]:
-        """Times of the first and the last of them, UTC seconds."""
-        return self._rows[0][0], self._rows[-1][0]
+        """Times of the first that is known and of the last of them, UTC seconds."""
+        latest = self.worker.latest
+        assert latest is not None
+        known = [*(row.time for row in self.tracer.rows[:1]), *(row[0] for row in self._rows[:1])]
+        return float(min(known, default=latest.time)), float(latest.time)
 
     def columns(self) -> dict[str, Array]:
         """The updates as columns (K,) by name."""

@@ -133,6 +133,11 @@ class Tracer:
         self._look(update)
         self._verify(update, held)
 
+    def remember(self, row: HistoryRow, inputs: Array) -> None:
+        """Take down what a daemon has kept of a sample before, and the `inputs` (n_u,) that were in force."""
+        self._rows.append(row)
+        self._inputs.extend(inputs.tolist())
+
     def trace(self, faults: Mapping[str, int]) -> Trace:
         """Everything that was noted, with what the worker knows now. `faults` are those of its alignment."""
         zone, worker, count = self._zone, self._worker, len(self._rows)

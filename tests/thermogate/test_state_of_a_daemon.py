@@ -1,0 +1,131 @@
+"""`tg.load` of a state folder: what a daemon has learned of a zone, in a notebook."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.thermostat_house import recorded
+
+import thermogate as tg
+from adapters.reading import Quality
+from service.config.fitting import fingerprint, make_worker
+from service.config.kept import keep_configuration
+from service.config.load import load
+from service.records.sample import Sample
+from service.store.checkpoint import CheckpointStore
+from service.store.journal import Journal
+from service.store.store import CHECKPOINTS, JOURNAL
+from service.zone import snapshot
+
+PERIOD = 1800
+OUTPUTS, INPUTS, SETPOINTS = recorded(5, PERIOD)
+TABLE = pd.DataFrame(
+    {"T_i": OUTPUTS[:, 0], "T_out": INPUTS[:, 0], "u_heat": INPUTS[:, 1], "T_set": SETPOINTS},
+    index=pd.date_range("2025-01-10", periods=len(OUTPUTS), freq="30min", tz="Europe/Berlin"),
+)
+CUT = 4 * 48
+CONFIG = """
+[site]
+id = "plant"
+time_zone = "Europe/Berlin"
+
+[sources.bms]
+kind = "mqtt"
+host = "127.0.0.1"
+
+[[zones]]
+id = "office"
+period = "30min"
+network = "auto"
+estimator = "mkf"
+estimator_options = { particles = 16 }
+
+[zones.channels]
+T_i = { source = "bms", topic = "t", unit = "degF" }
+T_out = { source = "bms", topic = "o", unit = "degC", max_age = "2h" }
+u_heat = { source = "bms", topic = "p", unit = "kW" }
+
+[zones.setpoint]
+source = "bms"
+topic = "s"
+unit = "degC"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What a daemon leaves of the first days, with the newest checkpoint some samples before the end."""
+    folder = tmp_path_factory.mktemp("state")
+    (folder / "plant.toml").write_text(CONFIG)
+    config = load(folder / "plant.toml", [f'site.state_dir="{folder}"'])
+    (zone,) = config.zones
+    worker, journal, mark = make_worker(zone), Journal.open(folder / JOURNAL), fingerprint(zone)
+    journal.claim("office", mark)
+    good = (Quality.GOOD,)
+    for row, when in enumerate(TABLE.index[:CUT]):
+        sample = Sample(int(when.timestamp()), OUTPUTS[row], INPUTS[row], good, good * 2, float(SETPOINTS[row]))
+        journal.append("office", sample)
+        journal.record("office", worker.step(sample))
+        if row == CUT - 10:
+            CheckpointStore(folder / CHECKPOINTS).save("office", snapshot.take(worker, mark, zone.estimator))
+    journal.close()
+    keep_configuration(config)
+    return folder, worker
+
+
+def test_a_model_of_a_daemon_is_where_the_daemon_is(folder):
+    model = tg.load(folder[0], zone="office")
+    latest = folder[1].latest.forecast.outputs[0]
+    ahead = model.forecast(horizon="6h")
+    assert ahead["mean"].iloc[0] == latest.mean
+    assert str(ahead.index.tz) == "Europe/Berlin"
+    assert ahead.index[0] == TABLE.index[CUT]
+    assert model.heat_loss([0.5]).tolist() == folder[1].heat_loss([0.5])
+    assert "192 samples in 1 segment, 2025-01-10 00:00 to 2025-01-13 23:30" in repr(model)
+    assert len(model.predictions) == 9
+    assert len(model.demand(horizon="3h")) > 0
+
+
+def test_it_goes_on_from_tables_and_is_saved_like_any_other(folder, tmp_path):
+    before = {path: path.read_bytes() for path in folder[0].rglob("*") if path.is_file()}
+    model = tg.load(folder[0]).update(TABLE.iloc[CUT - 5 :], progress=False)
+    assert model.forecast(horizon="1h").index[0] == TABLE.index[-1] + pd.Timedelta("30min")
+    model.save(tmp_path / "office.npz")
+    again = tg.load(tmp_path / "office.npz")
+    pd.testing.assert_frame_equal(again.forecast(horizon="6h"), model.forecast(horizon="6h"))
+    assert repr(again) == repr(model)
+    assert before == {path: path.read_bytes() for path in folder[0].rglob("*") if path in before}
+
+
+def test_its_history_is_that_of_the_daemon(folder, tmp_path):
+    pytest.importorskip("matplotlib")
+    model = tg.load(folder[0])
+    (history,) = model.plot("history").subfigs
+    measured = next(line for line in history.axes[0].get_lines() if line.get_label() == "measured")
+    np.testing.assert_allclose(measured.get_ydata(), TABLE["T_i"].iloc[:CUT])
+    heat = history.axes[2].get_lines()[0].get_ydata()
+    np.testing.assert_allclose(heat, TABLE["u_heat"].iloc[:CUT])
+    assert "How is this room?" in model.report(tmp_path / "office.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "zone", "sentence"),
+    [
+        (lambda folder: None, "ofice", 'it has no zone "ofice"; choose one of office, such as zone="office"'),
+        (lambda folder: (folder / "configuration.toml").unlink(), None, "there is no configuration.toml in"),
+        (
+            lambda folder: [path.unlink() for path in (folder / CHECKPOINTS).rglob("*.npz")],
+            None,
+            'has no checkpoint of zone "office" as it is configured; let the daemon run for a while',
+        ),
+    ],
+)
+def test_what_cannot_be_loaded_is_a_sentence(spoil, zone, sentence, folder, tmp_path):
+    for path in folder[0].rglob("*"):
+        if path.is_file() and "-" not in path.name.partition(".")[2]:
+            target = tmp_path / path.relative_to(folder[0])
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(path.read_bytes())
+    spoil(tmp_path)
+    with pytest.raises(tg.ServiceError, match=sentence) as told:
+        tg.load(tmp_path, zone)
+    assert len(str(told.value).splitlines()) == 1
