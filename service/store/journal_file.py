@@ -174,7 +174,9 @@ def translated(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        raise JournalError(f"the journal {path} failed ({error}); {_remedy(error)}") from error
+        # Of a damaged schema SQLite quotes a part, line breaks included.
+        said = " ".join(str(error).split())
+        raise JournalError(f"the journal {path} failed ({said}); {_remedy(error)}") from error
 
 
 def _remedy(error: Exception) -> str:
