@@ -229,23 +229,18 @@ class Loop:
             return self._gone_back(after, given_up, outputs, drive)
         if suspicions or carried.standing is None:
             return after
-        return after._replace(earlier=kept(carried.earlier, time, carried.standing.state, carried.live))
+        live = carried.live and self.live.restarted(carried.live)
+        return after._replace(earlier=kept(carried.earlier, time, carried.standing.state, live))
 
     def _gone_back(self, carried: Carried, earlier: Earlier, outputs: Array, drive: Array) -> Carried:
         """`carried` with what had been learned `earlier`. The thermal states begin anew at `outputs` (n_y,), or at what
         was forecast of a missing one; no forecast that waits for its time teaches anything."""
         estimator, standing = self.estimator, carried.standing
         assert standing is not None
-        assert standing.verified is not None
         begin = np.where(np.isnan(outputs), standing.forecast.mean, outputs)
-        begun = estimator.update(estimator.restart(earlier.state, begin, drive), np.full(len(outputs), np.nan))
-        state = estimator.predict(begun.state, drive)
-        standing = Standing(
-            state,
-            one_step(estimator, estimator.predictive(state), self._levels),
-            self.verification.restart(standing.verified, begin, drive),
-            self.as_issued.restart(standing.issued),
-        )
+        posterior, verified, issued = self._restarted(standing._replace(state=earlier.state), begin, drive)
+        state = estimator.predict(posterior.state, drive)
+        standing = Standing(state, one_step(estimator, estimator.predictive(state), self._levels), verified, issued)
         live = earlier.live or (carried.live and self.live.begin())
         return carried._replace(standing=standing, vanished=0, live=live)
 
@@ -338,16 +333,20 @@ class Loop:
                     verified, state = verification.update(verified, before.forecast, posterior, outputs, time)
                 return posterior._replace(state=state), verified, issued, vanished, False
         if before is None:
-            state = estimator.start(self._seed, outputs, drive)
             verified = None if self._single_steps else verification.start(self._seed, outputs, drive)
-            issued = self.as_issued.start()
-        else:
-            state, verified = estimator.restart(before.state, outputs, drive), before.verified
-            issued = self.as_issued.restart(before.issued)
-            if verified is not None:
-                verified = verification.restart(verified, outputs, drive)
-        # The states start at y itself, so y has nothing more to teach: the update is one without outputs.
-        return estimator.update(state, np.full(len(outputs), np.nan)), verified, issued, 0, True
+            posterior = self._begun(estimator.start(self._seed, outputs, drive))
+            return posterior, verified, self.as_issued.start(), 0, True
+        return *self._restarted(before, outputs, drive), 0, True
+
+    def _restarted(self, before: Standing, outputs: Array, drive: Array) -> tuple[Posterior, Verified | None, Issued]:
+        """The thermal states begin anew at `outputs` (n_y,), and forecasts that wait for their time are given up."""
+        verified = before.verified and self.verification.restart(before.verified, outputs, drive)
+        posterior = self._begun(self.estimator.restart(before.state, outputs, drive))
+        return posterior, verified, self.as_issued.restart(before.issued)
+
+    def _begun(self, state: Any) -> Posterior:
+        """The states start at y itself, so y has nothing more to teach: the update is one without outputs."""
+        return self.estimator.update(state, np.full(len(self.estimator.network.measured), np.nan))
 
 
 def lost(outcome: Outcome, sds: Iterable[float]) -> bool:

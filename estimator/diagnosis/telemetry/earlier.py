@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from estimator.diagnosis.telemetry.lies import Suspicion
+from estimator.diagnosis.telemetry.lies import SETTLED, Suspicion
 from estimator.thermostat.live import Live
 
-_EVERY = 48 * 3600
-"""s between two that are kept. Two are, so that one of them is older than what a lie takes to be found."""
+_HOUR = 3600.0
 
-_SETTLED = 7 * 86400.0
-"""s after which what was suspected is taken for the new truth: what was learned of it is kept."""
+_EVERY = 48 * _HOUR
+"""s between two that are kept. Two are, so that one of them is older than what a lie takes to be found."""
 
 
 class Earlier(NamedTuple):
@@ -27,11 +26,10 @@ class Earlier(NamedTuple):
 
 
 def kept(earlier: tuple[Earlier, ...], time: float, state: Any, live: Live | None) -> tuple[Earlier, ...]:
-    """`earlier` after a look at `time` [UTC s] that found nothing to suspect."""
+    """`earlier` after a look at `time` [UTC s] that found nothing to suspect; nothing is pending in `live`."""
     if earlier and time - earlier[-1].time < _EVERY:
         return earlier
-    pending = None if live is None else live._replace(setpoints=live.setpoints[:0], issues=())
-    return (*earlier[-1:], Earlier(time, state, pending))
+    return (*earlier[-1:], Earlier(time, state, live))
 
 
 def before_lies(
@@ -41,7 +39,7 @@ def before_lies(
     way round; else None."""
     stood, stands = ({(one.name, one.column): one.since for one in each} for each in (before, now))
     begun = [since for key, since in stands.items() if key not in stood]
-    ended = [since for key, since in stood.items() if key not in stands and time - since < _SETTLED]
+    ended = [since for key, since in stood.items() if key not in stands and time - since < SETTLED * _HOUR]
     if not earlier or not begun + ended:
         return None
     since = min(begun + ended)

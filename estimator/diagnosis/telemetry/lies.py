@@ -47,8 +47,9 @@ _LEAST_JUMP = 1.0
 _LATELY = 12.0
 """h in which spikes count."""
 
-_SETTLED = 7 * 24.0
-"""h after which another level is the usual one."""
+SETTLED = 7 * 24.0
+"""h after which another level is the usual one, and what was suspected is the new truth: what was learned of it is
+kept."""
 
 Kind = str
 """What a channel measures: "room", "outside" (any other temperature), "heat" (W) or "other"."""
@@ -224,7 +225,7 @@ def _leaps(look: Look) -> Found:
         for jump in jumps:
             hours = (len(look.new) - 1 - jump.place) * look.step
             # A window or a door: only what stays tells of a sensor.
-            if not 1.0 <= hours <= _SETTLED:
+            if not 1.0 <= hours <= SETTLED:
                 continue
             if column and _exchanged(jump, standing[0]):
                 yield CHANNELS_SWAPPED, column, hours
