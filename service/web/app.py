@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from fastapi import Depends, FastAPI
 from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
+from starlette.middleware.gzip import GZipMiddleware
 
 from service.config.http import HttpConfig
 from service.publish.events import Streams
@@ -31,7 +32,6 @@ from service.web.problems import Problem, problem_response
 from service.web.readings import Bodies, Take, reading_routes
 from service.web.server.assets import Asset
 from service.web.server.bodies import GatherBody
-from service.web.server.compression import Compress
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
 
@@ -39,6 +39,10 @@ _DESCRIPTION = """Calibrated temperature forecasts, volatility and learning gate
 
 Times are RFC 3339 in UTC and must carry a zone in requests. Temperatures are in degC, their differences and standard
 deviations in K. A number that is not finite is null. Errors are application/problem+json (RFC 9457)."""
+
+
+SMALLEST_PACKED = 1024
+"""Bytes from which an answer is compressed for a client that takes that."""
 
 
 class Backend(NamedTuple):
@@ -87,7 +91,7 @@ def create_app(
     http, backend = http or HttpConfig(), backend or Backend()
     limiter = app.state.limiter = Limiter(http.limits)
     # The last one added is the first to see a request.
-    app.add_middleware(Compress)
+    app.add_middleware(GZipMiddleware, minimum_size=SMALLEST_PACKED, compresslevel=5)
     app.add_middleware(GatherBody, limit=http.limits.body)
     app.add_middleware(RequireKey, keys=keys or NoKeys())
     app.state.answers = Counter()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import logging
 import time
@@ -11,7 +10,7 @@ from http import HTTPStatus
 
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CollectorRegistry
-from prometheus_client.exposition import choose_encoder, gzip_accepted
+from prometheus_client.exposition import choose_encoder
 
 from service.errors import ReloadRefused
 from service.publish.payloads import StatusPayload
@@ -85,13 +84,9 @@ def operation_routes(
         summary="Metrics for Prometheus",
     )
     def metrics(request: Request) -> Response:
-        # Written and compressed in a thread: with many zones it is megabytes, for which the event loop must not wait.
+        # Written in a thread: with many zones it is megabytes, for which the event loop must not wait.
         encode, media_type = choose_encoder(request.headers.get("accept", ""))
-        body, headers = encode(registry), {"Content-Type": media_type}
-        if gzip_accepted(request.headers.get("accept-encoding", "")):
-            body = gzip.compress(body, compresslevel=1)
-            headers |= {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"}
-        return Response(body, headers=headers)
+        return Response(encode(registry), headers={"Content-Type": media_type})
 
     @router.post(
         "/admin/reload",
