@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
+from threading import Lock
 from typing import Any, NamedTuple
 
-from fastapi import Depends, FastAPI
+from fastapi import Depends, FastAPI, Request, Response
 from fastapi.openapi.utils import get_openapi
 from prometheus_client import CollectorRegistry
 from starlette.middleware.gzip import GZipMiddleware
@@ -18,6 +20,7 @@ from service.records.view import ZoneView
 from service.web import pages as api_pages
 from service.web import problems as api_problems
 from service.web.access import ADMIN_PREFIX, OPEN_PATHS, READINGS, NoKeys, RequireKey
+from service.web.answering import json_answer
 from service.web.control.heating import heating_routes
 from service.web.control.routes import control_routes
 from service.web.guard import Guard
@@ -30,7 +33,6 @@ from service.web.page.room import room_routes
 from service.web.page.series import series_routes
 from service.web.problems import Problem, problem_response
 from service.web.readings import Bodies, Take, reading_routes
-from service.web.server.assets import Asset
 from service.web.server.bodies import GatherBody
 from service.web.stream import stream_routes
 from service.web.zones import zone_routes
@@ -106,8 +108,7 @@ def create_app(
     app.include_router(overview_routes(site, backend.time_zone, zones, streams))
     app.include_router(operation_routes(zones, metrics_registry, backend.version, backend.problems, backend.reload))
     api_pages.install(app)
-    document = Asset(lambda: json.dumps(_written(app)).encode(), "application/json")
-    app.add_route("/openapi.json", document.answer, include_in_schema=False)
+    app.add_route("/openapi.json", _described(app), include_in_schema=False)
     return app
 
 
@@ -130,6 +131,17 @@ def _include_questions(
         heating_routes(site, time_zone, zones),
     ):
         app.include_router(router)
+
+
+def _described(app: FastAPI) -> Callable[[Request], Response]:
+    """The endpoint of the OpenAPI document, which is written once, when the first client asks, on its thread."""
+    writing, written = Lock(), cache(lambda: json.dumps(_written(app)).encode())
+
+    def endpoint(request: Request) -> Response:
+        with writing:
+            return json_answer(written())
+
+    return endpoint
 
 
 def _written(app: FastAPI) -> dict[str, Any]:
