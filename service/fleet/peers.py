@@ -140,7 +140,7 @@ async def keep_a_spare() -> bool:
 def _import_what_shards_need() -> bool:
     """Whether this process had imported it before."""
     from service.daemon.process import prepare_process
-    from service.store.postgres.driver import driver
+    from service.store.postgres.database import driver
 
     name = _BODIES["shard"].partition(":")[0]
     there = name in sys.modules

@@ -1,146 +1,241 @@
 """The journal: every accepted sample, durable before it is assimilated, and the history that REST serves.
 
-One SQLite file (WAL, synchronous=FULL) in the state directory. Samples are stored as little-endian float64 blobs, so a
-replay sees the very bits that the worker saw, NaN included; history columns are plain numbers (NaN is NULL), so that
-`sqlite3` on the command line can read them.
+One body of SQL for SQLite, in a file of the state directory, and for PostgreSQL. Samples are stored as little-endian
+float64 blobs, so a replay sees the very bits that the worker saw, NaN included; history columns are plain numbers (NaN
+is NULL), so that `sqlite3` on the command line can read them.
 """
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import logging
+import struct
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from adapters.reading import Reading
 from service.errors import JournalError
-from service.records.history import HISTORY_COLUMNS
+from service.records.history import HISTORY_COLUMNS, HistoryRow
 from service.records.sample import Sample
-from service.store.interface import EARLIEST, REMEMBERED, SampleJournal
-from service.store.journal_file import LOG_LIMIT, open_database, translated
-from service.store.journal_rows import SampleRow, reading_row, sample_row
+from service.records.update import Update
+from service.store.database import Cursor, Database
+from service.store.journal_file import JournalFile
+from service.store.journal_rows import (
+    HistoryReader,
+    SampleRow,
+    damaged_sample,
+    history_row,
+    linked_sample,
+    reading_row,
+    sample_row,
+    to_reading,
+)
 
-_BUSY_SECONDS = 5.0
-_ROWS_AT_ONCE = 250
-"""SQLite takes 32,766 values in a statement; the widest row has 22."""
+REMEMBERED = 3600
+"""Readings are kept for so many s beyond the sample that they went into, to be known if they are posted again."""
+
+SERIES_ROWS = 4000
+"""Rows that a chart reads at once, before other work of the journal's thread has its turn."""
+
+PAGE = 500
+"""Samples that are read at once."""
+
+PENDING_LIMIT = 1000
+"""Rows of history that wait for the next transaction at most."""
+
+DELETED_AT_ONCE = 500
+"""Rows of a table that are deleted in a transaction."""
+
+_EARLIEST = -(2**63)
+"""Not later than any sample."""
+
+ROWS = ("samples", "history", "readings")
+"""The tables with rows of zones at times."""
+
+Columns = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], int | None]
+"""Times [UTC s] (n,), values (n, m), and where the next page begins; None: there is none."""
+
+Result = TypeVar("Result")
+
 _COLUMNS = ", ".join(HISTORY_COLUMNS)
-_RECORD = f"INSERT OR REPLACE INTO history (zone, {_COLUMNS}, checksum)"
-_SAMPLE_COLUMNS = "zone, time, outputs, inputs, output_quality, input_quality, setpoint, link"
+_SAMPLES = "samples (zone, time, outputs, inputs, output_quality, input_quality, setpoint, link)"
+_HISTORY = f"history (zone, {_COLUMNS}, checksum)"
+_REPLACED = ", ".join(f"{name} = excluded.{name}" for name in (*HISTORY_COLUMNS[1:], "checksum"))
+_REPLACE = f"ON CONFLICT (zone, time) DO UPDATE SET {_REPLACED}"
+_READINGS = "readings (zone, time, channel, value, quality, checksum)"
+_CHART = "WHERE zone = ? AND time >= ? AND time < ? AND time % ? = 0 ORDER BY time LIMIT ?"
+"""Those rows of a chart that are at multiples of so many s."""
+# With IN instead, SQLite would read all samples.
+_FINGERPRINTS = (
+    "SELECT zone, fingerprint FROM zones WHERE EXISTS (SELECT 1 FROM samples WHERE samples.zone = zones.zone)"
+)
 
-_READING_COLUMNS = "zone, time, channel, value, quality, checksum"
-_DELETED_AT_ONCE = 500
-
-_OLDEST = {
-    "samples": "SELECT time, link FROM samples WHERE zone = ? AND time < ? ORDER BY time LIMIT ?",
-    "history": "SELECT time, zone FROM history WHERE zone = ? AND time < ? ORDER BY time LIMIT ?",
-    "readings": "SELECT time, channel FROM readings WHERE zone = ? AND time < ? ORDER BY time LIMIT ?",
-}
-"""Asks for the oldest rows of a zone, by the name of their table."""
+_log = logging.getLogger(__name__)
 
 
-class Journal(SampleJournal):
-    """An open journal."""
+class Journal:
+    """The journal in a `database`: blocking, for one thread at a time. Every method may raise JournalError.
 
-    # With IN instead, SQLite would read all samples.
-    _FINGERPRINTS = (
-        "SELECT zone, fingerprint FROM zones WHERE EXISTS (SELECT 1 FROM samples WHERE samples.zone = zones.zone)"
-    )
+    Whoever shares the database with other owners says in `_hold` and `_allowed` what may be written to; here it is all.
+    """
 
-    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
-        """The journal at `path` over a `connection`, which `open` makes; over one that only reads it is looked at."""
-        super().__init__(f"the journal {path}")
-        self._connection = connection
-        self._path = path
+    def __init__(self, database: Database) -> None:
+        self.database = database
+        self._pending: dict[tuple[str, int], tuple[Any, ...]] = {}
+        """History rows that the next transaction takes along, by zone and time."""
+        self._ends: dict[str, tuple[int, int]] = {}
+        """Time and link of the newest sample of each zone that was written to since the journal was opened."""
+        self._keeping: set[str] = set()
+        """The zones that have readings of their own here."""
+        self._reader = HistoryReader(database.place)
 
     @classmethod
     def open(cls, path: Path) -> Journal:
-        """Open the journal at `path`, creating it and its folder; refuses other files and newer schemas."""
-        journal = cls(open_database(path, _BUSY_SECONDS), path)
-        try:
-            journal._keeping.update(zone for (zone,) in journal.read("SELECT DISTINCT zone FROM readings"))
-        except JournalError:
-            journal._connection.close()
-            raise
-        return journal
+        """The journal in the SQLite file at `path`, made with its folder; other files and schemas are refused."""
+        return cls(JournalFile.open(path))
+
+    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        """All rows of a question."""
+        return self.database.read(query, *values)
 
     def claim(self, zone: str, fingerprint: str) -> bool:
-        with self.transaction() as cursor:
-            stored = cursor.execute("SELECT fingerprint FROM zones WHERE zone = ?", (zone,)).fetchone()
-            used = cursor.execute("SELECT 1 FROM samples WHERE zone = ? LIMIT 1", (zone,)).fetchone()
-            if stored is not None and used is not None:
-                return bool(stored[0] == fingerprint)
-            cursor.execute("INSERT OR REPLACE INTO zones VALUES (?, ?)", (zone, fingerprint))
-            return True
+        """Whether the samples of `zone` belong to `fingerprint`; a zone without samples takes it over."""
 
-    def append(self, zone: str, sample: Sample) -> bool:
-        """Store `sample`, durable on return with the history recorded so far; False if it is not the newest."""
-        return self.append_all([(zone, sample)]) == 1
+        def work(cursor: Cursor) -> tuple[bool, bool]:
+            self._hold(cursor, zone)
+            kept = cursor.execute("SELECT 1 FROM readings WHERE zone = ? LIMIT 1", zone).fetchone() is not None
+            stored = cursor.execute("SELECT fingerprint FROM zones WHERE zone = ?", zone).fetchone()
+            used = cursor.execute("SELECT 1 FROM samples WHERE zone = ? LIMIT 1", zone).fetchone()
+            if stored is not None and used is not None:
+                return bool(stored[0] == fingerprint), kept
+            replace = "ON CONFLICT (zone) DO UPDATE SET fingerprint = excluded.fingerprint"
+            cursor.insert("zones (zone, fingerprint)", [(zone, fingerprint)], replace)
+            return True, kept
+
+        self._ends.pop(zone, None)
+        belongs, keeps = self._write((), work)
+        if keeps:
+            self._keeping.add(zone)
+        return belongs
 
     def append_all(self, accepted: Sequence[tuple[str, Sample]]) -> int:
-        rows: list[SampleRow] = []
-        ends: dict[str, tuple[int, int]] = {}
-        with self.transaction() as cursor:
+        """Store samples of zones, all or none of them, durable on return with the history recorded so far; how many
+        were newer than all of their zone. Fenced, with their names, for zones that are another owner's."""
+
+        def work(cursor: Cursor) -> tuple[int, dict[str, tuple[int, int]]]:
+            # Another attempt looks what is there.
+            known, self._ends = self._ends, {}
+            rows: list[SampleRow] = []
+            ends: dict[str, tuple[int, int]] = {}
             for zone, sample in accepted:
-                time, link = ends.get(zone) or self._ends.get(zone) or self._end(zone)
+                time, link = ends.get(zone) or known.get(zone) or _end(cursor, zone)
                 if sample.time > time:
                     rows.append(sample_row(zone, sample, link))
                     ends[zone] = (sample.time, rows[-1][-1])
-            _insert(cursor, f"INSERT INTO samples ({_SAMPLE_COLUMNS})", rows)
+            cursor.insert(_SAMPLES, rows)
             for zone in self._keeping & ends.keys():
                 before = ends[zone][0] - REMEMBERED
-                cursor.execute("DELETE FROM readings WHERE zone = ? AND time < ?", (zone, before))
-        self._ends |= ends
-        return len(rows)
+                cursor.execute("DELETE FROM readings WHERE zone = ? AND time < ?", zone, before)
+            return len(rows), known | ends
 
-    def keep(self, zone: str, readings: Sequence[Reading]) -> None:
-        self._keeping.add(zone)
-        with self.transaction() as cursor:
-            rows = [reading_row(zone, reading) for reading in readings]
-            _insert(cursor, f"INSERT OR IGNORE INTO readings ({_READING_COLUMNS})", rows)
+        stored, self._ends = self._write({zone for zone, _ in accepted}, work)
+        return stored
+
+    def record(self, zone: str, update: Update) -> None:
+        """Add or replace the history row of `update`; durable with the next append, flush or close."""
+        self._pending[zone, update.time] = history_row(zone, HistoryRow.of(update))
+        if len(self._pending) >= PENDING_LIMIT:
+            self.flush()
 
     def flush(self) -> None:
+        """Make the recorded history durable."""
         if self._pending:
-            with self.transaction():
-                pass
+            self._write((), lambda cursor: None)
+
+    def keep(self, zone: str, readings: Sequence[Reading]) -> None:
+        """Store usable readings of an interval that is open, durable on return; one that is there already stays."""
+        self._keeping.add(zone)
+        rows = [reading_row(zone, reading) for reading in readings]
+        self._write([zone], lambda cursor: cursor.insert(_READINGS, rows, "ON CONFLICT DO NOTHING"))
+
+    def kept(self, zone: str, since: float, until: float = inf) -> list[Reading]:
+        """The readings of `zone` that were kept, with `since` <= time <= `until` (UTC s), oldest first.
+
+        A damaged one is left out, which the log says.
+        """
+        query = (
+            "SELECT zone, time, channel, value, quality, checksum FROM readings "
+            "WHERE zone = ? AND time BETWEEN ? AND ? ORDER BY time, channel"
+        )
+        found = []
+        for row in self.read(query, zone, float(since), float(until)):
+            try:
+                found.append(to_reading(row))
+            except (ValueError, TypeError, AttributeError, struct.error) as error:
+                _log.error("%s holds a damaged reading of zone '%s' (%s)", self.database.place, zone, error)
+        return found
 
     def skip(self, zone: str, time: int, reason: str) -> None:
-        with self.transaction() as cursor:
-            cursor.execute("UPDATE samples SET skipped = ? WHERE zone = ? AND time = ?", (reason, zone, time))
-            if cursor.rowcount == 0:
-                raise JournalError(f"the journal {self._path} has no sample of zone '{zone}' at {time} to skip")
+        """Mark a stored sample as one that must not be assimilated; it stays where it is, with `reason`."""
 
-    def pruned_until(self, zone: str) -> int | None:
-        rows = self.read("SELECT time FROM pruned WHERE zone = ?", zone)
-        return rows[0][0] if rows else None
+        def work(cursor: Cursor) -> None:
+            query = "UPDATE samples SET skipped = ? WHERE zone = ? AND time = ?"
+            if cursor.execute(query, reason.replace("\0", ""), zone, time).rowcount == 0:
+                raise JournalError(f"{self.database.place} has no sample of zone '{zone}' at {time} to skip")
 
-    def pruned_link(self, zone: str) -> int:
-        rows = self.read("SELECT link FROM pruned WHERE zone = ?", zone)
-        return rows[0][0] or 0 if rows else 0
+        self._write([zone], work)
 
     def forget(self, zone: str) -> None:
-        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
-        with self.transaction() as cursor:
-            for table in ("samples", "history", "zones", "pruned", "readings"):
-                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", (aside, zone))
-            cursor.execute("INSERT OR IGNORE INTO forgotten VALUES (?)", (zone,))
+        """Set aside all of `zone` under a name that no zone can have.
+
+        Until `forgot`, `is_forgotten` tells that what else there is of the zone has to go too.
+        """
+
+        def work(cursor: Cursor) -> None:
+            aside = _aside(zone)
+            self._hold(cursor, zone)
+            copy = "INSERT INTO zones (zone, fingerprint) SELECT ?, fingerprint FROM zones WHERE zone = ?"
+            cursor.execute(copy, aside, zone)
+            for table in (*ROWS, "pruned"):
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ?", aside, zone)
+            cursor.insert("forgotten (zone)", [(zone,)], "ON CONFLICT DO NOTHING")
+
+        self._write((), work)
         self._ends.pop(zone, None)
 
     def is_forgotten(self, zone: str) -> bool:
+        """Whether `zone` is being forgotten."""
         return bool(self.read("SELECT 1 FROM forgotten WHERE zone = ?", zone))
 
     def forgot(self, zone: str) -> None:
-        with self.transaction() as cursor:
-            cursor.execute("DELETE FROM forgotten WHERE zone = ?", (zone,))
+        """Nothing is left of `zone`."""
+        self._write([zone], lambda cursor: cursor.execute("DELETE FROM forgotten WHERE zone = ?", zone))
+
+    def set_aside(self, zone: str, after: int) -> None:
+        """Set aside what is later than `after` of `zone`, as `forget` does with all of it."""
+        aside = _aside(zone)
+
+        def work(cursor: Cursor) -> None:
+            for table in ROWS:
+                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", aside, zone, after)
+
+        self._write([zone], work)
+        self._ends.pop(zone, None)
 
     def prunable(self) -> list[str]:
+        """The zones of which rows may be deleted here, without what was set aside."""
         return [zone for zone in self.every_zone() if not is_aside(zone)]
 
     def every_zone(self) -> list[str]:
         """Every zone there are rows of, what was set aside among them, from one seek each."""
         found: set[str] = set()
-        for table in ("samples", "history", "readings"):
+        for table in ROWS:
             last = ""
             while rows := self.read(f"SELECT zone FROM {table} WHERE zone > ? ORDER BY zone LIMIT 1", last):
                 last = rows[0][0]
@@ -148,77 +243,161 @@ class Journal(SampleJournal):
         return sorted(found)
 
     def delete(self, zone: str, samples_before: int, history_before: int) -> bool:
-        """As every journal; of what was set aside the readings as well, as far as the samples."""
+        """Delete the oldest rows of `zone` before these times, a slice of each table; whether there were any. Of what
+        was set aside the readings go as well, as far as the samples."""
         bounds = {"samples": samples_before, "history": history_before}
         if is_aside(zone):
             bounds["readings"] = samples_before
-        last = {
-            name: rows[-1]
-            for name, before in bounds.items()
-            if (rows := self.read(_OLDEST[name], zone, before, _DELETED_AT_ONCE))
-        }
-        if not last:
-            return False
-        with self.transaction() as cursor:
-            for table in ("samples", "history", "readings"):
-                if table in last:
-                    cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", (zone, last[table][0]))
-            if "samples" in last:
-                # The next sample is checked against the link of the one before it.
-                cursor.execute("INSERT OR REPLACE INTO pruned VALUES (?, ?, ?)", (zone, *last["samples"]))
-        return True
 
-    def size(self) -> int:
-        """Bytes that the journal takes on the disk, with those that its write-ahead log is allowed."""
-        return int(self.read("PRAGMA page_count")[0][0] * self.read("PRAGMA page_size")[0][0]) + LOG_LIMIT
+        def work(cursor: Cursor) -> bool:
+            found = False
+            for table in ROWS:
+                link = ", link" if table == "samples" else ""
+                oldest = f"SELECT time{link} FROM {table} WHERE zone = ? AND time < ? ORDER BY time LIMIT ?"
+                before = bounds.get(table, _EARLIEST)
+                if rows := cursor.execute(oldest, zone, before, DELETED_AT_ONCE).fetchall():
+                    found = True
+                    cursor.execute(f"DELETE FROM {table} WHERE zone = ? AND time <= ?", zone, rows[-1][0])
+                if rows and table == "samples":
+                    # The next sample is checked against the link of the one before it.
+                    replace = "ON CONFLICT (zone) DO UPDATE SET time = excluded.time, link = excluded.link"
+                    cursor.insert("pruned (zone, time, link)", [(zone, *rows[-1])], replace)
+            return found
 
-    def shrink(self, pages: int) -> bool:
-        """Give up to so many free pages back to the disk; whether that made them fewer."""
-        free = self.read("PRAGMA freelist_count")
-        with translated(self._path):
-            # Of what it returns a page is freed at each step, and only a script takes all of them.
-            self._connection.executescript(f"PRAGMA incremental_vacuum({pages:d})")
-        return self.read("PRAGMA freelist_count") < free
-
-    def set_aside(self, zone: str, after: int) -> None:
-        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
-        with self.transaction() as cursor:
-            for table in ("samples", "history", "readings"):
-                cursor.execute(f"UPDATE {table} SET zone = ? WHERE zone = ? AND time > ?", (aside, zone, after))
-        self._ends.pop(zone, None)
+        return self._write([zone], work)
 
     def close(self) -> None:
+        """Flush and close; safe to call twice."""
         try:
             self.flush()
         finally:
-            self._connection.close()
+            self.database.close()
 
-    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
-        with translated(self._path):
-            return self._connection.execute(query, values).fetchall()
+    def samples_after(self, zone: str, time: int | None) -> Iterator[Sample]:
+        """The samples of `zone` later than `time` (None: all), in order, without the skipped ones.
 
-    @contextmanager
-    def transaction(self) -> Iterator[sqlite3.Cursor]:
-        """One durable transaction that also carries the pending history, which is kept for the next try if it fails."""
-        with translated(self._path):
-            cursor = self._connection.cursor()
-            try:
-                cursor.execute("BEGIN IMMEDIATE")
-                _insert(cursor, _RECORD, list(self._pending.values()))
-                yield cursor
-                cursor.execute("COMMIT")
-            except BaseException:
-                # A full disk makes SQLite roll back by itself.
-                if self._connection.in_transaction:
-                    cursor.execute("ROLLBACK")
-                raise
+        A skipped sample is left out, as if its interval had brought nothing. Writing between two items is allowed.
+        JournalError where a sample is damaged or missing in the middle.
+        """
+        after = _EARLIEST if time is None else time
+        query = (
+            "SELECT time, outputs, inputs, output_quality, input_quality, setpoint, link, skipped FROM samples "
+            f"WHERE zone = ? AND time > ? ORDER BY time LIMIT {PAGE}"
+        )
+        rows = self.read(query, zone, after)
+        previous = self._link_before(zone, after) if rows else 0
+        while True:
+            for *values, link, skipped in rows:
+                try:
+                    sample = linked_sample((zone, *values), link, previous)
+                except (ValueError, TypeError, AttributeError, struct.error) as error:
+                    raise damaged_sample(self.database.place, zone, values[0], error, self.database.reset) from error
+                if skipped is None:
+                    yield sample
+                previous = link
+            if len(rows) < PAGE:
+                return
+            after = rows[-1][0]
+            rows = self.read(query, zone, after)
+
+    def fingerprints(self) -> dict[str, str]:
+        """What the samples of every zone that has any belong to, by its id."""
+        return dict(self.read(_FINGERPRINTS))
+
+    def last_sample_time(self, zone: str) -> int | None:
+        """Time of the newest stored sample of `zone`, skipped or not."""
+        return self.sample_time_until(zone, 2**62)
+
+    def sample_time_until(self, zone: str, time: int) -> int | None:
+        """Time of the newest stored sample of `zone` up to `time`, skipped or not."""
+        newest: int | None = self.read("SELECT max(time) FROM samples WHERE zone = ? AND time <= ?", zone, time)[0][0]
+        return newest
+
+    def first_time(self, table: str, zone: str) -> int | None:
+        """Time of the oldest row of `zone` in a table."""
+        first: int | None = self.read(f"SELECT min(time) FROM {table} WHERE zone = ?", zone)[0][0]
+        return first
+
+    def samples_ahead(self, zone: str, after: int) -> int:
+        """How many samples of `zone` are later than `after`."""
+        return int(self.read("SELECT count(*) FROM samples WHERE zone = ? AND time > ?", zone, after)[0][0])
+
+    def pruned_until(self, zone: str) -> int | None:
+        """Time of the newest sample of `zone` that was deleted to keep the journal small; None if none was."""
+        rows = self.read("SELECT time FROM pruned WHERE zone = ?", zone)
+        return rows[0][0] if rows else None
+
+    def history(self, zone: str, start: int | None, end: int | None, limit: int) -> list[HistoryRow]:
+        """The newest `limit` rows with `start` <= time < `end` (None: open), oldest first.
+
+        A damaged row is left out, which the log says once.
+        """
+        self._show(zone)
+        bounds = (_EARLIEST if start is None else start, 2**62 if end is None else end)
+        query = (
+            f"SELECT {_COLUMNS}, checksum FROM history WHERE zone = ? AND time >= ? AND time < ? "
+            "ORDER BY time DESC LIMIT ?"
+        )
+        return self._reader.rows(zone, reversed(self.read(query, zone, *bounds, limit)))
+
+    def history_columns(self, zone: str, start: int, end: int, every: int) -> Columns:
+        """A page of history rows with `start` <= time < `end` at multiples of `every` s, all columns (n, m), NaN where
+        there is no value. Damaged rows are left out, as in `history`."""
+        self._show(zone)
+        rows, following = self._page(f"SELECT {_COLUMNS}, checksum FROM history {_CHART}", zone, start, end, every)
+        return *self._reader.table(zone, rows), following
+
+    def input_columns(self, zone: str, start: int, end: int, every: int, width: int) -> Columns:
+        """The same for the `width` inputs of accepted samples.
+
+        A damaged sample is left out as far as its length shows it: only a start, which assimilates, checks the chain.
+        """
+        rows, following = self._page(f"SELECT time, inputs FROM samples {_CHART}", zone, start, end, every)
+        whole = [(time, blob) for time, blob in rows if isinstance(blob, bytes) and len(blob) == 8 * width]
+        times = np.array([time for time, _ in whole], dtype=np.int64)
+        inputs = np.frombuffer(b"".join(blob for _, blob in whole), dtype="<f8").reshape(len(whole), width)
+        return times, inputs.astype(np.float64), following
+
+    def _page(
+        self, query: str, zone: str, start: int, end: int, every: int
+    ) -> tuple[list[tuple[Any, ...]], int | None]:
+        """The next rows of a chart that `query` reads, the time of each first, and where the page after them begins."""
+        rows = self.read(query, zone, start, end, every, SERIES_ROWS)
+        return rows, rows[-1][0] + 1 if len(rows) == SERIES_ROWS else None
+
+    def _show(self, zone: str) -> None:
+        """Make durable what was recorded of `zone`, if it can be: what is there is read in any case."""
+        # Reading need not wait for the disk because of other zones.
+        if any(owner == zone for owner, _ in self._pending):
+            with suppress(JournalError):
+                self.flush()
+
+    def _link_before(self, zone: str, time: int) -> int:
+        """The link of the newest sample not later than `time`, pruned or not; 0 without any."""
+        query = "SELECT link FROM samples WHERE zone = ? AND time <= ? ORDER BY time DESC LIMIT 1"
+        rows = self.read(query, zone, time) or self.read("SELECT link FROM pruned WHERE zone = ?", zone)
+        return rows[0][0] or 0 if rows else 0
+
+    def _write(self, zones: Collection[str], work: Callable[[Cursor], Result]) -> Result:
+        """The result of `work` in one durable transaction that writes to `zones` and also carries the pending history,
+        which is kept for the next try if it fails."""
+        pending = dict(self._pending)
+
+        def whole(cursor: Cursor) -> Result:
+            allowed = self._allowed(cursor, zones, {zone for zone, _ in pending})
+            cursor.insert(_HISTORY, [row for (zone, _), row in pending.items() if zone in allowed], _REPLACE)
+            return work(cursor)
+
+        result = self.database.transaction(whole)
         self._pending.clear()
+        return result
 
-    def _end(self, zone: str) -> tuple[int, int]:
-        """Time and link of the newest sample of `zone`; without any, what the next one has to be chained to."""
-        newest = self.read("SELECT time, link FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1", zone)
-        time, link = newest[0] if newest else (EARLIEST, self.pruned_link(zone))
-        return time, link or 0
+    def _hold(self, cursor: Cursor, zone: str) -> None:
+        """Make `zone` one of this owner's in a transaction."""
+
+    def _allowed(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str]) -> Collection[str]:
+        """Those of the `wanted` zones that may be written to in this transaction; Fenced unless `zones` may."""
+        return wanted
 
 
 def is_aside(zone: str) -> bool:
@@ -226,13 +405,15 @@ def is_aside(zone: str) -> bool:
     return "@" in zone
 
 
-def _insert(cursor: sqlite3.Cursor, statement: str, rows: Sequence[tuple[object, ...]]) -> None:
-    """Insert `rows`.
+def _aside(zone: str) -> str:
+    return f"{zone}@{datetime.now(UTC).isoformat()}"
 
-    Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
-    compute, which for a thousand zones would take longer than the writing.
-    """
-    for first in range(0, len(rows), _ROWS_AT_ONCE):
-        part = rows[first : first + _ROWS_AT_ONCE]
-        places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
-        cursor.execute(f"{statement} VALUES {places}", [value for row in part for value in row])
+
+def _end(cursor: Cursor, zone: str) -> tuple[int, int]:
+    """Time and link of the newest sample of `zone`; without any, what the next one has to be chained to."""
+    query = "SELECT time, link FROM samples WHERE zone = ? ORDER BY time DESC LIMIT 1"
+    newest = cursor.execute(query, zone).fetchone()
+    if newest is None:
+        pruned = cursor.execute("SELECT link FROM pruned WHERE zone = ?", zone).fetchone()
+        newest = _EARLIEST, pruned and pruned[0]
+    return newest[0], newest[1] or 0

@@ -1,70 +1,113 @@
-"""The journal's file: its schema, how it is opened, and how its errors are told."""
+"""The journal's file: how it is opened, written and shrunk by SQLite, and how its errors are told."""
 
 from __future__ import annotations
 
 import logging
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from service.errors import JournalError
+from service.store.database import SCHEMA, Cursor, Database, Result
 from service.store.durable_files import SPACE, make_folder
 
 SCHEMA_VERSION = 3
+BUSY_SECONDS = 5.0
+PAGES_AT_ONCE = 128
+"""Free pages that are given back to the disk in one go."""
+_ROWS_AT_ONCE = 250
+"""SQLite takes 32,766 values in a statement; the widest row has 22."""
 _LOG_MAGIC = bytes.fromhex("377f06")
 LOG_LIMIT = 4 * 2**20
 """Bytes that the write-ahead log keeps when it begins anew."""
 
 _log = logging.getLogger(__name__)
 
-_SCHEMA = """
-CREATE TABLE samples (
-    zone TEXT NOT NULL, time INTEGER NOT NULL, outputs BLOB NOT NULL, inputs BLOB NOT NULL,
-    output_quality TEXT NOT NULL, input_quality TEXT NOT NULL, skipped TEXT, link INTEGER, setpoint REAL,
-    PRIMARY KEY (zone, time)
-) WITHOUT ROWID;
-CREATE TABLE zones (zone TEXT PRIMARY KEY, fingerprint TEXT NOT NULL) WITHOUT ROWID;
-CREATE TABLE history (
-    zone TEXT NOT NULL, time INTEGER NOT NULL, y REAL, mean REAL, lower REAL, upper REAL, sd REAL, residual REAL,
-    alpha_lower REAL, alpha_median REAL, alpha_upper REAL, cdf REAL, gate REAL, n_eff REAL, resampled INTEGER,
-    log_likelihood REAL, segment INTEGER, checksum INTEGER, gain_lower REAL, gain_median REAL, gain_upper REAL,
-    setpoint REAL,
-    PRIMARY KEY (zone, time)
-) WITHOUT ROWID;
-CREATE TABLE pruned (zone TEXT PRIMARY KEY, time INTEGER NOT NULL, link INTEGER) WITHOUT ROWID;
-CREATE TABLE forgotten (zone TEXT PRIMARY KEY) WITHOUT ROWID;
-CREATE TABLE readings (
-    zone TEXT NOT NULL, time REAL NOT NULL, channel TEXT NOT NULL, value REAL NOT NULL, quality TEXT NOT NULL,
-    checksum INTEGER NOT NULL, PRIMARY KEY (zone, time, channel)
-) WITHOUT ROWID;
-"""
 
+class JournalFile(Database):
+    """The journal in an SQLite file: with a write-ahead log, and each commit on the disk."""
 
-def open_database(path: Path, busy_seconds: float) -> sqlite3.Connection:
-    """A connection to the journal at `path`, which is created with its folder.
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        """The file at `path` over a `connection`, which `open` makes; over one that only reads it is looked at."""
+        self.place = f"the journal {path}"
+        self._connection, self._path = connection, path
 
-    JournalError for other files, other schemas, and whatever the disk does.
-    """
-    try:
-        make_folder(path.parent)
-        with suppress(FileExistsError):
-            # SQLite would let every account read it.
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
-    except OSError as error:
-        raise JournalError(f"the folder of the journal {path} cannot be used: {error.strerror}") from error
-    with translated(path):
-        connection = sqlite3.connect(path, timeout=busy_seconds, check_same_thread=False)
-    try:
+    @classmethod
+    def open(cls, path: Path) -> JournalFile:
+        """The file at `path`, which is created with its folder; other files and schemas are refused."""
+        try:
+            make_folder(path.parent)
+            with suppress(FileExistsError):
+                # SQLite would let every account read it.
+                os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+        except OSError as error:
+            raise JournalError(f"the folder of the journal {path} cannot be used: {error.strerror}") from error
         with translated(path):
-            _prepare(connection, path)
-    except JournalError:
-        connection.close()
-        raise
-    return connection
+            connection = sqlite3.connect(path, timeout=BUSY_SECONDS, check_same_thread=False)
+        try:
+            with translated(path):
+                _prepare(connection, path)
+        except JournalError:
+            connection.close()
+            raise
+        return cls(connection, path)
+
+    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        with translated(self._path):
+            return self._connection.execute(query, values).fetchall()
+
+    def transaction(self, work: Callable[[Cursor], Result]) -> Result:
+        with translated(self._path):
+            cursor = _Cursor(self._connection)
+            try:
+                cursor.execute("BEGIN IMMEDIATE")
+                result = work(cursor)
+                cursor.execute("COMMIT")
+            except BaseException:
+                # A full disk makes SQLite roll back by itself.
+                if self._connection.in_transaction:
+                    cursor.execute("ROLLBACK")
+                raise
+            return result
+
+    def size(self) -> int:
+        """Bytes that the file takes, with those that its write-ahead log is allowed."""
+        return int(self.read("PRAGMA page_count")[0][0] * self.read("PRAGMA page_size")[0][0]) + LOG_LIMIT
+
+    def shrink(self) -> bool:
+        free = self.read("PRAGMA freelist_count")
+        with translated(self._path):
+            # Of what it returns a page is freed at each step, and only a script takes all of them.
+            self._connection.executescript(f"PRAGMA incremental_vacuum({PAGES_AT_ONCE:d})")
+        return self.read("PRAGMA freelist_count") < free
+
+    def close(self) -> None:
+        self._connection.close()
+
+
+class _Cursor:
+    """What a transaction works with."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._cursor = connection.cursor()
+
+    def execute(self, query: str, *values: object) -> sqlite3.Cursor:
+        return self._cursor.execute(query, values)
+
+    def insert(self, into: str, rows: Sequence[tuple[object, ...]], otherwise: str = "") -> None:
+        """Insert `rows`.
+
+        Many rows go into one statement: after every statement the interpreter lock has to be won back from threads that
+        compute, which for a thousand zones would take longer than the writing.
+        """
+        for first in range(0, len(rows), _ROWS_AT_ONCE):
+            part = rows[first : first + _ROWS_AT_ONCE]
+            places = ", ".join([f"({', '.join('?' * len(part[0]))})"] * len(part))
+            self.execute(f"INSERT INTO {into} VALUES {places} {otherwise}", *(value for row in part for value in row))
 
 
 def schema_problem(connection: sqlite3.Connection) -> str | None:
@@ -95,11 +138,11 @@ def _schema(connection: sqlite3.Connection) -> list[_Entry]:
     return [_Entry(*(" ".join(text.decode("utf-8", "replace").split()) for text in row)) for row in rows]
 
 
-@lru_cache(maxsize=1)
+@cache
 def _expected_schema() -> list[_Entry]:
     """What a journal made by this version consists of."""
     with closing(sqlite3.connect(":memory:")) as model:
-        model.executescript(_SCHEMA)
+        model.executescript(SCHEMA)
         return _schema(model)
 
 
@@ -136,7 +179,7 @@ def _prepare(connection: sqlite3.Connection, path: Path) -> None:
             path,
         )
     if empty:
-        connection.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+        connection.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
 
 
 def _has_lost_commits(connection: sqlite3.Connection, path: Path) -> bool:

@@ -61,7 +61,7 @@ def sample_row(zone: str, sample: Sample, previous: int) -> SampleRow:
         ",".join(sample.output_quality),
         ",".join(sample.input_quality),
         # SQLite keeps neither NaN nor the sign of zero.
-        None if math.isnan(sample.setpoint) else sample.setpoint + 0.0,
+        None if math.isnan(sample.setpoint) else float(sample.setpoint) + 0.0,
     )
     return (*row, link_of(previous, row))
 
@@ -88,7 +88,7 @@ def damaged_sample(place: str, zone: str, time: int, reason: object, reset: str 
 
 def history_row(zone: str, row: HistoryRow) -> tuple[object, ...]:
     """The columns of `row` with zone and checksum."""
-    cells = values(row)
+    cells = [None if value != value else float(value) for value in values(row)]
     return (zone, *cells, history_checksum(zone, cells))
 
 
@@ -104,7 +104,7 @@ def history_checksum(zone: str, cells: Sequence[float | None]) -> int:
 def reading_row(zone: str, reading: Reading) -> ReadingRow:
     """The row of a reading that is usable."""
     # SQLite does not keep the sign of zero.
-    row = (zone, reading.time + 0.0, reading.channel, reading.value + 0.0, str(reading.quality))
+    row = (zone, float(reading.time) + 0.0, reading.channel, float(reading.value) + 0.0, str(reading.quality))
     return (*row, _reading_checksum(*row))
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any
 
 from adapters.fields.times import written_time
 from service.errors import CheckpointError, Fenced, ServiceError, StateMismatch
@@ -23,11 +23,10 @@ from service.records.sample import Sample
 from service.records.series import Series, Stretch
 from service.records.update import Update
 from service.store.checkpoint import Checkpoint, Checkpoints
-from service.store.interface import SampleJournal
-from service.store.retention import Limits
+from service.store.database import Result
+from service.store.journal import PAGE, Journal
+from service.store.retention import Limits, prune
 from service.store.series import Buckets, Page, history_page, inputs_page, joined, series_of
-
-_PAGE = 500
 
 _BETWEEN_SLICES = 0.02
 """Pause between two slices of pruning, in s: other work of the journal's thread comes first."""
@@ -36,12 +35,9 @@ _DONE = object()
 
 _log = logging.getLogger(__name__)
 
-Result = TypeVar("Result")
-
 
 class JournalStore(ABC):
-    """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are, and `reset` how state
-    is given up there (None: by `thermogate run --reset`).
+    """`journal` and `checkpoints` behind the event loop; `place` says in messages where they are.
 
     What only the journal knows is asked with `run`, and what must be durable afterwards with `write`. Every method may
     raise ServiceError with the place and the remedy.
@@ -53,12 +49,13 @@ class JournalStore(ABC):
     look_seconds = 10.0
     """How often the store looks whether it can accept anything."""
 
-    def __init__(
-        self, journal: SampleJournal, checkpoints: Checkpoints, place: object, reset: str | None = None
-    ) -> None:
+    _too_large = "a start may need all of it; raise max_journal, or see which zone writes no checkpoints"
+    """What is said of a journal that cannot be kept within `max_journal`."""
+
+    def __init__(self, journal: Journal, checkpoints: Checkpoints, place: object) -> None:
         self.journal = journal
         self.checkpoints = checkpoints
-        self._place, self._reset = place, reset
+        self._place = place
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._recorded: deque[tuple[str, Update]] = deque()
         """Updates on their way to the journal's thread."""
@@ -67,14 +64,16 @@ class JournalStore(ABC):
         self._commit: asyncio.Task[Mapping[str, Fenced]] | None = None
         """That commit, while samples can still join it."""
         self._committing = asyncio.Lock()
+        self.known_size = 0
+        """Bytes that the journal took when it was last looked through."""
 
     async def claim(self, zone: str, fingerprint: str) -> None:
         """Make sure that what the journal holds of `zone` belongs to `fingerprint`; StateMismatch otherwise."""
         if await self.run(self.journal.is_forgotten, zone):
             # The power failed while the zone was forgotten: the journal knows, the checkpoints do not yet.
-            await self._forget_checkpoints(zone)
+            await self.forget(zone)
         if not await self.run(self.journal.claim, zone, fingerprint):
-            raise StateMismatch(zone, self._place, self._reset)
+            raise StateMismatch(zone, self._place, self.journal.database.reset)
 
     async def append(self, zone: str, sample: Sample) -> None:
         """Make an accepted sample durable, unless it already is.
@@ -97,9 +96,6 @@ class JournalStore(ABC):
     async def forget(self, zone: str) -> None:
         """Set all state of a zone aside."""
         await self.run(self.journal.forget, zone)
-        await self._forget_checkpoints(zone)
-
-    async def _forget_checkpoints(self, zone: str) -> None:
         await asyncio.to_thread(self.checkpoints.reset, zone)
         await self.run(self.journal.forgot, zone)
 
@@ -141,7 +137,7 @@ class JournalStore(ABC):
 
     async def samples_after(self, zone: str, time: int | None) -> list[Sample]:
         """The next accepted samples later than `time`, at most a page of them."""
-        return await self.run(lambda: list(islice(self.journal.samples_after(zone, time), _PAGE)))
+        return await self.run(lambda: list(islice(self.journal.samples_after(zone, time), PAGE)))
 
     async def series(self, wanted: Stretch) -> Series:
         """The history and the inputs of a stretch, thinned out; other work of the journal comes in between."""
@@ -169,9 +165,9 @@ class JournalStore(ABC):
     def _look(self) -> None:
         """In the thread of the journal: JournalError, which the log has, while nothing can be accepted."""
 
-    @abstractmethod
     def _prune(self, limits: Limits) -> Iterator[None]:
         """In the thread of the journal: delete what is beyond `limits`, a slice at every step."""
+        return prune(self.journal, self._oldest_checkpoint, limits)
 
     def _oldest_checkpoint(self, zone: str) -> int | None:
         """As `oldest` of the checkpoints; None, with which every sample stays, also where they cannot be listed."""
@@ -180,10 +176,6 @@ class JournalStore(ABC):
         except CheckpointError as error:
             _log.error("every sample of zone '%s' stays in the journal: %s", zone, error)
             return None
-
-    @abstractmethod
-    def _size(self) -> int:
-        """In the thread of the journal: how many bytes it takes."""
 
     async def watch(self) -> None:
         """Look for ever whether the store can accept anything, and say so in the log when it cannot."""
@@ -199,13 +191,13 @@ class JournalStore(ABC):
                 slices = self._prune(limits)
                 while await self.run(next, slices, _DONE) is not _DONE:
                     await asyncio.sleep(_BETWEEN_SLICES)
-                size = await self.run(self._size)
-                if size > limits.max_journal:
+                self.known_size = await self.run(self.journal.database.size)
+                if self.known_size > limits.max_journal:
                     _log.warning(
-                        "the journal takes %d bytes, more than max_journal = %d, and a start may need all of it; "
-                        "raise max_journal, or see which zone writes no checkpoints",
-                        size,
+                        "the journal takes %d bytes, more than max_journal = %d; %s",
+                        self.known_size,
                         limits.max_journal,
+                        self._too_large,
                     )
             except ServiceError as error:
                 _log.error("the journal cannot be kept within its limits: %s", error)

@@ -10,9 +10,8 @@ from pathlib import Path
 
 from service.errors import JournalError, ServiceError
 from service.store.checkpoint import Checkpoint, Checkpoints, CheckpointStore
-from service.store.interface import SampleJournal
 from service.store.journal import Journal
-from service.store.journal_file import SCHEMA_VERSION, translated
+from service.store.journal_file import SCHEMA_VERSION, JournalFile, translated
 from service.store.store import CHECKPOINTS, JOURNAL
 
 _log = logging.getLogger(__name__)
@@ -24,7 +23,7 @@ class StoredState:
     No transaction is held between two reads: the daemon's write-ahead log would grow for as long.
     """
 
-    def __init__(self, journal: SampleJournal, checkpoints: Checkpoints) -> None:
+    def __init__(self, journal: Journal, checkpoints: Checkpoints) -> None:
         self.journal = journal
         self._checkpoints = checkpoints
 
@@ -60,7 +59,7 @@ def read_state(state_dir: Path) -> Iterator[StoredState]:
                 "upgrade Thermogate" if version > SCHEMA_VERSION else "run the daemon on it once, which upgrades it"
             )
             raise JournalError(f"the journal {path} has schema {version}, and this reads {SCHEMA_VERSION}; {remedy}")
-        yield StoredState(Journal(connection, path), CheckpointStore(state_dir / CHECKPOINTS))
+        yield StoredState(Journal(JournalFile(connection, path)), CheckpointStore(state_dir / CHECKPOINTS))
     finally:
         connection.close()
 
@@ -73,7 +72,7 @@ def stored_fingerprints(state_dir: Path) -> dict[str, str]:
         if not path.exists():
             return {}
         with closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True, isolation_level=None)) as connection:
-            return Journal(connection, path).fingerprints()
+            return Journal(JournalFile(connection, path)).fingerprints()
     # Who checks a configuration need not be one who may look into the state folder.
     except (OSError, sqlite3.Error, JournalError) as error:
         _log.debug("the zones of %s cannot be read: %s", path, error)

@@ -15,10 +15,10 @@ from functools import partial
 from typing import NamedTuple
 
 from adapters.fields.times import written_time
-from service.store.interface import DAY, SampleJournal
-from service.store.journal import Journal, is_aside
+from service.store.journal import ROWS, Journal, is_aside
 
 HOUR = 3600
+DAY = 24 * HOUR
 LEAP = 2 * DAY
 """Two samples of a zone further apart than this, in s, are a leap."""
 
@@ -28,7 +28,6 @@ STEADY_HOURS = 24
 MOST_AT_ONCE = 7 * DAY
 """How much of a zone's time is deleted for its age between two looks, in s."""
 
-_PAGES_AT_ONCE = 128
 _BEGIN = 0.95
 """From which part of the limit on there is shrinking, so that the limit itself is not reached between two looks."""
 
@@ -46,14 +45,12 @@ class Limits(NamedTuple):
     max_journal: float
 
 
-def prune_old(
-    journal: SampleJournal, oldest_checkpoint: Oldest, keep_history: float, at_least: int = 0
-) -> Iterator[None]:
+def prune_old(journal: Journal, oldest_checkpoint: Oldest, keep_history: float) -> Iterator[None]:
     """Delete what is older than `keep_history` s, a small slice at every step of the iterator; samples come in between.
 
-    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none. A zone is left alone
-    until rows of more than `at_least` s may go.
+    `oldest_checkpoint` tells the time of the oldest checkpoint of a zone, None if there is none.
     """
+    at_least = journal.database.least_pruned
     told: list[str] = []
     for zone in journal.prunable():
         newest = journal.last_sample_time(zone)
@@ -75,13 +72,13 @@ def prune_old(
 def prune(journal: Journal, oldest_checkpoint: Oldest, limits: Limits) -> Iterator[None]:
     """Delete what is beyond `limits`, as `prune_old` does, and the oldest rows of all while the file is too large."""
     yield from prune_old(journal, oldest_checkpoint, limits.keep_history)
-    while journal.size() > _BEGIN * limits.max_journal:
+    while journal.database.size() > _BEGIN * limits.max_journal:
         victim = _oldest_zone(journal, oldest_checkpoint)
         if victim is None or not journal.delete(*victim):
             break
-        journal.shrink(_PAGES_AT_ONCE)
+        journal.database.shrink()
         yield
-    while journal.shrink(_PAGES_AT_ONCE):
+    while journal.database.shrink():
         yield
     # Only with this does the file end where its pages do.
     journal.read("PRAGMA wal_checkpoint(PASSIVE)")
@@ -107,7 +104,7 @@ _ALWAYS = 2**62
 """Later than every sample."""
 
 
-def _first(journal: SampleJournal, table: str, zone: str) -> int:
+def _first(journal: Journal, table: str, zone: str) -> int:
     """The time of the oldest row of `zone` in a table; later than every sample if there is none."""
     first = journal.first_time(table, zone)
     return _ALWAYS if first is None else first
@@ -129,7 +126,7 @@ def _oldest_zone(journal: Journal, oldest_checkpoint: Oldest) -> tuple[str, int,
         newest = journal.last_sample_time(zone)
         aside = is_aside(zone)
         before = _ALWAYS if aside or newest is None else _needed(zone, newest, oldest_checkpoint)
-        for table in ("samples", "history", "readings"):
+        for table in ROWS:
             if table == "readings" and not aside:
                 # Those of a zone that is at work go with its samples.
                 continue

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from service.records.history import HISTORY_COLUMNS
 from service.records.series import COLUMNS, Array, Series, Stretch
-from service.store.interface import SampleJournal
+from service.store.journal import Journal
 
 _INDEX = {name: index for index, name in enumerate(HISTORY_COLUMNS)}
 _LOWER, _UPPER, _Y = _INDEX["lower"], _INDEX["upper"], _INDEX["y"]
@@ -33,20 +33,20 @@ def bucket_of(start: int, end: int, period: int, points: int) -> int:
     return max(1, -(-(end - start) // (period * max(1, points - 1)))) * period
 
 
-def history_page(journal: SampleJournal, wanted: Stretch, start: int) -> tuple[Buckets, int | None]:
+def history_page(journal: Journal, wanted: Stretch, start: int) -> tuple[Buckets, int | None]:
     """The next rows of the history from `start` on, in buckets, and where the page after them begins."""
     times, rows, following = journal.history_columns(wanted.zone, start, wanted.end, wanted.stride * wanted.period)
     return reduced(times, rows[:, _MEANS], rows[:, [_Y, _LOWER]], rows[:, [_Y, _UPPER]], wanted.bucket), following
 
 
-def inputs_page(journal: SampleJournal, wanted: Stretch, start: int) -> tuple[Buckets, int | None]:
+def inputs_page(journal: Journal, wanted: Stretch, start: int) -> tuple[Buckets, int | None]:
     """The same for the inputs of the accepted samples."""
     step = wanted.stride * wanted.period
     times, inputs, following = journal.input_columns(wanted.zone, start, wanted.end, step, wanted.width)
     return reduced(times, inputs, inputs[:, :0], inputs[:, :0], wanted.bucket), following
 
 
-Page = Callable[[SampleJournal, Stretch, int], tuple[Buckets, int | None]]
+Page = Callable[[Journal, Stretch, int], tuple[Buckets, int | None]]
 """Reads a page that begins at a time (UTC s); the last of the two is where the next one begins."""
 
 

@@ -10,16 +10,16 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from service.errors import JournalError, ServiceError
 from service.records.measures import Measure, Rows, single
 from service.store.checkpoint import CheckpointStore
+from service.store.database import Result
 from service.store.durable_files import SPACE, make_folder
 from service.store.journal import Journal
 from service.store.journalling import JournalStore
 from service.store.ownership import as_owner_of, open_plain
-from service.store.retention import Limits, prune
 
 JOURNAL = "journal.sqlite3"
 CHECKPOINTS = "checkpoints"
@@ -29,8 +29,6 @@ RESTORING = "restoring"
 """Folder in a state_dir into which a backup is unpacked; while it is there the rest is not to be trusted."""
 
 _log = logging.getLogger(__name__)
-
-Result = TypeVar("Result")
 
 
 class Store(JournalStore):
@@ -51,7 +49,6 @@ class Store(JournalStore):
             os.close(self._lock)
             raise
         super().__init__(journal, CheckpointStore(state_dir / CHECKPOINTS), state_dir)
-        self._sqlite = journal
         self._files = {name: _identity(state_dir / name) for name in ("lock", JOURNAL)}
         """What the files are that are open."""
         self._gone: str | None = None
@@ -78,12 +75,6 @@ class Store(JournalStore):
             _log.error("%s", gone)
         self._gone = gone
         raise JournalError(gone)
-
-    def _prune(self, limits: Limits) -> Iterator[None]:
-        return prune(self._sqlite, self._oldest_checkpoint, limits)
-
-    def _size(self) -> int:
-        return self._sqlite.size()
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""

@@ -10,7 +10,7 @@ from service.errors import JournalError, ServiceError
 from service.store.backup import unpacked_backup
 from service.store.checkpoint import CheckpointStore
 from service.store.journal import Journal
-from service.store.journal_file import schema_problem, translated
+from service.store.journal_file import JournalFile, schema_problem, translated
 from service.store.ownership import database
 from service.store.store import CHECKPOINTS, JOURNAL
 
@@ -51,7 +51,7 @@ def _verify_state(folder: Path) -> Verified:
         problems = [problem for problem in problems if not problem.endswith(": ok")]
         if (strange := schema_problem(connection)) is not None:
             problems.append(f"the journal {path} {strange}")
-        journal = Journal(connection, path)
+        journal = Journal(JournalFile(connection, path))
         # What was set aside is no longer a chain.
         zones = [zone for (zone,) in journal.read("SELECT zone FROM zones ORDER BY zone") if "@" not in zone]
         for zone in zones:

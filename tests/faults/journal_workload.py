@@ -11,12 +11,11 @@ import numpy as np
 from support.fake_zones import make_update
 
 import service.store.journal
-import service.store.retention
+import service.store.journal_file
 from adapters.reading import Quality, Reading
 from service.records.history import HistoryRow
 from service.records.sample import Sample
-from service.store.interface import REMEMBERED
-from service.store.journal import Journal
+from service.store.journal import REMEMBERED, Journal
 from service.store.retention import Limits, prune
 from service.store.store import JOURNAL
 
@@ -58,8 +57,8 @@ class JournalWorkload:
         self.states: list[Content] = [self._copy()]
         """What has to be there after each number of steps."""
         self.steps: list[Callable[[], object]] = []
-        service.store.journal._DELETED_AT_ONCE = 3
-        service.store.retention._PAGES_AT_ONCE = 2
+        service.store.journal.DELETED_AT_ONCE = 3
+        service.store.journal_file.PAGES_AT_ONCE = 2
         self._add(self._open)
         for zone in ZONES:
             self._add(lambda zone=zone: self.journal.claim(zone, "mark"), commits=True)
@@ -168,7 +167,7 @@ class JournalWorkload:
                     assert all(in_bytes(sample(time // 300)) == data for time, data in found[zone][0].items())
                     assert all(repr(history_row(time // 300)) == repr(row) for time, row in found[zone][1].items())
                     assert all(reading(zone, int(time // 300)) == kept for time, kept in found[zone][2].items())
-            assert journal.append("a", sample(100)), "it goes on"
+            assert journal.append_all([("a", sample(100))]), "it goes on"
         finally:
             journal.close()
 

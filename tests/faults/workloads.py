@@ -201,7 +201,7 @@ class RestoreWorkload:
 
     def _go_on(self) -> None:
         with closing(Journal.open(self._folder / JOURNAL)) as journal:
-            journal.append("z", sample(15))
+            journal.append_all([("z", sample(15))])
 
     def verify(self, folder: Path, done: int, exactly: bool) -> None:
         if done == 0:

@@ -73,7 +73,7 @@ def test_journal_rows(outputs: bytes, inputs: bytes, quality: str, history: list
     for suffix in ("", "-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)
     journal = Journal.open(path)
-    journal.append("z", Sample(300, np.array([20.5]), np.array([1.0]), (Quality.GOOD,), (Quality.GOOD,)))
+    journal.append_all([("z", Sample(300, np.array([20.5]), np.array([1.0]), (Quality.GOOD,), (Quality.GOOD,)))])
     with closing(sqlite3.connect(path)) as other, other:
         other.execute("PRAGMA synchronous = OFF")
         rows = {
@@ -105,7 +105,7 @@ def test_journal_file(data: bytes) -> None:
         journal = Journal.open(path)
         for step in range(50):
             row = Sample(300 * step, np.array([20.5]), np.array([1.0]), (Quality.GOOD,), (Quality.GOOD,))
-            journal.append("z", row)
+            journal.append_all([("z", row)])
         journal.close()
     spoilt = FOLDER / "spoilt.sqlite3"
     for suffix in ("", "-wal", "-shm"):
@@ -120,6 +120,8 @@ def test_journal_file(data: bytes) -> None:
         with closing(Journal.open(spoilt)) as journal:
             list(journal.samples_after("z", None))
             journal.history("z", None, None, 100)
-            journal.append("z", Sample(10**9, np.array([1.0]), np.array([1.0]), (Quality.GOOD,), (Quality.GOOD,)))
+            journal.append_all(
+                [("z", Sample(10**9, np.array([1.0]), np.array([1.0]), (Quality.GOOD,), (Quality.GOOD,)))]
+            )
     except JournalError as error:
         assert str(spoilt) in str(error)

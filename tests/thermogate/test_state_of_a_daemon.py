@@ -63,7 +63,7 @@ def folder(tmp_path_factory):
     good = (Quality.GOOD,)
     for row, when in enumerate(TABLE.index[:CUT]):
         sample = Sample(int(when.timestamp()), OUTPUTS[row], INPUTS[row], good, good * 2, float(SETPOINTS[row]))
-        journal.append("office", sample)
+        journal.append_all([("office", sample)])
         journal.record("office", worker.step(sample))
         if row == CUT - 10:
             CheckpointStore(folder / CHECKPOINTS).save("office", snapshot.take(worker, mark, zone.estimator))

@@ -216,7 +216,6 @@ async def _sound(config: Config, name: str, leased: Leased, crashes: Crashes) ->
         zone.id: f"{told(blamed[zone.id])}; it goes on in quarantine" for zone in config.zones if zone.id in blamed
     }
     wanted = [zone for zone in config.zones if zone.id not in refused]
-    await leased.store.take([zone.id for zone in wanted])
     for zone in wanted:
         try:
             await leased.store.claim(zone.id, fingerprint(zone))

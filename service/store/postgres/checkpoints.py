@@ -5,15 +5,14 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 from service.errors import StateMismatch
 from service.store.checkpoint import Checkpoint, Checkpoints, Found, encode, examined
-from service.store.postgres.database import Cursor, Database
-from service.store.postgres.fence import Fence, set_aside_as
-from service.store.postgres.names import RESET
-
-_OWN = "zone = (SELECT number FROM zones WHERE zone = %s) AND NOT damaged"
+from service.store.database import Cursor
+from service.store.postgres.database import PostgresDatabase
+from service.store.postgres.leases import Fence
 
 _log = logging.getLogger(__name__)
 
@@ -25,7 +24,7 @@ class PostgresCheckpoints(Checkpoints):
     Fenced.
     """
 
-    def __init__(self, database: Database, fence: Fence, keep: int = 3) -> None:
+    def __init__(self, database: PostgresDatabase, fence: Fence, keep: int = 3) -> None:
         self._database = database
         self._fence = fence
         self._keep = keep
@@ -36,51 +35,45 @@ class PostgresCheckpoints(Checkpoints):
         content = encode(checkpoint._replace(zone=zone))
 
         def work(cursor: Cursor) -> None:
-            number = self._fence.required(cursor, [zone])[zone]
-            cursor.execute(
-                "INSERT INTO checkpoints (zone, step, content) VALUES (%s, %s, %b) ON CONFLICT (zone, step) "
-                "DO UPDATE SET content = excluded.content, damaged = false",
-                (number, checkpoint.step, content),
-            )
+            replace = "ON CONFLICT (zone, step) DO UPDATE SET content = excluded.content, damaged = false"
+            cursor.insert("checkpoints (zone, step, content)", [(zone, checkpoint.step, content)], replace)
             if not keep_all:
                 cursor.execute(
-                    "DELETE FROM checkpoints WHERE zone = %(zone)s AND NOT damaged AND step < (SELECT min(step) FROM "
-                    "(SELECT step FROM checkpoints WHERE zone = %(zone)s AND NOT damaged ORDER BY step DESC "
-                    "LIMIT %(keep)s) AS newest)",
-                    {"zone": number, "keep": self._keep},
+                    "DELETE FROM checkpoints WHERE zone = ? AND NOT damaged AND step < (SELECT min(step) FROM "
+                    "(SELECT step FROM checkpoints WHERE zone = ? AND NOT damaged ORDER BY step DESC LIMIT ?) AS kept)",
+                    zone,
+                    zone,
+                    self._keep,
                 )
 
-        self._write(work)
+        self._write(zone, work)
 
     def found(self, zone: str) -> Iterator[Found]:
         """As all checkpoints are."""
-        query = f"SELECT step, content FROM checkpoints WHERE {_OWN} AND step < %s ORDER BY step DESC LIMIT 1"
+        query = (
+            "SELECT step, content FROM checkpoints WHERE zone = ? AND NOT damaged AND step < ? "
+            "ORDER BY step DESC LIMIT 1"
+        )
         before = 2**63 - 1
         while rows := self._read(query, zone, before):
             before, content = rows[0]
-            yield examined(
-                f"at {before} of zone '{zone}' in the database {self._database.place}", zone, before, content
-            )
+            yield examined(f"at {before} of zone '{zone}' in {self._database.place}", zone, before, content)
 
     def oldest(self, zone: str) -> int | None:
         """The step of the oldest kept checkpoint of `zone`; None if there is none."""
-        step: int | None = self._read(f"SELECT min(step) FROM checkpoints WHERE {_OWN}", zone)[0][0]
+        query = "SELECT min(step) FROM checkpoints WHERE zone = ? AND NOT damaged"
+        step: int | None = self._read(query, zone)[0][0]
         return step
 
     def reset(self, zone: str) -> None:
-        """Nothing: the journal has set them aside with the zone."""
+        """Set all checkpoints of `zone` aside."""
+        self.set_aside(zone, -(2**63))
 
     def set_aside(self, zone: str, after: int) -> None:
         """Set those aside that were taken later than `after`."""
-
-        def work(cursor: Cursor) -> None:
-            number = self._fence.required(cursor, [zone])[zone]
-            later = (number, after)
-            if cursor.execute("SELECT 1 FROM checkpoints WHERE zone = %s AND step > %s", later).fetchone():
-                aside = set_aside_as(cursor, zone)
-                cursor.execute("UPDATE checkpoints SET zone = %s WHERE zone = %s AND step > %s", (aside, *later))
-
-        self._write(work)
+        aside = f"{zone}@{datetime.now(UTC).isoformat()}"
+        query = "UPDATE checkpoints SET zone = ? WHERE zone = ? AND step > ?"
+        self._write(zone, lambda cursor: cursor.execute(query, aside, zone, after))
 
     def close(self) -> None:
         """Close the connection; safe to call twice."""
@@ -89,20 +82,20 @@ class PostgresCheckpoints(Checkpoints):
 
     def _set_damaged_aside(self, zone: str, found: Found) -> None:
         _log.warning("the checkpoint %s is damaged (%s); using the one before", found.where, found.damage)
-
-        def work(cursor: Cursor) -> None:
-            number = self._fence.required(cursor, [zone])[zone]
-            cursor.execute("UPDATE checkpoints SET damaged = true WHERE zone = %s AND step = %s", (number, found.step))
-
-        self._write(work)
+        query = "UPDATE checkpoints SET damaged = true WHERE zone = ? AND step = ?"
+        self._write(zone, lambda cursor: cursor.execute(query, zone, found.step))
 
     def _mismatch(self, zone: str) -> StateMismatch:
-        return StateMismatch(zone, f"the database {self._database.place}", RESET)
+        return StateMismatch(zone, self._database.place, self._database.reset)
 
     def _read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
         with self._one:
             return self._database.read(query, *values)
 
-    def _write(self, work: Callable[[Cursor], None]) -> None:
+    def _write(self, zone: str, work: Callable[[Cursor], object]) -> None:
+        def whole(cursor: Cursor) -> None:
+            self._fence.required(cursor, [zone])
+            work(cursor)
+
         with self._one:
-            self._database.transaction(work)
+            self._database.transaction(whole)

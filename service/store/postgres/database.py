@@ -1,17 +1,19 @@
-"""A connection to the tables of a site, which is made again when it breaks."""
+"""A connection to the tables of a site, made again when it breaks, and the errors of PostgreSQL in sentences."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, TypeVar
+from functools import lru_cache
+from types import ModuleType
+from typing import Any
 
 from service.errors import JournalError, one_line
 from service.pauses import GrowingPause
-from service.store.postgres.driver import AGAIN, BROKEN, driver, is_one_of, sentence, state_of
-from service.store.postgres.names import schema_of
+from service.store.database import Cursor, Database, Result
 
 STATEMENT_SECONDS = 30.0
 """A statement that takes longer is given up."""
@@ -23,6 +25,9 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.25, 8.0
 """Between two attempts to connect, in s; meanwhile everything fails at once."""
 
 _ATTEMPTS = 4
+_LONGEST = 63
+"""Bytes that PostgreSQL takes of a name; the rest it leaves out in silence."""
+
 _CONNECTION = {
     "application_name": "thermogate",
     "client_encoding": "utf8",
@@ -35,19 +40,73 @@ _CONNECTION = {
 }
 """What a connection string does without, by libpq's names."""
 
-Cursor = Any
-"""A psycopg.Cursor, whose library is only imported where it is used."""
+_PLACE = "free space on the disk of the server, or give it more; the rows of reset zones and old history may go"
+_REMEDIES = {
+    "08": "start it, see why the network between here and there fails, or correct host, dbname, user and password",
+    "25006": "it is a standby or was made read-only; name the primary, or add target_session_attrs=read-write",
+    "25P03": "this process stood still inside a transaction, which is tried again",
+    "40": "several owners wrote at once, and it is tried again",
+    "42501": "let the user create and write tables: GRANT CREATE ON DATABASE, or make it their owner",
+    "42P01": "its tables are incomplete; restore a backup, or drop the schema to begin anew",
+    "53100": _PLACE,
+    "53200": "the server has run out of memory; see its work_mem and max_connections",
+    "53300": "raise max_connections of the server, each shard holds three connections",
+    "53": "give the server more of what it lacks",
+    "55P03": "another session holds a lock on it; see pg_stat_activity",
+    "57014": "it took longer than statement_timeout; see in pg_stat_activity what keeps the server busy",
+    "57P": "wait until it has started again",
+    "58": "see the log of the server, which cannot use its disk",
+    "XX": "look in the log of the server whether its disk has failed, and restore a backup (docs/operations.md)",
+}
+"""By SQLSTATE or the beginning of one, the longest first that fits."""
 
-Result = TypeVar("Result")
+_BROKEN = ("08", "25006", "25P03", "57P")
+"""SQLSTATEs after which the connection is made anew. After a change of the primary it leads to another server."""
+
+_AGAIN = ("40001", "40P01", "23505")
+"""SQLSTATEs after which a transaction is tried again.
+
+Beside conflicts: a row that is there already is one of an earlier attempt whose end was not known, or of an owner that
+is fenced meanwhile.
+"""
+
+_SIZE = (
+    "SELECT coalesce(sum(pg_total_relation_size(oid)), 0)::bigint FROM pg_class WHERE relkind = 'r' "
+    "AND relnamespace = current_schema()::regnamespace AND relname <> 'checkpoints'"
+)
 
 _log = logging.getLogger(__name__)
 
 
-class Database:
+def driver() -> ModuleType:
+    """psycopg; JournalError that says how to install it where it is missing."""
+    try:
+        import psycopg
+        import psycopg.conninfo
+    except ImportError as error:
+        raise JournalError(
+            f"PostgreSQL needs psycopg ({one_line(str(error))}); install it with: pip install 'thermogate[fleet]'"
+        ) from error
+    return psycopg
+
+
+def schema_of(site: str) -> str:
+    """The schema that holds the tables of `site`."""
+    name = f"thermogate_{site}"
+    if len(name.encode()) <= _LONGEST:
+        return name
+    return f"{name[: _LONGEST - 9]}_{zlib.crc32(site.encode()):08x}"
+
+
+class PostgresDatabase(Database):
     """The tables of `site` in the database that `connection` names (libpq's key=value, or a URI).
 
-    For one thread at a time. Everything may raise JournalError, and works again when the server does.
+    Everything works again when the server does.
     """
+
+    reset = "as docs/operations.md tells under 'A site in PostgreSQL', by SQL"
+    least_pruned = 86_400
+    """A day: one statement for many rows."""
 
     def __init__(self, connection: str, site: str) -> None:
         self._psycopg = driver()
@@ -61,63 +120,55 @@ class Database:
         self._arguments = _CONNECTION | given
         self.schema = schema_of(site)
         where = f"{given.get('dbname', '(default)')} on {given.get('host', given.get('service', 'this machine'))}"
-        self.place = f"{where}, schema {self.schema}"
+        self.place = f"the database {where}, schema {self.schema}"
         self.trouble: str | None = None
         """Why the last thing that was asked of it failed; None if it did not."""
-        self.anew: Callable[[], None] = lambda: None
-        """Called after every failed transaction: what is remembered of the tables may be wrong."""
         self._open: Any = None
         self._pause = GrowingPause(FIRST_PAUSE, LONGEST_PAUSE)
         self._not_before = 0.0
 
-    def read(self, query: str, *values: object, **named: object) -> list[tuple[Any, ...]]:
-        """All rows of a question with its values in their order, or by their names."""
-
-        def ask(cursor: Cursor) -> list[tuple[Any, ...]]:
-            found: list[tuple[Any, ...]] = cursor.execute(query, named or values).fetchall()
-            return found
-
-        return self._attempted(ask)
+    def read(self, query: str, *values: object) -> list[tuple[Any, ...]]:
+        return self._attempted(lambda cursor: list(_Cursor(cursor).execute(query, *values).fetchall()))
 
     def transaction(self, work: Callable[[Cursor], Result]) -> Result:
-        """What `work` returns, with what it wrote durable.
-
-        `work` may be called several times, the last time after a commit whose end is not known: it has to look what is
-        there already.
-        """
-
-        def whole(cursor: Cursor) -> Result:
+        def whole(cursor: Any) -> Result:
             with cursor.connection.transaction():
-                return work(cursor)
+                return work(_Cursor(cursor))
 
         return self._attempted(whole)
 
+    def size(self) -> int:
+        """Bytes that samples, history and readings of all zones of the site take on the disk, with their indexes."""
+        return int(self.read(_SIZE)[0][0])
+
+    def shrink(self) -> bool:
+        """False: the server keeps the space for later rows."""
+        return False
+
     def close(self) -> None:
-        """Close the connection; safe to call twice."""
         connection, self._open = self._open, None
         if connection is not None:
             with suppress(self._psycopg.Error):
                 connection.close()
 
-    def _attempted(self, work: Callable[[Cursor], Result]) -> Result:
+    def _attempted(self, work: Callable[[Any], Result]) -> Result:
         for attempt in range(1, _ATTEMPTS + 1):
             try:
                 with self._told(), self._connected().cursor(binary=True) as cursor:
                     result = work(cursor)
             except JournalError as error:
-                self.anew()
-                state = state_of(error.__cause__) if isinstance(error.__cause__, self._psycopg.Error) else ""
-                if is_one_of(state, BROKEN) or self._open is None or self._open.closed:
+                state = _state_of(error.__cause__) if isinstance(error.__cause__, self._psycopg.Error) else ""
+                if state.startswith(_BROKEN) or self._open is None or self._open.closed:
                     # Where the server is back already, nobody has to hear of this.
                     tries_again = self._open is not None
                     self.close()
                 else:
-                    tries_again = is_one_of(state, AGAIN)
+                    tries_again = state.startswith(_AGAIN)
                 if not tries_again or attempt == _ATTEMPTS:
                     raise
             else:
                 if self.trouble is not None:
-                    _log.info("the database %s works again", self.place)
+                    _log.info("%s works again", self.place)
                     self.trouble = None
                 return result
         raise AssertionError("the last attempt returns or raises")
@@ -126,10 +177,17 @@ class Database:
         """The connection, which is made if there is none."""
         if self._open is None:
             if time.monotonic() < self._not_before:
-                raise JournalError(self.trouble or f"the database {self.place} failed")
+                raise JournalError(self.trouble or f"{self.place} failed")
             try:
                 self._open = self._psycopg.connect(autocommit=True, **self._arguments)
-                self._prepare(self._open)
+                self._open.execute(
+                    "SELECT set_config('search_path', %s, false), set_config('statement_timeout', %s, false), "
+                    "set_config('idle_in_transaction_session_timeout', %s, false), "
+                    # What the server does beyond that, such as waiting for a standby, stays.
+                    "CASE WHEN current_setting('synchronous_commit') IN ('off', 'local') "
+                    "THEN set_config('synchronous_commit', 'on', false) END",
+                    (f'"{self.schema}"', f"{STATEMENT_SECONDS * 1000:.0f}", f"{FROZEN_SECONDS * 1000:.0f}"),
+                )
             except self._psycopg.Error:
                 self._not_before = time.monotonic() + self._pause.seconds
                 self._pause.grow()
@@ -138,24 +196,49 @@ class Database:
             self._pause.reset()
         return self._open
 
-    def _prepare(self, connection: Any) -> None:
-        connection.execute(
-            "SELECT set_config('search_path', %s, false), set_config('statement_timeout', %s, false), "
-            "set_config('idle_in_transaction_session_timeout', %s, false), "
-            # What the server does beyond that, such as waiting for a standby, stays.
-            "CASE WHEN current_setting('synchronous_commit') IN ('off', 'local') "
-            "THEN set_config('synchronous_commit', 'on', false) END",
-            (f'"{self.schema}"', f"{STATEMENT_SECONDS * 1000:.0f}", f"{FROZEN_SECONDS * 1000:.0f}"),
-        )
-
     @contextmanager
     def _told(self) -> Iterator[None]:
         """Turn psycopg's errors into one sentence with the place and the remedy."""
         try:
             yield
         except self._psycopg.Error as error:
-            trouble = sentence(self.place, error)
-            if self.trouble is None and not is_one_of(state_of(error), AGAIN):
+            trouble = _sentence(self.place, error)
+            if self.trouble is None and not _state_of(error).startswith(_AGAIN):
                 _log.warning("%s", trouble)
                 self.trouble = trouble
             raise JournalError(trouble) from error
+
+
+class _Cursor:
+    """What a transaction works with."""
+
+    def __init__(self, cursor: Any) -> None:
+        self._cursor = cursor
+
+    def execute(self, query: str, *values: object) -> Any:
+        return self._cursor.execute(_in_psycopg(query), values)
+
+    def insert(self, into: str, rows: Sequence[tuple[object, ...]], otherwise: str = "") -> None:
+        """Insert `rows`, all of them on one way to the server and back."""
+        if rows:
+            places = ", ".join(["%s"] * len(rows[0]))
+            self._cursor.executemany(f"INSERT INTO {into} VALUES ({places}) {otherwise}", rows)
+
+
+@lru_cache(maxsize=128)
+def _in_psycopg(query: str) -> str:
+    return query.replace("%", "%%").replace("?", "%s")
+
+
+def _state_of(error: BaseException | None) -> str:
+    """The SQLSTATE of an error of psycopg; that of a lost connection where there is none."""
+    return getattr(error, "sqlstate", None) or "08000"
+
+
+def _sentence(place: str, error: Exception) -> str:
+    """What went wrong at `place`, and the remedy."""
+    fitting = [key for key in _REMEDIES if _state_of(error).startswith(key)]
+    remedy = _REMEDIES[max(fitting, key=len)] if fitting else "see the log of the server"
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    said = one_line("; ".join(lines[:2])) or type(error).__name__
+    return f"{place} failed ({said}); {remedy}"

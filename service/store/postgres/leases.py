@@ -1,19 +1,30 @@
-"""Leases: who may write now, by the database's clock.
+"""Leases: who may write now, by the database's clock; and the fence that no other one passes.
 
 A lease belongs to one owner until it expires, is released or is taken by a later one; each time it changes hands, its
-epoch grows by one. A zone belongs to a lease in one of its epochs, and every transaction that writes checks both
-(`service.store.postgres.fence`).
+epoch grows by one. A zone belongs to a lease in one of its epochs, and every transaction that writes checks both. It
+locks the key of the lease until it ends, so that nobody can take that in the middle. The rows of zones need no lock: a
+zone leaves its lease only by the hand of its owner, or after the lease has been taken.
 """
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
+from collections.abc import Collection
 from typing import NamedTuple
 
+from adapters.fields.words import listed
 from service.errors import Fenced, LeaseHeld
-from service.store.postgres.database import Cursor, Database
+from service.store.database import Cursor
+from service.store.postgres.database import PostgresDatabase
 from service.store.postgres.schema import prepare
+
+_OWN = "name = ? AND owner = ? AND epoch = ?"
+_LEFT = "extract(epoch FROM expires - clock_timestamp())::float8"
+"""s until a lease expires."""
+
+_log = logging.getLogger(__name__)
 
 
 def steady() -> float:
@@ -42,7 +53,7 @@ class Leases:
     """
 
     def __init__(self, connection: str, site: str) -> None:
-        self._database = Database(connection, site)
+        self._database = PostgresDatabase(connection, site)
         self._one = threading.Lock()
         try:
             prepare(self._database)
@@ -60,19 +71,17 @@ class Leases:
         def work(cursor: Cursor) -> int:
             taken = cursor.execute(
                 "INSERT INTO leases (name, owner, epoch, expires) "
-                "VALUES (%(name)s, %(owner)s, 1, clock_timestamp() + make_interval(secs => %(seconds)s)) "
-                "ON CONFLICT (name) DO UPDATE "
+                "VALUES (?, ?, 1, clock_timestamp() + make_interval(secs => ?)) ON CONFLICT (name) DO UPDATE "
                 "SET owner = excluded.owner, epoch = leases.epoch + 1, expires = excluded.expires "
                 "WHERE leases.owner IS NULL OR leases.owner = excluded.owner OR leases.expires <= clock_timestamp() "
                 "RETURNING epoch",
-                {"name": name, "owner": owner, "seconds": float(seconds)},
+                name,
+                owner,
+                float(seconds),
             ).fetchone()
             if taken is not None:
                 return int(taken[0])
-            other, left = cursor.execute(
-                "SELECT owner, extract(epoch FROM expires - clock_timestamp())::float8 FROM leases WHERE name = %s",
-                (name,),
-            ).fetchone()
+            other, left = cursor.execute(f"SELECT owner, {_LEFT} FROM leases WHERE name = ?", name).fetchone()
             raise LeaseHeld(name, other or "nobody", max(0.0, left))
 
         with self._one:
@@ -83,13 +92,9 @@ class Leases:
         """The same lease for `seconds` from now; Fenced if it has been taken."""
 
         def work(cursor: Cursor) -> None:
-            cursor.execute(
-                "UPDATE leases SET expires = clock_timestamp() + make_interval(secs => %s) "
-                "WHERE name = %s AND owner = %s AND epoch = %s",
-                (float(seconds), *lease[:3]),
-            )
-            if cursor.rowcount == 0:
-                raise Fenced(lost(lease))
+            query = f"UPDATE leases SET expires = clock_timestamp() + make_interval(secs => ?) WHERE {_OWN}"
+            if cursor.execute(query, float(seconds), *lease[:3]).rowcount == 0:
+                raise Fenced(_lost(lease))
 
         with self._one:
             asked = steady()
@@ -98,9 +103,9 @@ class Leases:
 
     def release(self, lease: Lease) -> None:
         """Give it up, with all its zones; nothing happens if it has been taken already."""
-        query = "UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE name = %s AND owner = %s AND epoch = %s"
+        query = f"UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE {_OWN}"
         with self._one:
-            self._database.transaction(lambda cursor: cursor.execute(query, lease[:3]))
+            self._database.transaction(lambda cursor: cursor.execute(query, *lease[:3]))
 
     def close(self) -> None:
         """Close the connection; safe to call twice."""
@@ -108,7 +113,68 @@ class Leases:
             self._database.close()
 
 
-def lost(lease: Lease) -> str:
+class Fence:
+    """What the owner of `lease` may write to."""
+
+    def __init__(self, lease: Lease) -> None:
+        self.lease = lease
+        self.lost: str | None = None
+        """Why nothing can be written any more; None while the lease is held."""
+
+    def held(self, cursor: Cursor, zones: Collection[str] = ()) -> set[str]:
+        """Those of `zones` that may be written to in this transaction; Fenced if the lease is lost."""
+        rows = cursor.execute(
+            "SELECT zone FROM leases LEFT JOIN zones ON lease = name AND zones.epoch = leases.epoch AND zone = ANY(?) "
+            "WHERE name = ? AND owner = ? AND leases.epoch = ? FOR KEY SHARE OF leases",
+            sorted(zones),
+            *self.lease[:3],
+        ).fetchall()
+        if not rows:
+            if self.lost is None:
+                self.lost = _lost(self.lease)
+                _log.error("%s", self.lost)
+            raise Fenced(self.lost)
+        return {zone for (zone,) in rows if zone is not None}
+
+    def required(self, cursor: Cursor, zones: Collection[str], wanted: Collection[str] = ()) -> set[str]:
+        """All `zones`, and those `wanted` that may be written to; Fenced where one of `zones` may not."""
+        held = self.held(cursor, {*zones, *wanted})
+        if others := sorted(set(zones) - held):
+            shown = listed([f"'{zone}'" for zone in others], 3)
+            raise Fenced(
+                f"zone {shown} is not held by the lease '{self.lease.name}' of {self.lease.owner} (epoch "
+                f"{self.lease.epoch}), so nothing is written to it; it has gone to another owner, or was not claimed",
+                others,
+            )
+        return held
+
+    def take(self, cursor: Cursor, zone: str) -> None:
+        """Make `zone` one of the lease. Fenced while another lease that has not expired holds it."""
+        self.held(cursor)
+        cursor.execute("INSERT INTO zones (zone, fingerprint) VALUES (?, '') ON CONFLICT DO NOTHING", zone)
+        name, epoch = cursor.execute("SELECT lease, epoch FROM zones WHERE zone = ? FOR UPDATE", zone).fetchone()
+        if (name, epoch) == (self.lease.name, self.lease.epoch):
+            return
+        if name is not None and name != self.lease.name:
+            self._overcome(cursor, zone, name, epoch)
+        cursor.execute("UPDATE zones SET lease = ?, epoch = ? WHERE zone = ?", self.lease.name, self.lease.epoch, zone)
+
+    def _overcome(self, cursor: Cursor, zone: str, name: str, epoch: int) -> None:
+        """Make sure that the lease `name` in its `epoch` can write to nothing."""
+        query = f"SELECT owner, {_LEFT} FROM leases WHERE name = ? AND epoch = ? AND owner IS NOT NULL FOR UPDATE"
+        row = cursor.execute(query, name, epoch).fetchone()
+        if row is None:
+            return
+        owner, left = row
+        if left > 0:
+            raise Fenced(
+                f"zone '{zone}' belongs to the lease '{name}' of {owner} for {left:.0f} s more; wait, or stop it",
+                [zone],
+            )
+        cursor.execute("UPDATE leases SET owner = NULL, epoch = epoch + 1 WHERE name = ?", name)
+
+
+def _lost(lease: Lease) -> str:
     """What is told of a `lease` that has been taken."""
     return (
         f"the lease '{lease.name}' of {lease.owner} (epoch {lease.epoch}) has gone to another owner, and nothing is "

@@ -7,11 +7,10 @@ from contextlib import closing, contextmanager
 
 from service.errors import JournalError, ServiceError
 from service.store.postgres.checkpoints import PostgresCheckpoints
-from service.store.postgres.database import Database
-from service.store.postgres.fence import Fence
-from service.store.postgres.journal import PostgresJournal
-from service.store.postgres.leases import Lease
-from service.store.postgres.schema import SCHEMA_VERSION, applied
+from service.store.postgres.database import PostgresDatabase
+from service.store.postgres.journal import LeasedJournal
+from service.store.postgres.leases import Fence, Lease
+from service.store.postgres.schema import SCHEMA_VERSION, another_version, applied
 from service.store.reading import StoredState
 
 _NOBODY = Lease("reader", "nobody", 0, 0.0)
@@ -24,17 +23,14 @@ def read_site(connection: str, site: str) -> Iterator[StoredState]:
 
     ServiceError where there is none, where another version of Thermogate wrote it, and where it cannot be read.
     """
-    with closing(Database(connection, site)) as database:
+    with closing(PostgresDatabase(connection, site)) as database:
         version = applied(database)
         if version == 0:
             raise ServiceError(
-                f"there is no state of the site '{site}' in the database {database.place}; name the configuration that "
-                "its fleet runs with"
+                f"there is no state of the site '{site}' in {database.place}; name the configuration that its fleet "
+                "runs with"
             )
         if version != SCHEMA_VERSION:
-            remedy = "upgrade Thermogate" if version > SCHEMA_VERSION else "run the fleet on it once, which upgrades it"
-            raise JournalError(
-                f"the database {database.place} has version {version}, and this reads {SCHEMA_VERSION}; {remedy}"
-            )
+            raise JournalError(another_version(database, version))
         nobodys = Fence(_NOBODY)
-        yield StoredState(PostgresJournal(database, nobodys), PostgresCheckpoints(database, nobodys))
+        yield StoredState(LeasedJournal(database, nobodys), PostgresCheckpoints(database, nobodys))

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
-from service.records.measures import Measure, Rows, single
+from service.records.measures import Measure, single
 from service.store.journalling import JournalStore
 from service.store.postgres.checkpoints import PostgresCheckpoints
-from service.store.postgres.database import Database
-from service.store.postgres.fence import Fence
-from service.store.postgres.journal import PostgresJournal
-from service.store.postgres.leases import Lease
-from service.store.postgres.names import RESET
-from service.store.postgres.retention import prune
+from service.store.postgres.database import PostgresDatabase
+from service.store.postgres.journal import LeasedJournal
+from service.store.postgres.leases import Fence, Lease
 from service.store.postgres.schema import prepare, warn_of_unsafe_commits
-from service.store.retention import Limits
+from service.store.retention import Limits, prune_old
 
 
 class PostgresStore(JournalStore):
@@ -26,25 +23,21 @@ class PostgresStore(JournalStore):
 
     prune_seconds = 300.0
     look_seconds = 5.0
+    _too_large = "shorten keep_history, and let the server give the space back with VACUUM FULL, or raise max_journal"
 
     def __init__(self, connection: str, site: str, lease: Lease) -> None:
-        """Opens it, and creates or upgrades the tables. Raises ServiceError with the remedy where that fails."""
-        self._fence = Fence(lease)
-        self._database = Database(connection, site)
+        """Opens it, and creates the tables. Raises ServiceError with the remedy where that fails."""
+        self.fence = Fence(lease)
+        self._database = PostgresDatabase(connection, site)
         try:
             prepare(self._database)
             warn_of_unsafe_commits(self._database)
         except BaseException:
             self._database.close()
             raise
-        self._own = PostgresJournal(self._database, self._fence)
-        self._kept = PostgresCheckpoints(Database(connection, site), self._fence)
-        self._known_size = 0
-        super().__init__(self._own, self._kept, f"the database {self._database.place}", RESET)
-
-    async def take(self, zones: Collection[str]) -> None:
-        """Take many zones at once, as far as nobody else holds them; `claim` of each is quicker then."""
-        await self.run(self._own.take, zones)
+        self._own = LeasedJournal(self._database, self.fence)
+        self._kept = PostgresCheckpoints(PostgresDatabase(connection, site), self.fence)
+        super().__init__(self._own, self._kept, self._database.place)
 
     async def give_up(self, zone: str) -> None:
         """Leave `zone` to the next owner that claims it, with everything that was recorded durable; stop it before."""
@@ -52,27 +45,19 @@ class PostgresStore(JournalStore):
 
     def problems(self) -> list[str]:
         """What keeps the store from accepting anything; nothing if all is well."""
-        return [problem for problem in (self._fence.lost, self._database.trouble) if problem is not None]
+        return [problem for problem in (self.fence.lost, self._database.trouble) if problem is not None]
 
     def _look(self) -> None:
         self._own.look()
 
     def _prune(self, limits: Limits) -> Iterator[None]:
-        return prune(self._own, self._oldest_checkpoint, limits)
-
-    def _size(self) -> int:
-        self._known_size = self._own.size()
-        return self._known_size
+        # The server keeps the space of deleted rows for later ones, so deleting more would not make its files smaller.
+        return prune_old(self._own, self._oldest_checkpoint, limits.keep_history)
 
     def measures(self) -> list[Measure]:
         """What metrics tell of the store."""
-
-        def read() -> Rows:
-            return single(float(self._known_size))
-
-        return [
-            Measure("thermogate_journal_bytes", "gauge", "Size of samples, history and readings of the site", (), read)
-        ]
+        text = "Size of samples, history and readings of the site"
+        return [Measure("thermogate_journal_bytes", "gauge", text, (), lambda: single(float(self.known_size)))]
 
     def close(self) -> None:
         """Make durable what was recorded, and close the connections; safe to call twice."""

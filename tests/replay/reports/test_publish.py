@@ -61,7 +61,7 @@ def state(tmp_path_factory, replayed):
     qualities = tuple(np.where(good, "good", "bad"))
     for place, row in enumerate(trace.rows):
         sample = Sample(row.time, np.array([row.y]), trace.inputs[place], ("good",), qualities)
-        journal.append(ZONE, sample)
+        journal.append_all([(ZONE, sample)])
         journal.record(ZONE, worker.step(sample))
         if place == 2 * len(trace.rows) // 3:
             CheckpointStore(folder / CHECKPOINTS).save(ZONE, snapshot.take(worker, mark, zone.estimator))

@@ -137,7 +137,7 @@ def test_check_warns_of_state_with_which_run_does_not_start(config: Path, capsys
     journal = Journal.open(config.parent / "var" / "thermogate" / JOURNAL)
     for zone in load(config).zones:
         assert journal.claim(zone.id, fingerprint(zone))
-        journal.append(zone.id, sample(1))
+        journal.append_all([(zone.id, sample(1))])
     journal.close()
     assert main(["check", str(config)]) == 0
     assert "warning" not in capsys.readouterr().out

@@ -34,7 +34,7 @@ def learned(config: Config, zone: int) -> None:
     journal = Journal.open(config.site.state_dir / JOURNAL)
     table = config.zones[zone]
     assert journal.claim(table.id, fingerprint(table))
-    journal.append(table.id, sample(1))
+    journal.append_all([(table.id, sample(1))])
     journal.close()
 
 

@@ -344,7 +344,7 @@ def test_checkpoints_and_journal_go_together(tmp_path: Path, monkeypatch: pytest
                 store.save("z", newest._replace(step=300 * k))
             journal = Journal.open(state / JOURNAL)
             for item in ITEMS[20:30]:
-                journal.append("z", item)
+                journal.append_all([("z", item)])
             pruned.extend(prune(journal, store.oldest, Limits(600.0, 1e12)))
             journal.close()
         return steps

@@ -26,7 +26,7 @@ from service.errors import JournalError, StateMismatch
 from service.records.sample import Sample
 from service.records.series import Stretch
 from service.store.checkpoint import Checkpoint
-from service.store.interface import REMEMBERED
+from service.store.journal import REMEMBERED
 from service.store.journalling import JournalStore
 from service.store.postgres.leases import Leases
 from service.store.postgres.store import PostgresStore
@@ -205,7 +205,7 @@ async def test_history_is_seen_at_once_and_outlives_the_store(kept: Kept) -> Non
 
 @pytest.mark.parametrize("page", [7, 4000])
 async def test_a_series_is_thinned_and_hides_no_extreme(kept: Kept, page: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.interface.SERIES_ROWS", page)
+    monkeypatch.setattr("service.store.journal.SERIES_ROWS", page)
 
     there = [*range(40), *range(60, 120)]
 

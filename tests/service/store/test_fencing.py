@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import logging
 import re
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from support.fake_zones import make_sample, make_update
 from support.postgres import Server
@@ -21,12 +18,10 @@ from support.waiting import wait_until
 
 import service.store.postgres.database as database
 import service.store.postgres.leases as leases_module
-import service.store.retention as retention
 from adapters.reading import Reading
-from service.errors import Fenced, JournalError, LeaseHeld, StateMismatch
+from service.errors import Fenced, LeaseHeld, StateMismatch
 from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
-from service.store.postgres.partitions import month_of
 from service.store.postgres.store import PostgresStore
 from service.store.retention import Limits
 
@@ -162,10 +157,6 @@ async def _record(store: PostgresStore) -> None:
     await store.write(store.journal.flush)
 
 
-async def _take(store: PostgresStore) -> None:
-    await store.take(["z"])
-
-
 async def _prune(store: PostgresStore) -> None:
     await store.run(lambda: list(store._prune(Limits(1.0, 1.0))))
 
@@ -180,7 +171,6 @@ WRITING: dict[str, Act] = {
     "forget": _forget,
     "give up": _give_up,
     "record": _record,
-    "take": _take,
     "prune": _prune,
 }
 
@@ -192,7 +182,7 @@ async def _filled(store: PostgresStore) -> None:
 
 
 def _everything(fleet: Fleet) -> list[Any]:
-    tables = ("zones", "samples", "history", "readings", "checkpoints", "leases")
+    tables = ("zones", "samples", "history", "readings", "checkpoints", "leases", "forgotten")
     return [sorted(map(str, fleet.sql(f"SELECT * FROM {{}}.{table}"))) for table in tables]
 
 
@@ -212,7 +202,7 @@ def test_who_has_lost_the_lease_writes_nothing(fleet: Fleet, act: str, other: st
     assert any("has gone to another owner" in problem for problem in stale.problems())
 
 
-@pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "take", "prune", "forget", "give up"}))
+@pytest.mark.parametrize("act", sorted(WRITING.keys() - {"record", "prune", "forget", "give up"}))
 async def test_who_has_lost_a_zone_writes_nothing_to_it(fleet: Fleet, act: str) -> None:
     stale = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
@@ -231,7 +221,6 @@ async def test_a_zone_that_another_one_holds_is_neither_taken_nor_reset_nor_prun
     other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
     await _filled(other)
     before = _everything(fleet)
-    await stale.take(["z"])
     await stale.give_up("z")
     for attempt in (stale.claim("z", "f"), stale.forget("z")):
         with pytest.raises(Fenced, match=r"zone 'z' belongs to the lease 'shard-2' of node-2 for \d+ s more"):
@@ -267,8 +256,8 @@ async def test_the_zones_of_an_owner_that_is_gone_are_taken_one_by_one_and_it_is
         await gone.claim(zone, "f")
         await gone.append(zone, make_sample(0))
     fleet.expire(lease)
-    await other.take(["a", "b", "new"])
-    await other.claim("a", "f")
+    for zone in ("a", "b", "new"):
+        await other.claim(zone, "f")
     await other.append("a", make_sample(1))
     with pytest.raises(Fenced, match="has gone to another owner"):
         await gone.append("b", make_sample(1))
@@ -286,10 +275,10 @@ def test_a_lease_is_not_taken_in_the_middle_of_a_transaction_and_renewed_meanwhi
     writing, told = threading.Event(), threading.Event()
 
     def work(cursor: Any) -> None:
-        store._fence.required(cursor, ["z"])
+        store.fence.required(cursor, ["z"])
         writing.set()
         assert told.wait(180)
-        cursor.execute("UPDATE samples SET skipped = 'late'")
+        cursor.execute("UPDATE samples SET skipped = ?", "late")
 
     writer = threading.Thread(target=lambda: store._database.transaction(work))
     writer.start()
@@ -323,11 +312,11 @@ def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting
     waited = threading.Event()
 
     def work(cursor: Any) -> None:
-        store._fence.required(cursor, ["z"])
+        store.fence.required(cursor, ["z"])
         if not waited.is_set():
             assert fleet.leases.acquire("shard", "node-2", LONG).epoch == 2
             waited.set()
-        cursor.execute("UPDATE samples SET skipped = 'stale'")
+        cursor.execute("UPDATE samples SET skipped = ?", "stale")
 
     with pytest.raises(Fenced):
         store._database.transaction(work)
@@ -335,147 +324,10 @@ def test_an_owner_that_froze_in_the_middle_of_a_transaction_keeps_nobody_waiting
     assert fleet.sql("SELECT skipped FROM {}.samples") == [(None,)]
 
 
-async def test_months_are_made_by_one_of_many_and_dropped_when_nothing_in_them_stays(
-    fleet: Fleet, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stores = [fleet.store(fleet.leases.acquire(f"shard-{n}", f"node-{n}", LONG)) for n in range(3)]
-    month = 31 * 86_400
-    times = [make_sample(0).time + k * month for k in range(4)]
-    for number, store in enumerate(stores):
-        await store.claim(f"z{number}", "f")
-    for when in times:
-        await asyncio.gather(
-            *(store.append(f"z{n}", make_sample(0)._replace(time=when)) for n, store in enumerate(stores))
-        )
-    # A zone that nobody serves any more.
-    await stores[0].claim("left", "f")
-    for when in times:
-        await stores[0].append("left", make_sample(0)._replace(time=when))
-    await asyncio.to_thread(stores[0].checkpoints.save, "left", _checkpoint(times[-1]))
-    await stores[0].give_up("left")
-    for number, store in enumerate(stores):
-        store.record(f"z{number}", make_update(0)._replace(time=times[0]))
-        await store.write(store.journal.flush)
-        await asyncio.to_thread(store.checkpoints.save, f"z{number}", _checkpoint(times[number] + 2 * 86_400))
-    assert _months(fleet) == sorted(
-        [month_of("samples", when).name for when in times] + [month_of("history", times[0]).name]
-    )
-    there = _months(fleet)
-    for leap in (retention.LEAP, month):
-        assert _months(fleet) == there, "a leap in time makes nothing old"
-        monkeypatch.setattr(retention, "LEAP", leap)
-        for store in stores:
-            await store.run(lambda store=store: list(store._prune(Limits(1.5 * month, 1e12))))
-    stays = [month_of("samples", when).name for when in times[1:]]
-    assert _months(fleet) == sorted(stays), "z0 needs what follows its checkpoint in the first one"
-    for number, store in enumerate(stores):
-        await store.append(f"z{number}", make_sample(0)._replace(time=times[-1] + 1))
-        found = [item.time for item in await store.samples_after(f"z{number}", times[number])]
-        assert found == [*times[number + 1 :], times[-1] + 1], "the chain goes on"
-    await stores[1].claim("left", "f")
-    assert [item.time for item in await stores[1].samples_after("left", None)] == times[1:]
-    assert await stores[1].resume_after("left", times[-1]) == times[-1]
-    # A month that was dropped is made anew for a zone that comes with an old recording.
-    await stores[0].claim("old", "f")
-    await stores[0].append("old", make_sample(0))
-    assert month_of("samples", times[0]).name in _months(fleet)
-
-
-async def test_a_month_that_another_shard_has_dropped_is_made_anew_at_once(
-    fleet: Fleet, caplog: pytest.LogCaptureFixture
-) -> None:
-    store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
-    for zone in ("z", "old"):
-        await store.claim(zone, "f")
-    await store.append("z", make_sample(0))
-    store.record("z", make_update(0)._replace(time=make_sample(0).time))
-    await store.write(store.journal.flush)
-    for table in ("samples", "history"):
-        fleet.sql(f"DROP TABLE {{}}.{month_of(table, make_sample(0).time).name}")
-    store.record("old", make_update(0)._replace(time=make_sample(0).time))
-    await store.append("old", make_sample(0))
-    assert await store.run(store.journal.last_sample_time, "old") == make_sample(0).time
-    assert len(await store.run(store.journal.history, "old", None, None, 10)) == 1
-    assert not [
-        record for record in caplog.records if record.levelno >= logging.WARNING and "fsync" not in record.message
-    ]
-
-
-def test_a_row_that_comes_while_its_month_is_dropped_stays(fleet: Fleet, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(database, "FROZEN_SECONDS", 120.0)
-    monkeypatch.setattr(retention, "LEAP", 10**9)
-    store = fleet.store(fleet.leases.acquire("shard-1", "node-1", LONG))
-    other = fleet.store(fleet.leases.acquire("shard-2", "node-2", LONG))
-    old, month = make_sample(0).time, 31 * 86_400
-
-    async def fill() -> None:
-        await store.claim("z", "f")
-        await other.claim("late", "f")
-        for when in (old, old + 3 * month):
-            await store.append("z", make_sample(0)._replace(time=when))
-        await asyncio.to_thread(store.checkpoints.save, "z", _checkpoint(old + 3 * month))
-
-    asyncio.run(fill())
-    writing, told = threading.Event(), threading.Event()
-
-    def work(cursor: Any) -> None:
-        number = other._fence.required(cursor, ["late"])["late"]
-        cursor.execute(
-            "INSERT INTO samples (zone, time, outputs, inputs, output_quality, input_quality, link) "
-            "VALUES (%s, %s, '', '', '', '', 0)",
-            (number, old),
-        )
-        writing.set()
-        assert told.wait(180)
-
-    def drop() -> None:
-        # It may also have found no time at which nobody was writing.
-        with suppress(JournalError):
-            list(store._prune(Limits(1.5 * month, 1e12)))
-
-    writer, dropper = threading.Thread(target=lambda: other._database.transaction(work)), threading.Thread(target=drop)
-    writer.start()
-    assert writing.wait(180)
-    dropper.start()
-    wait_until(lambda: fleet.sql("SELECT 1 FROM pg_stat_activity WHERE wait_event_type = 'Lock'"))
-    told.set()
-    writer.join()
-    dropper.join()
-    assert month_of("samples", old).name in _months(fleet)
-    assert asyncio.run(other.run(other.journal.last_sample_time, "late")) == old
-
-
-def _months(fleet: Fleet) -> list[str]:
-    rows = fleet.sql(
-        "SELECT child.relname FROM pg_inherits JOIN pg_class AS child ON child.oid = inhrelid "
-        "WHERE child.relkind = 'r' AND child.relnamespace = '{}'::regnamespace ORDER BY 1"
-    )
-    return [name for (name,) in rows]
-
-
-async def test_what_was_set_aside_goes_first_when_there_is_too_much(fleet: Fleet) -> None:
-    store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))
-    await store.take(["z", "other"])
-    await store.claim("z", "f")
-    await store.append("z", make_sample(0))
-    await store.forget("z")
-    await store.claim("z", "f")
-    await store.append("z", make_sample(5))
-    before = await store.run(store._own.size)
-    await asyncio.to_thread(store.checkpoints.save, "other", Checkpoint("f", 1, {"x": np.arange(100_000.0)}, {}))
-    assert 0 < before == await store.run(store._own.size), "checkpoints are no part of the journal"
-    await store.run(lambda: list(store._prune(Limits(1e9, 1e12))))
-    assert fleet.sql("SELECT count(*) FROM {}.samples") == [(2,)]
-    await store.run(lambda: list(store._prune(Limits(1e9, 1.0))))
-    assert len(await store.samples_after("z", None)) == 1, "a zone without checkpoints needs every sample"
-    assert fleet.sql("SELECT count(*) FROM {}.samples") == [(1,)]
-    assert fleet.sql("SELECT zone FROM {}.zones ORDER BY zone") == [("other",), ("z",)]
-
-
 def test_a_zone_is_reset_as_the_operations_page_tells(fleet: Fleet) -> None:
     """`thermogate run --reset` would start a daemon beside the fleet, and reset nothing."""
     page = (Path(__file__).parents[3] / "docs" / "operations.md").read_text(encoding="utf-8")
-    (statement,) = re.findall(r"^UPDATE .*;$", page, re.MULTILINE)
+    (statement,) = re.findall(r"^INSERT INTO .*;$", page, re.MULTILINE)
 
     async def learn() -> None:
         store = fleet.store(fleet.leases.acquire("shard", "node-1", LONG))

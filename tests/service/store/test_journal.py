@@ -26,9 +26,9 @@ def journal(path: Path) -> Iterator[Journal]:
 
 
 def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.interface.PAGE", 2)
+    monkeypatch.setattr("service.store.journal.PAGE", 2)
     for step in range(5):
-        journal.append("living", make_sample(step))
+        journal.append_all([("living", make_sample(step))])
     seen = 0
     for step, _ in enumerate(journal.samples_after("living", None)):
         journal.record("living", make_update(step))
@@ -39,7 +39,7 @@ def test_writing_while_reading_samples(journal: Journal, monkeypatch: pytest.Mon
 
 
 def test_many_rows_are_flushed_on_the_way(path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.interface.PENDING_LIMIT", 5)
+    monkeypatch.setattr("service.store.journal.PENDING_LIMIT", 5)
     for step in range(6):
         journal.record("living", make_update(step))
     other = Journal.open(path)
@@ -88,29 +88,29 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_loses_nothing_that_was_recorded(path: Path, journal: Journal) -> None:
-    journal.append("living", make_sample(0))
+    journal.append_all([("living", make_sample(0))])
     ((pages,),) = journal.read("PRAGMA page_count")
     journal.read(f"PRAGMA max_page_count = {pages}")
     for step in range(100):
         journal.record("living", make_update(step))
     with pytest.raises(JournalError, match="free space on its disk"):
-        journal.append("living", make_sample(1))
+        journal.append_all([("living", make_sample(1))])
     assert journal.last_sample_time("living") == START
     assert journal.history("living", None, None, 1000) == [], "what is there is read all the same"
     assert journal.history_columns("living", 0, 2 * START, 1)[2] is None
     journal.read("PRAGMA max_page_count = 100000")
-    assert journal.append("living", make_sample(1))
+    assert journal.append_all([("living", make_sample(1))])
     assert len(journal.history("living", None, None, 1000)) == 100
 
 
 def test_another_writer_is_named_as_the_cause(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.store.journal._BUSY_SECONDS", 0.05)
+    monkeypatch.setattr("service.store.journal_file.BUSY_SECONDS", 0.05)
     journal = Journal.open(path)
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("BEGIN IMMEDIATE")
     with pytest.raises(JournalError, match="stop the other process"):
-        journal.append("living", make_sample(0))
+        journal.append_all([("living", make_sample(0))])
     other.execute("ROLLBACK")
     other.close()
-    assert journal.append("living", make_sample(0))
+    assert journal.append_all([("living", make_sample(0))])
     journal.close()

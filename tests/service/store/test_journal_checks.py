@@ -32,7 +32,7 @@ def killed_log(path: Path, folder: Path) -> Path:
     """A copy of the journal with a write-ahead log of four more transactions, as a kill leaves it."""
     with closing(Journal.open(path)) as journal:
         for step in range(10, 14):
-            journal.append("living", make_sample(step))
+            journal.append_all([("living", make_sample(step))])
         shutil.copytree(path.parent, folder, ignore=shutil.ignore_patterns("*-shm"))
     return folder / JOURNAL
 

@@ -32,6 +32,7 @@ from service.errors import JournalError, ServiceError
 from service.records.sample import Sample
 from service.store.checkpoint import Checkpoint
 from service.store.postgres.leases import Lease, Leases
+from service.store.postgres.reading import read_site
 from service.store.postgres.store import PostgresStore
 from service.zone.recovery import is_of_the_environment
 
@@ -133,7 +134,6 @@ async def test_nothing_is_lost_or_doubled_when_the_server_is_restarted(
             written[zone] = step
 
     async with shard.opened() as store:
-        await store.take(zones)
         for zone in zones:
             await store.claim(zone, "f")
         feeds = [asyncio.create_task(feed(zone)) for zone in zones]
@@ -357,12 +357,18 @@ async def test_a_statement_that_takes_too_long_is_given_up(
         assert len(await store.samples_after("z", None)) == 2
 
 
-def test_tables_of_a_newer_version_are_refused(shard: Shard, postgres_server: Server) -> None:
-    assert postgres_server.run(f"SELECT version FROM {shard.schema()}.migrations") == [(1,)]
-    postgres_server.run(f"INSERT INTO {shard.schema()}.migrations VALUES (99, '9.0')")
-    for opened in (Leases, lambda *where: PostgresStore(*where, shard.lease)):
-        with pytest.raises(JournalError, match=r"has version 99 of a newer Thermogate \(this one reads 1\); upgrade"):
-            opened(shard.connection, shard.site)
+def test_tables_of_another_version_are_refused(shard: Shard, postgres_server: Server) -> None:
+    assert postgres_server.run(f"SELECT version FROM {shard.schema()}.migrations") == [(2,)]
+    for version, says in {
+        1: "has version 1 of an unreleased Thermogate, which this one does not read; drop the schema to begin anew",
+        99: r"has version 99 of a newer Thermogate \(this one reads 2\); upgrade Thermogate",
+    }.items():
+        postgres_server.run(f"UPDATE {shard.schema()}.migrations SET version = {version}")
+        for opened in (Leases, lambda *where: PostgresStore(*where, shard.lease)):
+            with pytest.raises(JournalError, match=says):
+                opened(shard.connection, shard.site)
+        with pytest.raises(JournalError, match=says), read_site(shard.connection, shard.site):
+            pass
 
 
 def test_a_wrong_connection_is_told_in_one_sentence_without_the_password(postgres_server: Server) -> None:

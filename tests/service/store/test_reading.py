@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from support.fake_zones import make_sample
 
+import service.store.journal
 from service.store.journal import Journal
 from service.store.reading import stored_fingerprints
 from service.store.store import JOURNAL
@@ -22,7 +23,7 @@ def test_the_zones_with_samples_are_found_without_reading_the_samples(tmp_path: 
         journal.append_all([("living", make_sample(step)) for step in range(3)])
     assert stored_fingerprints(tmp_path) == {"living": "mark of living"}
     with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
-        steps = [row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {Journal._FINGERPRINTS}")]
+        steps = [row[3] for row in connection.execute(f"EXPLAIN QUERY PLAN {service.store.journal._FINGERPRINTS}")]
     assert not [step for step in steps if "SCAN samples" in step]
 
 

@@ -60,8 +60,8 @@ def test_the_newest_sample_stays(journal: Journal) -> None:
     fill(journal, "living", 300)
     pruned(journal, Limits(0.0, 1), oldest_checkpoint=299)
     assert steps_of(journal, "living") == ([299], [299])
-    assert not journal.append("living", make_sample(299)), "what is there is not taken twice"
-    assert journal.append("living", make_sample(300))
+    assert not journal.append_all([("living", make_sample(299))]), "what is there is not taken twice"
+    assert journal.append_all([("living", make_sample(300))])
 
 
 def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(journal: Journal) -> None:
@@ -69,7 +69,7 @@ def test_after_pruning_and_setting_aside_all_that_is_left_new_samples_are_sound(
     pruned(journal, Limits(100 * STEP, FOREVER), oldest_checkpoint=290)
     journal.set_aside("living", FIRST)
     for step in (250, 251):
-        assert journal.append("living", make_sample(step))
+        assert journal.append_all([("living", make_sample(step))])
     assert steps_of(journal, "living") == ([250, 251], [])
 
 
@@ -120,7 +120,7 @@ def test_the_file_stays_within_its_limit_and_the_oldest_rows_go_first(tmp_path: 
                 journal.record(zone, make_update(k)._replace(time=FIRST + (1000 * round_ + k) * STEP))
         journal.flush()
         pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=1000 * round_ + 990)
-        assert journal.size() <= limit
+        assert journal.database.size() <= limit
         assert sum(path.stat().st_size for path in tmp_path.glob(f"{JOURNAL}*")) <= limit
     journal.close()
     assert (tmp_path / JOURNAL).stat().st_size <= limit
@@ -136,10 +136,10 @@ def test_what_was_reset_goes_before_anything_else(journal: Journal) -> None:
     fill(journal, "living", 2000)
     journal.forget("living")
     fill(journal, "living", 2000)
-    before = journal.size()
+    before = journal.database.size()
     pruned(journal, Limits(FOREVER, before - 100_000), oldest_checkpoint=1990)
     assert steps_of(journal, "living")[0] == list(range(2000))
-    assert journal.size() < before - 100_000
+    assert journal.database.size() < before - 100_000
 
 
 def test_readings_of_what_was_reset_go_too(journal: Journal) -> None:
@@ -151,9 +151,9 @@ def test_readings_of_what_was_reset_go_too(journal: Journal) -> None:
         journal.forgot("living")
     fill(journal, "bedroom", 1000)
     limit = 16_000_000
-    assert journal.size() > limit
+    assert journal.database.size() > limit
     pruned(journal, Limits(FOREVER, limit), oldest_checkpoint=990)
-    assert journal.size() < limit
+    assert journal.database.size() < limit
     assert steps_of(journal, "bedroom") == (list(range(1000)), list(range(1000))), "the others keep what they have"
 
 
@@ -166,7 +166,7 @@ def test_a_limit_that_cannot_be_kept_ends_the_pruning(journal: Journal) -> None:
 def test_appends_come_in_between_the_slices(journal: Journal) -> None:
     fill(journal, "living", 5000)
     for number, _ in enumerate(prune(journal, lambda zone: FIRST + 4990 * STEP, Limits(10 * STEP, FOREVER))):
-        assert journal.append("living", make_sample(5000 + number))
+        assert journal.append_all([("living", make_sample(5000 + number))])
         assert number < 40
     assert number >= 5, "500 rows at once at most"
     assert steps_of(journal, "living")[0][-1] == 5000 + number
