@@ -11,7 +11,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import zenoh
 import zenoh.ext
@@ -53,18 +53,15 @@ class ZenohPublisher:
     @classmethod
     def open(cls, endpoint: str, simulation: Simulation) -> ZenohPublisher:
         """Listen on `endpoint`; ReplayError if it cannot be had."""
-        config = zenoh.Config()
-        for key, value in {
+        settings = {
             "mode": "peer",
             "listen/endpoints": [endpoint],
-            "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
             # A cache needs to know how old its samples are; plain payloads have no other time.
             "timestamping/enabled": True,
-        }.items():
-            config.insert_json5(key, json.dumps(value))
+        }
         try:
-            return cls(zenoh.open(config), simulation)
+            return cls(opened(settings), simulation)
         except zenoh.ZError as error:
             raise ReplayError(
                 f"--zenoh {endpoint}: the endpoint cannot be used ({str(error).splitlines()[0].split(' at /')[0]}); "
@@ -109,6 +106,14 @@ class ZenohPublisher:
                 step()
             except zenoh.ZError as error:
                 _log.debug("while closing Zenoh: %s", error)
+
+
+def opened(settings: Mapping[str, object]) -> zenoh.Session:
+    """A session with `settings` and without multicast scouting; ZError where it cannot be opened."""
+    config = zenoh.Config()
+    for key, value in {"scouting/multicast/enabled": False, **settings}.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
 
 
 def _keys(device: Device) -> list[str]:

@@ -6,9 +6,8 @@ import asyncio
 import multiprocessing
 import random
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import httpx
@@ -29,9 +28,7 @@ HEAVY_ENDPOINTS = {
     "ready": "/readyz",
     "metrics": "/metrics",
 }
-"""What is computed on request or grows with the number of zones; asked for by one client, rarely."""
-
-_HEAVY_PAUSE = 1.0
+"""What is computed on request or grows with the number of zones; asked for by one client, once a second."""
 
 
 class Answer(NamedTuple):
@@ -46,7 +43,7 @@ class Answer(NamedTuple):
 class Clients:
     """The running clients; a context manager. `finish` ends them and gives their answers."""
 
-    def __init__(self, url: str, zones: list[str], count: int, pause: float) -> None:
+    def __init__(self, url: str, zones: Sequence[str], count: int, pause: float) -> None:
         """`count` clients that think for `pause` s on average between an answer and the next question."""
         context = multiprocessing.get_context("spawn")
         self._ours, theirs = context.Pipe()
@@ -59,9 +56,7 @@ class Clients:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *of: object) -> None:
         self._process.kill()
         self._process.join()
 
@@ -69,74 +64,54 @@ class Clients:
         """Let the clients come to their ends; everything they were answered."""
         self._ours.send("finish")
         answers: list[Answer] = self._ours.recv()
-        self._process.join()
         return answers
 
 
-def _run(url: str, zones: list[str], count: int, pause: float, pipe: Connection) -> None:
+def _run(url: str, zones: Sequence[str], count: int, pause: float, pipe: Connection) -> None:
     pipe.send(asyncio.run(_ask(url, zones, count, pause, pipe)))
 
 
-async def _ask(url: str, zones: list[str], count: int, pause: float, pipe: Connection) -> list[Answer]:
+async def _ask(url: str, zones: Sequence[str], count: int, pause: float, pipe: Connection) -> list[Answer]:
     answers: list[Answer] = []
-    limits = httpx.Limits(max_connections=count + 1, max_keepalive_connections=count + 1)
-    async with httpx.AsyncClient(base_url=url, timeout=60.0, limits=limits) as client:
-        tasks = [
-            asyncio.create_task(_client(client, ENDPOINTS, zones, pause, random.Random(number), answers))
-            for number in range(count)
-        ]
-        heavy = _client(client, HEAVY_ENDPOINTS, zones, _HEAVY_PAUSE, random.Random(count), answers)
-        tasks.append(asyncio.create_task(heavy))
-        while len(answers) <= count and not any(task.done() for task in tasks):
+
+    async def ask(number: int, endpoints: Mapping[str, str], pause: float) -> None:
+        choose, names = random.Random(number), list(endpoints)
+        turn = choose.randrange(len(names))
+        while True:
+            name = names[turn := (turn + 1) % len(names)]
+            sent = time.monotonic()
+            try:
+                status = (await client.get(endpoints[name].format(zone=choose.choice(zones)))).status_code
+            except httpx.HTTPError:
+                status = 0
+            answers.append(Answer(name, sent, time.monotonic(), status))
+            await asyncio.sleep(choose.expovariate(1.0 / pause))
+
+    async with httpx.AsyncClient(base_url=url, timeout=60.0) as client:
+        tasks = [asyncio.create_task(ask(number, ENDPOINTS, pause)) for number in range(count)]
+        tasks.append(asyncio.create_task(ask(count, HEAVY_ENDPOINTS, 1.0)))
+        while len(answers) <= count:
             await asyncio.sleep(0.01)
         answers.clear()
         pipe.send("asking")
         # Rounds may be over before anybody has been answered; a measurement has an answer at least.
-        while not (pipe.poll() and _promised(answers)) and not any(task.done() for task in tasks):
+        while not (pipe.poll() and promised(answers)):
             await asyncio.sleep(0.05)
         for task in tasks:
             task.cancel()
-        for result in await asyncio.gather(*tasks, return_exceptions=True):
-            if isinstance(result, Exception):
-                raise result
+        await asyncio.gather(*tasks, return_exceptions=True)
     return answers
 
 
-def _promised(answers: list[Answer]) -> bool:
-    return any(answer.endpoint in ENDPOINTS for answer in answers)
-
-
-async def _client(
-    client: httpx.AsyncClient,
-    endpoints: dict[str, str],
-    zones: list[str],
-    pause: float,
-    choose: random.Random,
-    answers: list[Answer],
-) -> None:
-    names = list(endpoints)
-    turn = choose.randrange(len(names))
-    while True:
-        name = names[turn % len(names)]
-        turn += 1
-        sent = time.monotonic()
-        try:
-            status = (await client.get(endpoints[name].format(zone=choose.choice(zones)))).status_code
-        except httpx.HTTPError:
-            status = 0
-        answers.append(Answer(name, sent, time.monotonic(), status))
-        await asyncio.sleep(choose.expovariate(1.0 / pause))
+def promised(answers: Sequence[Answer]) -> list[Answer]:
+    """Those for which a latency is promised."""
+    return [answer for answer in answers if answer.endpoint in ENDPOINTS]
 
 
 def summary(answers: Sequence[Answer]) -> dict[str, Any]:
-    """Count, refused requests and quantiles of the latency in s."""
-    if not answers:
-        return {"requests": 0, "not_ok": 0, "p50_s": None, "p99_s": None, "max_s": None}
-    seconds = [answer.answered - answer.sent for answer in answers]
-    return {
-        "requests": len(answers),
-        "not_ok": sum(answer.status != 200 for answer in answers),
-        "p50_s": float(np.quantile(seconds, 0.5)),
-        "p99_s": float(np.quantile(seconds, 0.99)),
-        "max_s": float(max(seconds)),
-    }
+    """Of the `promised` among `answers`: count, refused requests and quantiles of the latency in s."""
+    kept = promised(answers)
+    seconds = [answer.answered - answer.sent for answer in kept]
+    p99, longest = (float(np.quantile(seconds, q)) if seconds else None for q in (0.99, 1.0))
+    not_ok = sum(answer.status != 200 for answer in kept)
+    return {"requests": len(kept), "not_ok": not_ok, "p99_s": p99, "max_s": longest}

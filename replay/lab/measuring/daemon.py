@@ -1,22 +1,21 @@
-"""Thermogate as processes of their own, and what they hold and do, seen from outside."""
+"""Thermogate as a process of its own, and what it holds and does, seen from outside."""
 
 from __future__ import annotations
 
 import os
 import re
 import socket
-import sqlite3
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Mapping
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple, Self
 
 import httpx
-import numpy as np
+from prometheus_client.parser import text_string_to_metric_families
 
 from replay.errors import MeasurementError
 
@@ -25,35 +24,29 @@ COMMAND = (sys.executable, "-m", "service")
 
 _POLL_SECONDS = 0.005
 _STOP_SECONDS = 60.0
+_DELAY = "thermogate_event_loop_delay_seconds_bucket"
+_LATE = 0.02
+"""s of delay from which on a timer of the event loop is late."""
+
+Figures = Mapping[str, float]
+"""Metrics by name, summed over their labels; buckets by name and upper bound."""
 
 
 class DaemonProcess:
     """`thermogate run`; a context manager that never leaves a process behind."""
 
-    def __init__(
-        self,
-        config: Path,
-        log: Path,
-        *,
-        environment: Mapping[str, str] | None = None,
-    ) -> None:
+    def __init__(self, config: Path, log: Path, *, environment: Mapping[str, str] | None = None) -> None:
         """Starts it; `environment` is added to this process's own, `log` takes what it says."""
         self._log = log
         self.began = time.monotonic()
         with log.open("w", encoding="utf-8") as stream:
-            self.process = subprocess.Popen(
-                [*COMMAND, "run", str(config)],
-                stdout=stream,
-                stderr=stream,
-                env={**os.environ, **(environment or {})},
-            )
+            command, given = [*COMMAND, "run", str(config)], {**os.environ, **(environment or {})}
+            self.process = subprocess.Popen(command, stdout=stream, stderr=stream, env=given)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *of: object) -> None:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
@@ -61,31 +54,21 @@ class DaemonProcess:
     def url(self, timeout: float = 300.0) -> str:
         """The address it serves REST on, once it does; MeasurementError if it ends or takes longer than `timeout` s."""
         while time.monotonic() < self.began + timeout:
-            found = re.search(r"serving on (http://\S+)", self.log())
+            found = re.search(r"serving on (http://\S+)", self._said())
             if found:
                 return found[1]
             self.check()
             time.sleep(_POLL_SECONDS)
-        raise MeasurementError(f"the daemon does not serve after {timeout:g} s; its log ends with: {self._last_line()}")
+        raise self._failed(f"does not serve after {timeout:g} s")
 
     def check(self) -> None:
         """MeasurementError if it has ended."""
         if self.process.poll() is not None:
-            raise MeasurementError(
-                f"the daemon has ended with exit code {self.process.returncode}; its log ends with: {self._last_line()}"
-            )
-
-    def log(self) -> str:
-        """What it has said so far."""
-        return self._log.read_text(encoding="utf-8", errors="replace")
+            raise self._failed(f"has ended with exit code {self.process.returncode}")
 
     def memory(self) -> int:
         """Resident memory now, bytes."""
         return resident_bytes(self.process.pid)
-
-    def cpu_seconds(self) -> float:
-        """Processor time used so far, over all threads."""
-        return _cpu_seconds(self.process.pid)
 
     def stop(self) -> float:
         """Stop it in order; how many s that took. MeasurementError where it does not end well."""
@@ -94,23 +77,17 @@ class DaemonProcess:
         try:
             code = self.process.wait(_STOP_SECONDS)
         except subprocess.TimeoutExpired:
-            raise MeasurementError(f"the daemon does not stop within {_STOP_SECONDS:g} s; see {self._log}") from None
+            raise self._failed(f"does not stop within {_STOP_SECONDS:g} s") from None
         if code != 0:
-            raise MeasurementError(f"the daemon stopped with exit code {code}; its log: {self._last_line()}")
+            raise self._failed(f"stopped with exit code {code}")
         return time.monotonic() - began
 
-    def _last_line(self) -> str:
-        return (self.log().strip().splitlines() or ["(nothing)"])[-1]
+    def _said(self) -> str:
+        return self._log.read_text(encoding="utf-8", errors="replace")
 
-
-def _cpu_seconds(process: int) -> float:
-    stat = _stat(process)
-    return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _stat(process: int) -> list[str]:
-    """The figures of /proc/PID/stat after the name of the program."""
-    return Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    def _failed(self, how: str) -> MeasurementError:
+        last = (self._said().strip().splitlines() or ["(nothing)"])[-1]
+        return MeasurementError(f"the daemon {how}; its log {self._log} ends with: {last}")
 
 
 def resident_bytes(process: int) -> int:
@@ -119,43 +96,64 @@ def resident_bytes(process: int) -> int:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
+def scrape(url: str) -> Figures:
+    """The metrics of the daemon on `url`."""
+    found: dict[str, float] = defaultdict(float)
+    text = httpx.get(f"{url}/metrics", timeout=60.0).raise_for_status().text
+    for family in text_string_to_metric_families(text):
+        for sample in family.samples:
+            bound = sample.labels.get("le")
+            found[sample.name if bound is None else f"{sample.name} {float(bound):g}"] += sample.value
+    return found
+
+
+def loop_delays(before: Figures, after: Figures) -> dict[str, Any]:
+    """Delays of the event loop between two scrapes: how many timers, how many of them late, and the bound that none
+    exceeded."""
+    counts = {
+        float(name.removeprefix(_DELAY)): count - before.get(name, 0.0)
+        for name, count in after.items()
+        if name.startswith(_DELAY)
+    }
+    total = max(counts.values(), default=0.0)
+    bound = min((bound for bound, count in counts.items() if count >= total), default=float("inf"))
+    late = total - counts.get(_LATE, 0.0)
+    return {"timers": total, "late": late, "none_later_than_s": bound if bound < float("inf") else None}
+
+
 class Observation(NamedTuple):
     """One look at the daemon. `elapsed` is real s since the beginning; counters count since the daemon's start."""
 
     elapsed: float
     resident_mb: float
-    descriptors: int
+    descriptors: float
     threads: int
     cpu_s: float
     disk_mb: float
     """Everything under `state_dir`."""
-    samples: int
-    """Accepted samples in the journal, all zones."""
+    samples: float
+    """Of all zones."""
     timers: float
     """Timers by which the event loop's delay is measured."""
     late_timers: float
-    """Those that were more than 20 ms late."""
     overruns: float
 
 
 def observe(daemon: DaemonProcess, state_dir: Path, url: str, elapsed: float) -> Observation:
     """Look at `daemon`, which serves on `url`."""
-    process, metrics = Path(f"/proc/{daemon.process.pid}"), scrape(url)
-    buckets = delay_buckets(metrics)
-    timers = max(buckets.values(), default=0.0)
-    with closing(sqlite3.connect(f"file:{state_dir / 'journal.sqlite3'}?mode=ro", uri=True, timeout=10.0)) as journal:
-        (samples,) = journal.execute("SELECT count(*) FROM samples").fetchone()
+    found = scrape(url)
+    delays = loop_delays({}, found)
     return Observation(
         elapsed=elapsed,
-        resident_mb=daemon.memory() / 1e6,
-        descriptors=sum(1 for _ in (process / "fd").iterdir()),
-        threads=sum(1 for _ in (process / "task").iterdir()),
-        cpu_s=daemon.cpu_seconds(),
+        resident_mb=found["process_resident_memory_bytes"] / 1e6,
+        descriptors=found["process_open_fds"],
+        threads=sum(1 for _ in Path(f"/proc/{daemon.process.pid}/task").iterdir()),
+        cpu_s=found["process_cpu_seconds_total"],
         disk_mb=_disk(state_dir) / 1e6,
-        samples=samples,
-        timers=timers,
-        late_timers=timers - buckets.get(0.02, 0.0),
-        overruns=sum(map(float, re.findall(r"^thermogate_overruns_total(?:{.*})? (\S+)$", metrics, re.MULTILINE))),
+        samples=found["thermogate_samples_total"],
+        timers=delays["timers"],
+        late_timers=delays["late"],
+        overruns=found["thermogate_overruns_total"],
     )
 
 
@@ -166,29 +164,6 @@ def _disk(folder: Path) -> int:
         with suppress(FileNotFoundError):
             size += path.stat().st_blocks * 512
     return size
-
-
-def scrape(url: str) -> str:
-    """The metrics of the daemon on `url`."""
-    return httpx.get(f"{url}/metrics", timeout=60.0).raise_for_status().text
-
-
-def delay_buckets(metrics: str) -> dict[float, float]:
-    """Upper bound in s to count of the event-loop delays in a Prometheus exposition, cumulated."""
-    pattern = r'^thermogate_event_loop_delay_seconds_bucket\{le="([^"]+)"\} (\S+)$'
-    return {float(bound): float(count) for bound, count in re.findall(pattern, metrics, re.MULTILINE)}
-
-
-def loop_delays(before: Mapping[float, float], after: Mapping[float, float]) -> dict[str, Any]:
-    """Delays between two scrapes: how many timers, how many later than .02 s, and the bound that none exceeded."""
-    counts = {bound: after[bound] - before.get(bound, 0.0) for bound in sorted(after)}
-    total = counts[max(counts)]
-    bound = min(bound for bound, count in counts.items() if count >= total)
-    return {
-        "timers": total,
-        "later_than_20_ms": total - counts[0.02],
-        "none_later_than_s": bound if np.isfinite(bound) else None,
-    }
 
 
 def free_port() -> int:

@@ -19,44 +19,30 @@ from typing import Any
 import httpx
 
 from replay.errors import MeasurementError, ReplayError
-from replay.lab.measuring.clients import ENDPOINTS, Clients, summary
+from replay.lab.measuring.clients import Clients, summary
 from replay.lab.measuring.daemon import DaemonProcess
 from replay.lab.measuring.scenario import Scenario, write, zone_ids
 from replay.lab.measuring.soak import Soak, run
-from service.zone.mailbox import ROOM
 
 FACTOR = 10.0
 MOST_GROWTH_MB = 10.0
 """What memory may grow by from the first third of a run to its end, in MB."""
-
-_PACE = 600.0
 _POLL = 0.2
-"""s between two polls in the configuration of the simulated building at that pace."""
-
+"""s between two polls in the configuration of the simulated building at the pace of a soak."""
 (_ZONE,) = zone_ids(1)
 
 
 def readings(folder: Path, seconds: float, particles: int = 3000) -> dict[str, Any]:
     """Poll the simulated building FACTOR times as often as configured for `seconds`."""
-    soak = Soak(
-        hours=seconds * _PACE / 3600.0,
-        pace=_PACE,
-        zones=4,
-        particles=particles,
-        every=max(0.5, seconds / 300.0),
-        polls=_POLL / FACTOR,
-        faults=False,
-    )
+    hours = seconds * Soak().pace / 3600.0
+    soak = Soak(hours, particles=particles, every=max(0.5, seconds / 300.0), polls=_POLL / FACTOR, faults=False)
     found, observations = run(soak, folder)
-    early = observations[len(observations) // 3]
     return {
-        "seconds": seconds,
-        "poll_s": soak.polls,
         "samples": found["last"]["samples"],
         "expected_samples": int(seconds) * soak.zones,
         "overruns": found["last"]["overruns"],
         "requests_without_answer": found["company"]["not_answered"],
-        "growth_mb": found["last"]["resident_mb"] - early.resident_mb,
+        "growth_mb": found["last"]["resident_mb"] - observations[len(observations) // 3].resident_mb,
         "cores": found["cores_used"],
     }
 
@@ -67,8 +53,7 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
     Raises MeasurementError where the daemon ends, or does not come to the end of the recording.
     """
     scenario = Scenario(1, particles, "building-67", every, count - 4)
-    config = write(scenario, folder)
-    with DaemonProcess(config, folder / "daemon.log") as daemon:
+    with DaemonProcess(write(scenario, folder), folder / "daemon.log") as daemon:
         url = daemon.url()
         memory: list[int] = []
         while not _status(url)["samples"]:
@@ -89,39 +74,33 @@ def samples(folder: Path, count: int, particles: int = 20_000, every: float = 0.
         rows = httpx.get(f"{url}/zones/{_ZONE}/history", params={"limit": 20_000}, timeout=60.0).json()["rows"]
         stopped = daemon.stop()
     return {
-        **rates(scenario.rows - taken_before, took, every),
+        "factor": factor(scenario.rows - taken_before, took, every),
         "seconds": took,
         "samples": scenario.rows,
         "lost": scenario.rows - len({row["time"] for row in rows}),
         "out_of_order": sum(a["time"] >= b["time"] for a, b in pairwise(rows)),
         "overruns": status["overruns"],
-        "mailbox": ROOM,
-        "rest": summary([answer for answer in answers if answer.endpoint in ENDPOINTS]),
+        "rest": summary(answers),
         "growth_mb": (memory[-1] - memory[len(memory) // 3]) / 1e6,
         "stop_s": stopped,
     }
 
 
-def rates(taken: int, seconds: float, every: float) -> dict[str, float]:
-    """Samples a second that were offered, one each `every` s, and that were `taken` within `seconds`; and how many
-    times more the first are."""
-    offered, served = 1.0 / every, max(taken, 1) / seconds
-    return {"offered_per_s": offered, "served_per_s": served, "factor": offered / served}
+def factor(taken: int, seconds: float, every: float) -> float:
+    """How many times more samples were offered, one each `every` s, than were `taken` within `seconds`."""
+    return seconds / every / max(taken, 1)
 
 
 def _status(url: str) -> dict[str, Any]:
-    answer = httpx.get(f"{url}/zones/{_ZONE}", timeout=60.0).raise_for_status().json()
-    status: dict[str, Any] = answer["status"]
+    status: dict[str, Any] = httpx.get(f"{url}/zones/{_ZONE}", timeout=60.0).raise_for_status().json()["status"]
     return status
 
 
-def lines(found: dict[str, Any]) -> list[str]:
-    """For a terminal."""
-    r, s = found["readings"], found["samples"]
+def lines(r: dict[str, Any], s: dict[str, Any]) -> list[str]:
+    """What became of readings and of samples, for a terminal."""
     return [
-        f"readings at {FACTOR:g} times the rate for {r['seconds']:.0f} s: {r['samples']} samples of about "
-        f"{r['expected_samples']}, {r['overruns']:.0f} overruns, memory {r['growth_mb']:+.1f} MB, "
-        f"{r['cores']:.2f} cores",
+        f"readings at {FACTOR:g} times the rate: {r['samples']:.0f} samples of about {r['expected_samples']}, "
+        f"{r['overruns']:.0f} overruns, memory {r['growth_mb']:+.1f} MB, {r['cores']:.2f} cores",
         f"samples offered {s['factor']:.1f} times faster than they were taken, for {s['seconds']:.0f} s: "
         f"{s['samples']} samples, {s['lost']} lost, {s['out_of_order']} out of order, {s['overruns']} overruns; memory "
         f"{s['growth_mb']:+.1f} MB; REST {s['rest']['requests']} requests, {s['rest']['not_ok']} not ok, "
@@ -129,14 +108,11 @@ def lines(found: dict[str, Any]) -> list[str]:
     ]
 
 
-def held(found: dict[str, Any]) -> bool:
+def held(r: dict[str, Any], s: dict[str, Any]) -> bool:
     """Whether nothing was lost and memory stayed level."""
-    r, s = found["readings"], found["samples"]
-    return bool(
-        max(r["growth_mb"], s["growth_mb"]) < MOST_GROWTH_MB
-        and r["requests_without_answer"] == s["lost"] == s["out_of_order"] == 0
-        and r["samples"] >= 0.9 * r["expected_samples"]
-    )
+    lost = r["requests_without_answer"] + s["lost"] + s["out_of_order"]
+    level = max(r["growth_mb"], s["growth_mb"]) < MOST_GROWTH_MB
+    return bool(level and not lost and r["samples"] >= 0.9 * r["expected_samples"])
 
 
 def main() -> int:
@@ -150,16 +126,15 @@ def main() -> int:
         parser.error("seconds are above 0, samples 5 to 20,000")
     shutil.rmtree(given.out, ignore_errors=True)
     try:
-        found = {
-            "samples": samples(given.out / "samples", given.samples),
-            "readings": readings(given.out / "readings", given.seconds),
-        }
+        offered = samples(given.out / "samples", given.samples)
+        polled = readings(given.out / "readings", given.seconds)
     except ReplayError as error:
         print(f"overload: {error}", file=sys.stderr)
         return 1
+    found = {"samples": offered, "readings": polled}
     (given.out / "overload.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    print("\n".join(lines(found)))
-    return 0 if held(found) else 1
+    print("\n".join(lines(polled, offered)))
+    return 0 if held(polled, offered) else 1
 
 
 if __name__ == "__main__":

@@ -7,14 +7,12 @@ zones at once, at instants that follow each other without drift.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import tomli_w
 
 from adapters.fields.durations import format_duration
-from estimator.network.network import Network
 from estimator.network.presets import network
-from replay.errors import MeasurementError
 from replay.recorded.tables import cells, utc_stamps, write_table
 from replay.simulated import semi_synthetic
 from replay.simulated.semi_synthetic import PERIOD
@@ -50,62 +48,45 @@ def zone_ids(count: int) -> list[str]:
 def write(scenario: Scenario, folder: Path, zenoh_port: int | None = None) -> Path:
     """Write recording and configuration into `folder`, which is made; the configuration's path.
 
-    The daemon connects to a listener on `zenoh_port`, if there is one, and waits for it. Raises MeasurementError for a
-    preset that the recording cannot feed.
+    The daemon connects to a listener on `zenoh_port`, if there is one, and waits for it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    house = network(scenario.preset)
+    house, rows = network(scenario.preset), scenario.rows
     recording = semi_synthetic.generate(None, seed=1)
-    missing = [channel for channel in house.channels if channel not in recording.columns]
-    if missing:
-        raise MeasurementError(
-            f"network '{scenario.preset}' needs the channel {missing[0]}, which the simulated recording has not; "
-            f"choose one with no channels but {', '.join(recording.columns)}, such as building-67 or titeth"
-        )
-    rows = scenario.rows
-    columns = {"timestamp": utc_stamps(recording.times[:rows])}
+    columns, zones = {"timestamp": utc_stamps(recording.times[:rows])}, []
     for index, zone in enumerate(zone_ids(scenario.zones)):
         # Every zone lives in another stretch of the same months.
         begin = index * 20 % (len(recording.times) - rows + 1)
+        channels = {}
         for channel in house.channels:
-            columns[f"{zone} {channel}"] = cells(recording.columns[channel][begin : begin + rows], 4)
-    write_table(folder / "fleet.csv", columns)
-    path = folder / "fleet.toml"
-    path.write_text(tomli_w.dumps(_configuration(scenario, house, zenoh_port)), encoding="utf-8")
-    return path
-
-
-def _configuration(scenario: Scenario, house: Network, zenoh_port: int | None) -> dict[str, object]:
-    # The clock of the recording starts when the listener hears every zone.
-    listener = {"listen": [], "connect": [f"tcp/127.0.0.1:{zenoh_port}"], "await_subscriber": "2min"}
-    return {
-        "site": {"id": SITE, "state_dir": "state"},
-        "http": {"port": 0},
-        "zenoh": {"enabled": False} if zenoh_port is None else listener,
-        "sources": {
-            "recording": {
-                "kind": "csv",
-                "files": ["fleet.csv"],
-                "timestamp": {"column": "timestamp"},
-                "pace": "max" if scenario.every is None else PERIOD / scenario.every,
-            }
-        },
-        "zones": [
+            column = f"{zone} {channel}"
+            columns[column] = cells(recording.columns[channel][begin : begin + rows], 4)
+            channels[channel] = {"source": "recording", "column": column, "unit": house.channel_unit(channel)}
+        zones.append(
             {
                 "id": zone,
                 "period": format_duration(PERIOD),
                 "network": scenario.preset,
                 "estimator": "rbpf",
                 "estimator_options": {"particles": scenario.particles},
-                "channels": {
-                    channel: {
-                        "source": "recording",
-                        "column": f"{zone} {channel}",
-                        "unit": house.channel_unit(channel),
-                    }
-                    for channel in house.channels
-                },
+                "channels": channels,
             }
-            for zone in zone_ids(scenario.zones)
-        ],
+        )
+    source = {
+        "kind": "csv",
+        "files": [write_table(folder / "fleet.csv", columns).name],
+        "timestamp": {"column": "timestamp"},
+        "pace": "max" if scenario.every is None else PERIOD / scenario.every,
     }
+    # The clock of the recording starts when the listener hears every zone.
+    listener = {"listen": [], "connect": [f"tcp/127.0.0.1:{zenoh_port}"], "await_subscriber": "2min"}
+    tables: dict[str, Any] = {
+        "site": {"id": SITE, "state_dir": "state"},
+        "http": {"port": 0},
+        "zenoh": {"enabled": False} if zenoh_port is None else listener,
+        "sources": {"recording": source},
+        "zones": zones,
+    }
+    path = folder / "fleet.toml"
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    return path

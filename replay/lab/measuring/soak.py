@@ -17,10 +17,9 @@ import socket
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
-from urllib.parse import urlsplit
 
 import httpx
 import numpy as np
@@ -29,6 +28,7 @@ from scipy.stats import theilslopes
 
 from replay.bms.background import living_bms
 from replay.bms.serving import BmsOptions
+from replay.bms.zenoh_publisher import opened
 from replay.errors import ReplayError
 from replay.lab.measuring.clients import Clients
 from replay.lab.measuring.daemon import DaemonProcess, Observation, free_port, observe
@@ -38,9 +38,12 @@ FAULTS = ("freeze", "nan", "drift", "swapped-words", "slow", "silent", "drop", "
 asked for again after ten real minutes, so that in a soak every zone would soon have nothing to do."""
 _DEAF = 0.3
 """Part of the streams that read nothing."""
+_SMALL = [(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)]
+"""A buffer that a stream which nobody reads fills soon."""
 WARM_UP = 1 / 2
 """Part of the soak that is not judged: caches, pools and buffers fill."""
 _DAY = 86_400.0
+_BY_DAY, _BY_SAMPLES = "simulated day", "1,000 accepted samples"
 
 
 class Limit(NamedTuple):
@@ -53,21 +56,32 @@ class Limit(NamedTuple):
 
 
 LIMITS = (
-    Limit("resident_mb", 1.0, "MB", "simulated day"),
-    Limit("descriptors", 0.5, "descriptors", "simulated day"),
-    Limit("threads", 0.5, "threads", "simulated day"),
-    Limit("disk_mb", 1.0, "MB", "1,000 accepted samples"),
+    Limit("resident_mb", 1.0, "MB", _BY_DAY),
+    Limit("descriptors", 0.5, "descriptors", _BY_DAY),
+    Limit("threads", 0.5, "threads", _BY_DAY),
+    Limit("disk_mb", 1.0, "MB", _BY_SAMPLES),
 )
 
 
 class Verdict(NamedTuple):
-    """A slope with its 95 % interval, in `limit.unit` per `limit.by`, and whether it is within the limit."""
+    """A slope with its 95 % interval, in `limit.unit` per `limit.by`."""
 
     limit: Limit
     slope: float
     lower: float
     upper: float
-    within: bool
+
+    @property
+    def within(self) -> bool:
+        """Whether it is within its limit."""
+        return self.slope < self.limit.most
+
+    def __str__(self) -> str:
+        limit = self.limit
+        return (
+            f"{limit.figure}: {self.slope:+.3f} {limit.unit} per {limit.by} (95 %: {self.lower:+.3f} to "
+            f"{self.upper:+.3f}; limit {limit.most:g}) {'within' if self.within else 'EXCEEDED'}"
+        )
 
 
 class Soak(NamedTuple):
@@ -167,31 +181,22 @@ class _Company:
 
     async def _stream(self) -> None:
         """Open a stream of some zone, read for a while or not at all, leave without a word, come again."""
-        address = urlsplit(self._url)
         while True:
-            zone, reads = self._choose.choice(self._zones), self._choose.random() > _DEAF
-            raw = socket.socket()
-            raw.setblocking(False)
-            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            address = f"{self._url}/zones/{self._choose.choice(self._zones)}/stream"
+            reads, last = self._choose.random() > _DEAF, self._choose.uniform(0.5, 20.0)
             try:
-                await asyncio.get_running_loop().sock_connect(raw, (address.hostname, address.port))
-                reader, writer = await asyncio.open_connection(sock=raw, limit=4096)
-            except OSError:
-                raw.close()
-                await asyncio.sleep(1.0)
-                continue
-            self.count["streams"] += 1
-            try:
-                writer.write(f"GET /zones/{zone}/stream HTTP/1.1\r\nHost: {address.netloc}\r\n\r\n".encode())
-                async with asyncio.timeout(self._choose.uniform(0.5, 20.0)):
-                    while reads and (line := await reader.read(4096)):
-                        self.count["events"] += line.count(b"event: ")
+                async with (
+                    asyncio.timeout(last),
+                    httpx.AsyncClient(transport=httpx.AsyncHTTPTransport(socket_options=_SMALL)) as client,
+                    client.stream("GET", address, timeout=None) as answer,
+                ):
+                    self.count["streams"] += 1
                     if not reads:
                         await asyncio.Event().wait()
-            except (TimeoutError, OSError):
+                    async for part in answer.aiter_bytes():
+                        self.count["events"] += part.count(b"event: ")
+            except (TimeoutError, httpx.HTTPError):
                 pass
-            finally:
-                writer.close()
             await self._pause(0.0, 2.0)
 
     async def _listen(self) -> None:
@@ -203,22 +208,17 @@ class _Company:
             await self._pause(0.5, 5.0)
 
     def _session(self) -> zenoh.Session:
-        config = zenoh.Config()
-        connect = {"mode": "client", "connect/endpoints": [f"tcp/127.0.0.1:{self._zenoh_port}"]}
-        for key, value in {**connect, "scouting/multicast/enabled": False}.items():
-            config.insert_json5(key, json.dumps(value))
-        session = zenoh.open(config)
+        session = opened({"mode": "client", "connect/endpoints": [f"tcp/127.0.0.1:{self._zenoh_port}"]})
         session.declare_subscriber("thermogate/**", lambda sample: self.count.update(messages=1))
         return session
 
     async def _break(self) -> None:
         """Switch a fault on for some s, now and then."""
-        devices = [*self._zones, "weather"]
         async with httpx.AsyncClient(base_url=self._control, timeout=30.0) as client:
             while True:
                 await self._pause(1.0, 8.0)
                 kind = self._choose.choice(FAULTS)
-                device = self._choose.choice(self._zones if kind == "window" else devices)
+                device = self._choose.choice(self._zones if kind == "window" else [*self._zones, "weather"])
                 spec = {"kind": kind, "device": device, "for": self._choose.uniform(1.0, 10.0)}
                 created = (await client.post("/faults", json=spec)).status_code == httpx.codes.CREATED
                 self.count["faults"] += created
@@ -237,16 +237,17 @@ def judge(observations: Sequence[Observation], pace: float) -> list[Verdict]:
     `pace`: simulated s per real s.
     """
     settled = observations[int(len(observations) * WARM_UP) :]
-    days = np.array([one.elapsed for one in settled]) * pace / _DAY
-    thousands = np.array([one.samples for one in settled]) / 1000.0
+    over = {
+        _BY_DAY: np.array([one.elapsed for one in settled]) * pace / _DAY,
+        _BY_SAMPLES: np.array([one.samples for one in settled]) / 1000.0,
+    }
     verdicts = []
     for limit in LIMITS:
         values = np.array([getattr(one, limit.figure) for one in settled], dtype=float)
-        over = days if limit.by == "simulated day" else thousands
         # Where little has changed there are so many ties that the bounds are not defined (NaN).
         with np.errstate(invalid="ignore"):
-            slope, _, lower, upper = map(float, theilslopes(values, over))
-        verdicts.append(Verdict(limit, slope, lower, upper, slope < limit.most))
+            slope, _, lower, upper = map(float, theilslopes(values, over[limit.by]))
+        verdicts.append(Verdict(limit, slope, lower, upper))
     return verdicts
 
 
@@ -262,21 +263,14 @@ def summary(observations: Sequence[Observation], pace: float) -> dict[str, Any]:
     }
 
 
-def lines(result: Mapping[str, Any], verdicts: Sequence[Verdict]) -> list[str]:
+def lines(result: dict[str, Any], verdicts: Sequence[Verdict]) -> list[str]:
     """For a terminal."""
-    last, company = result["last"], result["company"]
+    last, done = result["last"], ", ".join(f"{count} {what}" for what, count in result["company"].items())
     return [
         f"{result['simulated_hours']:.0f} simulated hours in {last['elapsed']:.0f} s, {result['soak']['zones']} zones; "
-        f"{last['samples']} samples accepted, {last['overruns']:.0f} overruns",
-        f"company: {company['streams']} streams, {company['events']} events on them, {company['messages']} messages on "
-        f"Zenoh, {company['requests']} requests ({company['not_answered']} without an answer), "
-        f"{company['faults']} faults, {company['reloads']} reloads",
-        *(
-            f"{one.limit.figure}: {one.slope:+.3f} {one.limit.unit} per {one.limit.by} "
-            f"(95 %: {one.lower:+.3f} to {one.upper:+.3f}; limit {one.limit.most:g}) "
-            f"{'within' if one.within else 'EXCEEDED'}"
-            for one in verdicts
-        ),
+        f"{last['samples']:.0f} samples, {last['overruns']:.0f} overruns",
+        f"company: {done.replace('_', ' ')}",
+        *map(str, verdicts),
         f"memory {result['after_warm_up']['resident_mb']:.0f} MB after the warm-up, {last['resident_mb']:.0f} MB at "
         f"the end; {100 * result['late_timers_share']:.2f} % of the timers more than 20 ms late; "
         f"{result['cores_used']:.2f} cores; stopped in {result['stop_s']:.1f} s",
@@ -287,14 +281,14 @@ def main() -> int:
     """Run the soak that the command line describes; 0 if everything stayed within its limits."""
     usual = Soak()
     parser = argparse.ArgumentParser(prog="python -m replay.lab.measuring.soak", description=__doc__)
-    for name, kind, meaning in (
-        ("hours", float, "simulated"),
-        ("pace", float, "simulated s per s, to 3600"),
-        ("zones", int, "rooms"),
-        ("seed", int, "of building, faults and clients"),
+    for name, meaning in (
+        ("hours", "simulated"),
+        ("pace", "simulated s per s, to 3600"),
+        ("zones", "rooms"),
+        ("seed", "of building, faults and clients"),
     ):
         default = getattr(usual, name)
-        parser.add_argument(f"--{name}", type=kind, default=default, help=f"{meaning} (default {default:g})")
+        parser.add_argument(f"--{name}", type=type(default), default=default, help=f"{meaning} (default {default:g})")
     parser.add_argument("--out", type=Path, default=Path("var/soak"), help="folder, emptied first (default var/soak)")
     given = parser.parse_args()
     if given.hours <= 0 or not 1 <= given.pace <= 3600 or not 1 <= given.zones <= 80:
@@ -307,10 +301,9 @@ def main() -> int:
         print(f"soak: {error}", file=sys.stderr)
         return 1
     verdicts = judge(observations, soak.pace)
-    text = lines(result, verdicts)
     report = result | {"observations": [one._asdict() for one in observations]}
     (given.out / "soak.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print("\n".join(text))
+    print("\n".join(lines(result, verdicts)))
     return 0 if all(one.within for one in verdicts) else 1
 
 

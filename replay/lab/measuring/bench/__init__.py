@@ -1,1 +1,1 @@
-"""The measurements of `make bench`, one module each; `python -m replay.lab.measuring.bench` runs them."""
+"""The measurements of `make bench`; `python -m replay.lab.measuring.bench` runs them."""

@@ -4,42 +4,62 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import platform
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from replay.lab.measuring.bench.machine import machine
-from replay.lab.measuring.bench.section import SIZES
+from replay.lab.measuring.bench.rows import SIZES, Row
 from service.daemon.process import prepare_process
 
 SECTIONS = {
-    **dict.fromkeys(("update", "threads", "growth"), "updates"),
+    **dict.fromkeys(("update", "threads", "grown"), "updates"),
     **dict.fromkeys(("months", "memory", "start", "fleet"), "processes"),
 }
 """The module of each section, which has a function of its name."""
-_PATIENCE = 3600.0
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 """What is written lies between these lines of the page; the rest of it is a person's."""
+_LIBRARIES = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "fastapi", "eclipse-zenoh")
+_PATIENCE = 3600.0
 
 
-def measure(name: str, size: str, out: Path) -> None:
-    """Measure section `name` in this process and write what it found to `out`."""
-    from importlib import import_module
-
-    section = getattr(import_module(f"replay.lab.measuring.bench.{SECTIONS[name]}"), name)(SIZES[size])
-    found = {
-        "targets": [one._asdict() for one in section.targets],
-        "details": [one._asdict() for one in section.details],
+def machine() -> dict[str, str]:
+    """The machine and the software that figures belong to."""
+    memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    facts: dict[str, str] = {}
+    # Not there where the system is not Linux.
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            key, _, value = line.partition(":")
+            facts.setdefault(key.strip(), value.strip())
+    widest = "AVX-512" if "avx512f" in facts.get("flags", "").split() else "no AVX-512"
+    family, model = (facts.get(key, "?") for key in ("cpu family", "model"))
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+", "--exclude=*"]
+    with suppress(OSError, subprocess.CalledProcessError):
+        facts["commit"] = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    return {
+        "processor": f"{facts.get('model name', platform.machine())} (family {family}, model {model}, {widest})",
+        "cores": str(len(os.sched_getaffinity(0))),
+        "memory": f"{memory / 1e9:.1f} GB",
+        "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
+        "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
+        "commit": facts.get("commit", "unknown"),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+        "load average before": f"{os.getloadavg()[0]:.2f}",
     }
-    out.write_text(json.dumps(found), encoding="utf-8")
 
 
-def measured(name: str, size: str) -> dict[str, Any]:
-    """What section `name` found in a process of its own, which is neither slower nor larger for what another left
-    behind; `failed` with the reason where it did not come to its end."""
+def measured(name: str, size: str) -> list[Row]:
+    """The rows of section `name`, measured in a process of its own, which is neither slower nor larger for what
+    another left behind; where it did not come to its end, a row that says why."""
     with TemporaryDirectory(prefix="thermogate-section-") as folder:
         out = Path(folder) / "section.json"
         module = "replay.lab.measuring.bench"
@@ -47,43 +67,32 @@ def measured(name: str, size: str) -> dict[str, Any]:
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
         except subprocess.TimeoutExpired:
-            return {"failed": f"not done after {_PATIENCE:.0f} s"}
+            return [Row(name, "", f"failed: not done after {_PATIENCE:.0f} s", False)]
         if done.returncode != 0:
-            return {"failed": (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]}
-        found: dict[str, Any] = json.loads(out.read_text(encoding="utf-8"))
-        return found
+            reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+            return [Row(name, "", f"failed: {reason}", False)]
+        return [Row(*row) for row in json.loads(out.read_text(encoding="utf-8"))]
 
 
-def targets(sections: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str, str, str]]:
-    """What was measured, the target, the figure, and `met`, `missed`, or why there is none."""
-    for name, found in sections.items():
-        if "failed" in found:
-            yield name, "", f"failed: {found['failed']}", "no figure"
-        for one in found.get("targets", ()):
-            yield one["what"], one["target"], one["measured"], "met" if one["met"] else "missed"
+def table(rows: Sequence[Sequence[object]]) -> list[str]:
+    """`rows`, the first of which is the head, as Markdown."""
+    cells = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
+    return ["| " + " | ".join(map(str, row)) + " |" for row in cells]
 
 
 def page(results: Mapping[str, Any]) -> list[str]:
     """The lines between BEGIN and END."""
-    run, sections = results["machine"], results["sections"]
-    lines = [f"**Size `{results['size']}`: these figures only show that the measurements run.**", ""]
-    lines = [] if results["size"] == "full" else lines
-    lines += [*_table(("machine", ""), list(run.items())), ""]
-    for name, found in sections.items():
-        own = found.get("machine", run)
-        other = [f"{fact} {own[fact]}" for fact in ("processor", "commit", "date") if own[fact] != run[fact]]
-        lines += [f"`{name}` was measured on: {', '.join(other)}.", ""] if other else []
-    lines += _table(("work", "target", "measured", ""), list(targets(sections)))
-    for found in sections.values():
-        for one in found.get("details", ()):
-            lines += ["", f"### {one['title']}", "", *([one["text"], ""] if one["text"] else [])]
-            lines += _table(one["columns"], one["rows"])
-    return lines
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
-    cells = [columns, ["---"] * len(columns), *rows]
-    return ["| " + " | ".join(map(str, row)) + " |" for row in cells]
+    run, lines = results["machine"], []
+    if results["size"] != "full":
+        lines += [f"**Size `{results['size']}`: these figures only show that the measurements run.**", ""]
+    lines += [*table([("machine", ""), *run.items()]), ""]
+    for name, found in results["sections"].items():
+        other = [f"{fact} {found['machine'][fact]}" for fact in ("processor", "commit", "date")]
+        if other != [f"{fact} {run[fact]}" for fact in ("processor", "commit", "date")]:
+            lines += [f"`{name}` was measured on: {', '.join(other)}.", ""]
+    marks = {True: "met", False: "missed", None: ""}
+    rows = [Row(*row) for found in results["sections"].values() for row in found["rows"]]
+    return lines + table([("work", "target", "measured", ""), *((*row[:3], marks[row.met]) for row in rows)])
 
 
 def write_page(path: Path, lines: Sequence[str]) -> None:
@@ -104,7 +113,8 @@ def main() -> int:
     parser.add_argument("--section", choices=SECTIONS, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.section:
-        measure(given.section, given.size, given.out)
+        module = import_module(f"replay.lab.measuring.bench.{SECTIONS[given.section]}")
+        given.out.write_text(json.dumps(getattr(module, given.section)(SIZES[given.size])), encoding="utf-8")
         return 0
     given.out.parent.mkdir(parents=True, exist_ok=True)
     here = machine()
@@ -113,17 +123,20 @@ def main() -> int:
         results = json.loads(given.out.read_text(encoding="utf-8"))
     if results["size"] != given.size:
         parser.error(f"{given.out} has figures of the size {results['size']}; measure that, or give another --out")
+    failed = False
     for name in given.only or SECTIONS:
         print(f"measuring {name} ...", file=sys.stderr, flush=True)
+        rows = measured(name, given.size)
+        failed |= any(row.measured.startswith("failed: ") for row in rows)
         # What is kept was measured on the machine and the commit of that run.
-        results["sections"][name] = {"machine": here} | measured(name, given.size)
+        results["sections"][name] = {"machine": here, "rows": rows}
         # After every section, so that a run that is broken off leaves what it has.
         given.out.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-    for what, target, figure, verdict in targets(results["sections"]):
-        print(f"{verdict:9} {what}: {figure} (target: {target})")
+    lines = page(results)
+    print("\n".join(lines))
     if given.page:
-        write_page(given.page, page(results))
-    return 1 if any("failed" in found for found in results["sections"].values()) else 0
+        write_page(given.page, lines)
+    return int(failed)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ import gc
 import os
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,9 +17,8 @@ import numpy as np
 from replay.errors import MeasurementError
 from replay.experiments.series.recorded_zone import samples_of
 from replay.lab.measuring import fleet as load
-from replay.lab.measuring.bench.section import Details, Section, Sizes, Target, text
+from replay.lab.measuring.bench.rows import Row, Sizes, text
 from replay.lab.measuring.daemon import COMMAND, DaemonProcess, resident_bytes
-from replay.lab.measuring.fleet import duration
 from replay.lab.measuring.scenario import Scenario, write, zone_ids
 from service.config import load as configuration
 from service.config.fitting import make_alignment, make_worker
@@ -29,7 +27,7 @@ _PATIENCE = 300.0
 (_ZONE,) = zone_ids(1)
 
 
-def months(sizes: Sizes) -> Section:
+def months(sizes: Sizes) -> list[Row]:
     """Five months of samples through `thermogate replay`, CSV in and results out."""
     with TemporaryDirectory(prefix="thermogate-bench-") as name:
         folder = Path(name)
@@ -45,10 +43,10 @@ def months(sizes: Sizes) -> Section:
         if process.returncode != 0:
             raise MeasurementError(f"thermogate replay failed: {(folder / 'log').read_text(encoding='utf-8').strip()}")
     found = f"{text(wall)} for {scenario.rows:,} samples, peak {usage.ru_maxrss * 1024 / 1e6:.0f} MB"
-    return Section((Target("five months at 600 s, `thermogate replay`", "under 60 s", found, wall < 60.0),))
+    return [Row("five months at 600 s, `thermogate replay`", "under 60 s", found, wall < 60.0)]
 
 
-def memory(sizes: Sizes) -> Section:
+def memory(sizes: Sizes) -> list[Row]:
     """Resident memory against the number of zones, each with a real worker: a fixed base and so much a zone."""
     with TemporaryDirectory(prefix="thermogate-bench-") as name:
         config = configuration.load(write(Scenario(1, sizes.particles, "building-67", None, 3), Path(name)))
@@ -67,129 +65,88 @@ def memory(sizes: Sizes) -> Section:
         resident.append(resident_bytes(os.getpid()))
     each, base = np.polyfit(sizes.resident_zones, resident, 1)
     found = f"{each / 1e6:.2f} MB beyond {base / 1e6:.0f} MB"
-    return Section((Target("memory of a zone beyond a fixed base", "at most 2.6 MB", found, bool(each <= 2.6e6)),))
+    return [Row("memory of a zone beyond a fixed base", "at most 2.6 MB", found, bool(each <= 2.6e6))]
 
 
-def start(sizes: Sizes) -> Section:
+def start(sizes: Sizes) -> list[Row]:
     """From the command to a serving daemon and its first forecast: cold, warm, and for other networks and counts."""
     with TemporaryDirectory(prefix="thermogate-bench-") as name:
-        folder = Path(name)
-        cache = folder / "kernels"
+        cache = Path(name) / "kernels"
         cache.mkdir()
         cold, warm, network, count = (
-            _start(folder / str(turn), cache, particles, preset)
+            _start(Path(name) / str(turn), cache, particles, preset)
             for turn, (particles, preset) in enumerate(
-                (
-                    (sizes.particles, "building-67"),
-                    (sizes.particles, "building-67"),
-                    (sizes.particles // 2, "titeth"),
-                    (sizes.particles // 3, "titeth"),
-                )
+                [
+                    *[(sizes.particles, "building-67")] * 2,
+                    *[(sizes.particles // 2, "titeth"), (sizes.particles // 3, "titeth")],
+                ]
             )
         )
-    return Section(
-        (
-            *(
-                Target(f"start to serving a forecast, {how}", f"under {limit:g} s", _started(one), one[1] < limit)
-                for how, limit, one in (("warm kernel cache", 2.0, warm), ("cold", 20.0, cold))
-            ),
-            Target(
-                "one compilation serves every network and count",
-                "nothing compiled anew",
-                f"{network[2]} kernels for another network, {count[2]} for another count",
-                network[2] + count[2] == 0,
-            ),
+    rows = [
+        Row(
+            f"start to serving a forecast, {how}",
+            f"under {limit:g} s",
+            f"{text(forecast)}; REST answers after {text(serving)}",
+            forecast < limit,
         )
-    )
-
-
-def _started(one: tuple[float, float, int]) -> str:
-    return f"{text(one[1])}; REST answers after {text(one[0])}"
+        for how, limit, (serving, forecast, _) in (("warm kernel cache", 2.0, warm), ("cold", 20.0, cold))
+    ]
+    found = f"{network[2]} kernels for another network, {count[2]} for another count"
+    once = "one compilation serves every network and count"
+    return [*rows, Row(once, "nothing compiled anew", found, network[2] + count[2] == 0)]
 
 
 def _start(folder: Path, cache: Path, particles: int, network: str) -> tuple[float, float, int]:
     """s to serving and to a forecast, and how many kernels were compiled."""
-    config = write(Scenario(1, particles, network, None, 144), folder)
-    compiled = _compiled(cache)
+
+    def kernels() -> int:
+        return sum(1 for _ in cache.rglob("*.nbc"))
+
+    config, compiled = write(Scenario(1, particles, network, None, 144), folder), kernels()
     with DaemonProcess(config, folder / "log", environment={"NUMBA_CACHE_DIR": str(cache)}) as daemon:
         url = daemon.url(_PATIENCE)
         httpx.get(f"{url}/healthz", timeout=60.0).raise_for_status()
         serving = time.monotonic() - daemon.began
-        _until(daemon, lambda: httpx.get(f"{url}/zones/{_ZONE}/forecast", timeout=60.0).status_code == 200)
+        while httpx.get(f"{url}/zones/{_ZONE}/forecast", timeout=60.0).status_code != httpx.codes.OK:
+            daemon.check()
+            if time.monotonic() > daemon.began + _PATIENCE:
+                raise MeasurementError(f"no forecast {_PATIENCE:.0f} s after the start")
+            time.sleep(0.01)
         forecast = time.monotonic() - daemon.began
         daemon.stop()
-    return serving, forecast, _compiled(cache) - compiled
+    return serving, forecast, kernels() - compiled
 
 
-def _until(daemon: DaemonProcess, condition: Callable[[], bool]) -> None:
-    while not condition():
-        daemon.check()
-        if time.monotonic() > daemon.began + _PATIENCE:
-            raise MeasurementError(f"no answer {_PATIENCE:.0f} s after the start; its log: {daemon.log()}")
-        time.sleep(0.01)
-
-
-def _compiled(cache: Path) -> int:
-    """How many compiled specialisations the cache holds."""
-    return sum(1 for _ in cache.rglob("*.nbc"))
-
-
-def fleet(sizes: Sizes) -> Section:
+def fleet(sizes: Sizes) -> list[Row]:
     """Zones in the real daemon whose samples land at the same instant."""
     zones, particles, every, count = sizes.fleet
     with TemporaryDirectory(prefix="thermogate-fleet-") as folder:
         found = load.run(Scenario(zones, particles, "building-67", every, count), Path(folder))
-    rest, loop, last = found["rest"], found["event_loop"], found["last_forecast_s"]
-    promised, late = rest["during_bursts"], loop["later_than_20_ms"]
-    return Section(
-        (
-            Target(
-                "resident memory of the daemon with all zones",
-                "under 3 GB",
-                f"{found['resident_bytes'] / 1e9:.2f} GB with {zones:,} zones",
-                found["resident_bytes"] < 3e9,
-            ),
-            Target(
-                "all samples at the same instant: last forecast",
-                "within 3 s",
-                f"{duration(last)}, the slowest of {count} instants",
-                last is not None and last <= 3.0 and found["missing_forecasts"] == 0,
-            ),
-            Target(
-                "REST meanwhile, 99th percentile",
-                "under 25 ms",
-                f"{duration(promised['p99_s'])} of {promised['requests']:,} requests",
-                promised["p99_s"] is not None and promised["p99_s"] < 0.025,
-            ),
-            Target(
-                "event loop held",
-                "never longer than 20 ms",
-                f"{late:.0f} of {loop['timers']:,.0f} timers later; none later than "
-                f"{duration(loop['none_later_than_s'])}",
-                late == 0,
-            ),
+    resident, last, rest, loop = (found[key] for key in ("resident_bytes", "last_forecast_s", "rest", "event_loop"))
+    return [
+        Row(
+            "resident memory of the daemon with all zones",
+            "under 3 GB",
+            f"{resident / 1e9:.2f} GB with {zones:,} zones",
+            resident < 3e9,
         ),
-        (
-            Details(
-                "A fleet on the real daemon",
-                f"{zones:,} zones of building 67 with {particles:,} particles, whose samples land at the same instant "
-                f"every {every:g} s; a Zenoh subscriber and {rest['clients']} REST clients run on the same machine. An "
-                f"instant takes {found['cpu_seconds_per_round']:.1f} s of processor time.",
-                ("instant", "median forecast", "last", "missing"),
-                [
-                    (number, duration(one["median_s"]), duration(one["last_s"]), one["missing"])
-                    for number, one in enumerate(found["rounds"], start=1)
-                ],
-            ),
-            Details(
-                "REST while zones are being stepped",
-                "The target is that of forecast, zone, history and health. The others are computed on request or list "
-                "every zone, and one client asks for one of them a second.",
-                ("endpoint", "requests", "not 200", "p50", "p99", "max"),
-                [
-                    (name, one["requests"], one["not_ok"], *(duration(one[key]) for key in ("p50_s", "p99_s", "max_s")))
-                    for name, one in rest["endpoints_during_bursts"].items()
-                ],
-            ),
+        Row(
+            "all samples at the same instant: last forecast",
+            "within 3 s",
+            f"{text(last)}, the slowest of {count} instants",
+            last is not None and last <= 3.0 and found["missing_forecasts"] == 0,
         ),
-    )
+        Row(
+            "REST meanwhile, 99th percentile",
+            "under 25 ms",
+            f"{text(rest['p99_s'])} of {rest['requests']:,} requests",
+            rest["p99_s"] is not None and rest["p99_s"] < 0.025,
+        ),
+        Row(
+            "event loop held",
+            "never longer than 20 ms",
+            f"{loop['late']:.0f} of {loop['timers']:,.0f} timers later; none later than "
+            f"{text(loop['none_later_than_s'])}",
+            loop["late"] == 0,
+        ),
+    ]

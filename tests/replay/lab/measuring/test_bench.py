@@ -7,40 +7,28 @@ import sys
 import pytest
 
 from replay.lab.measuring.bench import __main__ as bench
-from replay.lab.measuring.bench.section import exponent
+from replay.lab.measuring.bench.rows import Row, growth
 
 PAGE = f"# Performance\n\nBefore.\n\n{bench.BEGIN}\nold\n{bench.END}\n\nAfter.\n"
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("bench")
-    page = folder / "performance.md"
+def test_figures_stand_beside_their_targets_in_a_page_that_keeps_what_a_person_wrote(tmp_path):
+    page, out = tmp_path / "performance.md", tmp_path / "bench.json"
     page.write_text(PAGE)
     # A cold start compiles for half a minute; the fleet has a test of its own.
-    quick = ["update", "threads", "growth", "months", "memory"]
-    options = ["--size", "tiny", "--out", str(folder / "bench.json"), "--page", str(page), "--only", *quick]
+    quick = ["update", "threads", "grown", "months", "memory"]
+    options = ["--size", "tiny", "--out", str(out), "--page", str(page), "--only", *quick]
     command = [sys.executable, "-m", "replay.lab.measuring.bench", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
-    return json.loads((folder / "bench.json").read_text()), page.read_text()
-
-
-def test_every_section_has_figures_beside_its_targets(results):
-    measured, page = results
-    for name, found in measured["sections"].items():
-        assert found["targets"], name
-        assert all(one["what"] in page and one["measured"] in page for one in found["targets"])
-    assert "same bits" in measured["sections"]["threads"]["targets"][0]["measured"]
-    assert [row[0] for row in measured["sections"]["update"]["details"][0]["rows"]] == ["rbpf", "ekf", "ukf"]
-
-
-def test_the_page_keeps_what_a_person_wrote(results):
-    _, page = results
-    assert page.startswith("# Performance\n\nBefore.\n")
-    assert page.endswith(f"{bench.END}\n\nAfter.\n")
-    assert "old" not in page
-    assert "only show that the measurements run" in page
+    written, sections = page.read_text(), json.loads(out.read_text())["sections"]
+    rows = [Row(*row) for name in quick for row in sections[name]["rows"]]
+    assert all(f"| {row.what} | {row.target} | {row.measured} |" in written for row in rows)
+    assert "same bits" in Row(*sections["threads"]["rows"][0]).measured
+    assert written.startswith("# Performance\n\nBefore.\n")
+    assert written.endswith(f"{bench.END}\n\nAfter.\n")
+    assert "old" not in written
+    assert "only show that the measurements run" in written
 
 
 def test_a_section_that_is_measured_anew_leaves_the_others_their_machine(tmp_path, monkeypatch, capsys):
@@ -49,20 +37,20 @@ def test_a_section_that_is_measured_anew_leaves_the_others_their_machine(tmp_pat
 
     def run(commit, *options):
         monkeypatch.setattr(bench, "machine", lambda: {"processor": "P", "commit": commit, "date": "2026-11-22"})
-        monkeypatch.setattr(bench, "measured", lambda name, size: {"failed": "it broke"})
+        monkeypatch.setattr(bench, "measured", lambda name, size: [Row(name, "", "failed: it broke", False)])
         monkeypatch.setattr(sys, "argv", ["bench", "--out", str(out), "--page", str(page), *options])
         return bench.main()
 
     assert run("old", "--size", "tiny") == 1
     run("new", "--size", "tiny", "--only", "memory")
     assert "| commit | old |" in page.read_text()
-    assert "`memory` was measured on: commit new." in page.read_text()
+    assert "`memory` was measured on: processor P, commit new, date 2026-11-22." in page.read_text()
     assert page.read_text().count("commit new") == 1
-    assert "| memory |  | failed: it broke | no figure |" in page.read_text()
+    assert "| memory |  | failed: it broke | missed |" in page.read_text()
     with pytest.raises(SystemExit):
         run("new", "--only", "memory")
     assert "has figures of the size tiny" in capsys.readouterr().err
 
 
 def test_the_exponent_of_a_power_law_is_found():
-    assert exponent([(1, 3.0), (10, 30.0), (100, 300.0)]) == pytest.approx(1.0)
+    assert growth("time", "N", [(1, 3.0), (10, 30.0), (100, 300.0)]).measured == "p = 1.00 from 1 to 100"

@@ -1,39 +1,24 @@
-"""What a measurement of the bench comes to, and how much of everything a run measures."""
+"""A row of the bench, how much of everything a run measures, and times as a person reads them."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 Result = TypeVar("Result")
 
 
-class Target(NamedTuple):
-    """What is measured, what is wanted, the measured figure as text, and whether it is what is wanted."""
+class Row(NamedTuple):
+    """What is measured, what is wanted, the measured figure as text, and whether it is what is wanted; None where
+    nothing particular is wanted."""
 
     what: str
     target: str
     measured: str
-    met: bool
-
-
-class Details(NamedTuple):
-    """Figures without a target: a heading, a sentence, and rows under columns."""
-
-    title: str
-    text: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[object]]
-
-
-class Section(NamedTuple):
-    """The targets of a section and their details."""
-
-    targets: Sequence[Target]
-    details: Sequence[Details] = ()
+    met: bool | None
 
 
 class Sizes(NamedTuple):
@@ -55,7 +40,6 @@ class Sizes(NamedTuple):
 
 TINY = Sizes(200, 5, 10, (100, 200, 400), (1, 2, 4), 3, 144, (1, 2, 4), (3, 60, 1.0, 2))
 """For the test that the measurements run; their figures mean nothing."""
-
 SIZES = {"full": Sizes(), "tiny": TINY}
 
 
@@ -66,14 +50,9 @@ def timed(work: Callable[[], Result]) -> tuple[float, Result]:
     return time.perf_counter() - began, result
 
 
-def median(seconds: Sequence[float]) -> float:
-    """The middle one, in s."""
-    return float(np.median(seconds))
-
-
-def text(seconds: float) -> str:
+def text(seconds: float | None) -> str:
     """A time as a person reads it."""
-    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
+    return "none" if seconds is None else f"{seconds:.3g} s" if seconds >= 1.0 else f"{1e3 * seconds:.3g} ms"
 
 
 def spread(seconds: Sequence[float]) -> str:
@@ -82,7 +61,8 @@ def spread(seconds: Sequence[float]) -> str:
     return f"{text(middle)} ({text(lower)} to {text(upper)})"
 
 
-def exponent(rows: Sequence[tuple[Any, float]]) -> float:
-    """p of value ~ size^p, by least squares on logarithms of (size, value)."""
-    sizes, values = zip(*rows, strict=True)
-    return float(np.polyfit(np.log(sizes), np.log(values), 1)[0])
+def growth(what: str, size: str, values: Sequence[tuple[int, float]]) -> Row:
+    """Whether `values` by size grow linearly: p of value ~ size^p, by least squares on logarithms."""
+    sizes, seconds = zip(*values, strict=True)
+    p = float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+    return Row(f"{what} ~ {size}^p", "linear", f"p = {p:.2f} from {sizes[0]:,} to {sizes[-1]:,}", p <= 1.1)
